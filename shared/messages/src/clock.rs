@@ -1,0 +1,74 @@
+//! Stepped time: the master's steps and the members' acknowledgements.
+
+use crate::header::message;
+use crate::{Header, ServiceId};
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+
+/// One step of stepped time, nanoseconds.
+pub const QUANTUM_NS: u64 = 10_000_000;
+
+/// The most members of a stepped run.
+pub const MAX_MEMBERS: usize = 16;
+
+/// One process incarnation that takes part in every step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Member/1"))]
+#[repr(C)]
+pub struct Member {
+    /// Which service.
+    pub service: ServiceId,
+    /// Which life of it.
+    pub incarnation: u32,
+}
+
+/// Step `header.step` at run time `header.stamp_ns`, for its members.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ClockStep/1"))]
+#[repr(C)]
+pub struct ClockStep {
+    /// `step` is the number, `stamp_ns` the run time.
+    pub header: Header,
+    /// How many of `members` are meant.
+    pub member_count: u32,
+    /// Who takes the step, the master excepted.
+    pub members: [Member; MAX_MEMBERS],
+}
+
+impl ClockStep {
+    /// The members.
+    #[must_use]
+    pub fn members(&self) -> &[Member] {
+        &self.members[..(self.member_count as usize).min(MAX_MEMBERS)]
+    }
+}
+
+/// A member has done step `header.step`. From the supervisor it also carries the members of the next step.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ClockAck/1"))]
+#[repr(C)]
+pub struct ClockAck {
+    /// `step` is the number of the step done; 0 for a roster that acknowledges nothing.
+    pub header: Header,
+    /// Who.
+    pub member: Member,
+    /// Counts the supervisor's rosters; 0 where `roster` means nothing. The highest is in force.
+    pub roster_version: u64,
+    /// How many of `roster` are meant.
+    pub roster_count: u32,
+    /// The members from the next step on.
+    pub roster: [Member; MAX_MEMBERS],
+}
+
+impl ClockAck {
+    /// The members from the next step on.
+    #[must_use]
+    pub fn roster(&self) -> &[Member] {
+        &self.roster[..(self.roster_count as usize).min(MAX_MEMBERS)]
+    }
+}
+
+message!(ClockStep, ClockAck);

@@ -1,0 +1,320 @@
+//! Cue, action, permit: the way from the handler's wish to a motion that is allowed.
+
+use crate::header::message;
+use crate::{Header, Pose2, Twist2};
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// The most actions that an action table may have.
+pub const MAX_ACTIONS: usize = 16;
+
+/// What the handler asks for (Kim et al. 2023, section 3).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueKind/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum CueKind {
+    /// Stand still.
+    #[default]
+    Stop = 0,
+    /// Along the corridor.
+    Forward,
+    /// Into the next opening on the left.
+    Left,
+    /// Into the next opening on the right.
+    Right,
+}
+
+impl CueKind {
+    /// The name, as on the command line and in route files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Stop => "stop",
+            Self::Forward => "forward",
+            Self::Left => "left",
+            Self::Right => "right",
+        }
+    }
+
+    /// The kind of that name, if there is one.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        [Self::Stop, Self::Forward, Self::Left, Self::Right].into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Whether the cue asks for motion.
+    #[must_use]
+    pub fn is_moving(self) -> bool {
+        self != Self::Stop
+    }
+}
+
+/// Where a cue came from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueSource/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum CueSource {
+    /// `guidedog cue`, through the supervisor.
+    #[default]
+    Operator = 0,
+    /// A route file.
+    Script,
+    /// The scripted handler, giving the cue in force again after a fault.
+    ScriptAgain,
+    /// The robot turned more than half-way into the branch: forward follows a done left or right.
+    TurnDone,
+}
+
+/// A cue as recognised. The supervisor alone accepts it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Cue/1"))]
+#[repr(C)]
+pub struct Cue {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What is asked for.
+    pub kind: CueKind,
+    /// Where it came from.
+    pub source: CueSource,
+    /// In [0, 1].
+    pub confidence: f32,
+    /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel direction.
+    pub odom_from_start: Pose2,
+    /// The odometry incarnation in whose frame `odom_from_start` is.
+    pub odometry_incarnation: u32,
+    /// For an operator's cue: the seq of the request that it answers; otherwise 0.
+    pub request_seq: u64,
+}
+
+/// An operator's cue on its way to the cue service.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueRequest/1"))]
+#[repr(C)]
+pub struct CueRequest {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What is asked for.
+    pub kind: CueKind,
+}
+
+/// Decision `n` of a policy.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/1"))]
+#[repr(C)]
+pub struct PolicyAction {
+    /// Stamp (of the decision, `n dt`), seq, incarnation.
+    pub header: Header,
+    /// Number of the decision: it was due at `n dt`.
+    pub decision: u64,
+    /// Digest of the action table that the probabilities are over.
+    pub action_table_id: u64,
+    /// How many of `probabilities` are meant.
+    pub action_count: u32,
+    /// Probability of each action, in the order of the table; they sum to 1.
+    pub probabilities: [f32; MAX_ACTIONS],
+    /// The cue that the decision is for: incarnation and seq, 0 where none is in force.
+    pub cue_incarnation: u32,
+    /// See `cue_incarnation`.
+    pub cue_seq: u64,
+    /// Stamp and seq of the scan used; 0 where none was.
+    pub scan_stamp_ns: u64,
+    /// See `scan_stamp_ns`.
+    pub scan_seq: u64,
+    /// Stamp and seq of the depth frame used; 0 where none was.
+    pub depth_stamp_ns: u64,
+    /// See `depth_stamp_ns`.
+    pub depth_seq: u64,
+    /// Stamp and seq of the odometry used; 0 where none was.
+    pub odometry_stamp_ns: u64,
+    /// See `odometry_stamp_ns`.
+    pub odometry_seq: u64,
+}
+
+impl Default for PolicyAction {
+    fn default() -> Self {
+        Self {
+            header: Header::default(),
+            decision: 0,
+            action_table_id: 0,
+            action_count: 0,
+            probabilities: [0.0; MAX_ACTIONS],
+            cue_incarnation: 0,
+            cue_seq: 0,
+            scan_stamp_ns: 0,
+            scan_seq: 0,
+            depth_stamp_ns: 0,
+            depth_seq: 0,
+            odometry_stamp_ns: 0,
+            odometry_seq: 0,
+        }
+    }
+}
+
+/// What the shield found. Only [`Outcome::Granted`] lets the robot move.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum Outcome {
+    /// Refused: there is no decision to judge yet, or it is too old.
+    #[default]
+    NoAction = 0,
+    /// Judged and free: a permit.
+    Granted,
+    /// Judged: the action drawn is stop, which needs no permit.
+    Stop,
+    /// Judged: every action of the decision is unsafe (hold).
+    AllUnsafe,
+    /// Judged: the running action is no longer free (hold until the next decision).
+    RemainderUnsafe,
+    /// Refused: nobody is where the handler should be.
+    HandlerNotSeen,
+    /// Refused: the mode is not *run*, or is too old.
+    NotInRun,
+    /// Refused: the decision is for a cue that is no longer, or not yet, in force.
+    CueMismatch,
+    /// Refused: the scan is not usable (wrong count, NaN only, absurd geometry).
+    InvalidScan,
+    /// Refused: the scan is over its max age.
+    StaleScan,
+    /// Refused: odometry is missing, over its max age, or jumped.
+    StaleOdometry,
+    /// Refused: depth is needed and missing, over its max age, or of the wrong size.
+    StaleDepth,
+    /// Refused: the decision's table or probabilities are not usable.
+    InvalidAction,
+    /// Judged: the action ran to its end and the next decision has not come.
+    ActionEnded,
+}
+
+impl Outcome {
+    /// Whether the scan was judged (a verdict) rather than refused.
+    #[must_use]
+    pub const fn is_verdict(self) -> bool {
+        matches!(self, Self::Granted | Self::Stop | Self::AllUnsafe | Self::RemainderUnsafe | Self::ActionEnded)
+    }
+
+    /// Every outcome, in the order of its number.
+    pub const ALL: [Self; 14] = [
+        Self::NoAction,
+        Self::Granted,
+        Self::Stop,
+        Self::AllUnsafe,
+        Self::RemainderUnsafe,
+        Self::HandlerNotSeen,
+        Self::NotInRun,
+        Self::CueMismatch,
+        Self::InvalidScan,
+        Self::StaleScan,
+        Self::StaleOdometry,
+        Self::StaleDepth,
+        Self::InvalidAction,
+        Self::ActionEnded,
+    ];
+
+    /// The name, as in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NoAction => "no_action",
+            Self::Granted => "granted",
+            Self::Stop => "stop",
+            Self::AllUnsafe => "all_unsafe",
+            Self::RemainderUnsafe => "remainder_unsafe",
+            Self::HandlerNotSeen => "handler_not_seen",
+            Self::NotInRun => "not_in_run",
+            Self::CueMismatch => "cue_mismatch",
+            Self::InvalidScan => "invalid_scan",
+            Self::StaleScan => "stale_scan",
+            Self::StaleOdometry => "stale_odometry",
+            Self::StaleDepth => "stale_depth",
+            Self::InvalidAction => "invalid_action",
+            Self::ActionEnded => "action_ended",
+        }
+    }
+}
+
+/// Why the shield published.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/PermitCause/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum PermitCause {
+    /// A new scan: the running action is judged again.
+    #[default]
+    Scan = 0,
+    /// A new decision: drawn and judged on the newest scan.
+    Decision,
+}
+
+/// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Permit/1"))]
+#[repr(C)]
+pub struct Permit {
+    /// Stamp (run time of the verdict), seq, incarnation.
+    pub header: Header,
+    /// What was found.
+    pub outcome: Outcome,
+    /// What the verdict answers.
+    pub cause: PermitCause,
+    /// Whether every action of the decision was unsafe.
+    pub all_unsafe: bool,
+    /// Streams that the run declares absent: bit `TopicId as u8`.
+    pub absent_streams: u32,
+    /// The decision judged.
+    pub decision: u64,
+    /// Index of the action in the table.
+    pub action: u32,
+    /// Bit *i*: action *i* was unsafe when the decision was drawn.
+    pub unsafe_mask: u32,
+    /// Velocity allowed, robot frame.
+    pub velocity: Twist2,
+    /// Run time at which the action is due to end.
+    pub action_end_ns: u64,
+    /// Run time after which the permit is worth nothing.
+    pub expiry_ns: u64,
+    /// The mode epoch that the shield read.
+    pub epoch: u64,
+    /// The policy incarnation whose decision was drawn.
+    pub policy_incarnation: u32,
+    /// The odometry incarnation used.
+    pub odometry_incarnation: u32,
+    /// The lidar incarnation used.
+    pub lidar_incarnation: u32,
+    /// The cue that the decision was for.
+    pub cue_incarnation: u32,
+    /// The cue that the decision was for.
+    pub cue_seq: u64,
+    /// Part of the swept hull that no beam sees, square metres.
+    pub unseen_area_m2: f64,
+    /// Smallest reading minus threshold over the judged beams, metres; negative means unsafe.
+    pub margin_m: f64,
+    /// Seq and stamp of the scan judged.
+    pub scan_seq: u64,
+    /// See `scan_seq`.
+    pub scan_stamp_ns: u64,
+    /// Seq and stamp of the depth frame used; 0 where none was.
+    pub depth_seq: u64,
+    /// See `depth_seq`.
+    pub depth_stamp_ns: u64,
+    /// Seq and stamp of the odometry used.
+    pub odometry_seq: u64,
+    /// See `odometry_seq`.
+    pub odometry_stamp_ns: u64,
+    /// The shield's estimate of the handler, robot frame.
+    pub robot_from_handler: Pose2,
+}
+
+message!(Cue, CueRequest, PolicyAction, Permit);

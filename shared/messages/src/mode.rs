@@ -1,0 +1,256 @@
+//! Run, fault or lock, why, and what the robot does about it.
+
+use crate::header::message;
+use crate::{Cue, Header, ServiceId, TopicId, Twist2};
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// The class of the mode.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ModeClass/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum ModeClass {
+    /// Stopped by a fault; ends by an accepted cue.
+    #[default]
+    Fault = 0,
+    /// Motion is possible with a permit.
+    Run,
+    /// Stopped by the operator, an emergency stop or a spent restart budget; ends by `resume`.
+    Lock,
+}
+
+impl ModeClass {
+    /// The name, as in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Fault => "fault",
+            Self::Run => "run",
+            Self::Lock => "lock",
+        }
+    }
+}
+
+/// What kind of stop it is. Each is documented with who is at fault and what to do.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/StopKind/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum StopKind {
+    /// No stop.
+    #[default]
+    None = 0,
+    /// Fault: the run has just begun, and nothing starts motion but an accepted cue.
+    Boot,
+    /// Fault: a critical process is dead. The supervisor restarts it.
+    ServiceDied,
+    /// Fault: a critical process takes input and gives nothing back, or no longer takes part. It is restarted.
+    ServiceHung,
+    /// Fault: a critical process missed its beats. It is restarted.
+    BeatsMissed,
+    /// Fault: a stream is over twice its max age.
+    StreamStale,
+    /// Fault: the brake engaged because locomotion was gone or silent.
+    BrakeEngaged,
+    /// Fault: a new odometry frame voids cue, handler's estimate and memory.
+    OdometryReset,
+    /// Fault: the odometry pose jumped further than the robot can walk.
+    PoseJump,
+    /// Fault: the operator resumed a locked run; the next accepted cue starts motion.
+    Resumed,
+    /// Lock: the operator's stop.
+    OperatorStop,
+    /// Lock: a service spent its restart budget.
+    RestartBudgetSpent,
+    /// Lock: the run is ending.
+    ShuttingDown,
+    /// Hold: no cue is in force.
+    NoCue,
+    /// Hold: the handler's stop cue.
+    StopCue,
+    /// Hold: the policy chose to stand.
+    PolicyStop,
+    /// Hold: no permit has come.
+    NoPermit,
+    /// Hold: the last permit expired.
+    PermitExpired,
+    /// Hold: the permit is not finite, out of bounds, or lives longer than it may.
+    PermitInvalid,
+    /// Hold: every action is unsafe.
+    AllUnsafe,
+    /// Hold: the rest of the running action is not free.
+    RemainderUnsafe,
+    /// Hold: nobody is where the handler should be.
+    HandlerNotSeen,
+    /// Hold: the shield refused for lack of usable input.
+    InputUnusable,
+    /// Hold: odometry is over its max age at locomotion.
+    OdometryStale,
+    /// Hold: mode is over its max age at locomotion; motion needs a greater epoch.
+    ModeStale,
+    /// Hold: a lifeline closed; motion needs a greater epoch.
+    LifelineClosed,
+    /// Fault: the supervisor is gone; the robot stops and the run ends.
+    SupervisorLost,
+}
+
+impl StopKind {
+    /// The name, as in reports: snake case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Boot => "boot",
+            Self::ServiceDied => "service_died",
+            Self::ServiceHung => "service_hung",
+            Self::BeatsMissed => "beats_missed",
+            Self::StreamStale => "stream_stale",
+            Self::BrakeEngaged => "brake_engaged",
+            Self::OdometryReset => "odometry_reset",
+            Self::PoseJump => "pose_jump",
+            Self::Resumed => "resumed",
+            Self::OperatorStop => "operator_stop",
+            Self::RestartBudgetSpent => "restart_budget_spent",
+            Self::ShuttingDown => "shutting_down",
+            Self::NoCue => "no_cue",
+            Self::StopCue => "stop_cue",
+            Self::PolicyStop => "policy_stop",
+            Self::NoPermit => "no_permit",
+            Self::PermitExpired => "permit_expired",
+            Self::PermitInvalid => "permit_invalid",
+            Self::AllUnsafe => "all_unsafe",
+            Self::RemainderUnsafe => "remainder_unsafe",
+            Self::HandlerNotSeen => "handler_not_seen",
+            Self::InputUnusable => "input_unusable",
+            Self::OdometryStale => "odometry_stale",
+            Self::ModeStale => "mode_stale",
+            Self::LifelineClosed => "lifeline_closed",
+            Self::SupervisorLost => "supervisor_lost",
+        }
+    }
+}
+
+/// Why the robot stands, with evidence.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/1"))]
+#[repr(C)]
+pub struct StopReason {
+    /// What kind of stop.
+    pub kind: StopKind,
+    /// The service it is about, if any.
+    pub service: ServiceId,
+    /// The stream it is about, if any.
+    pub topic: TopicId,
+    /// The incarnation it is about; 0 where none is.
+    pub incarnation: u32,
+    /// Age that was seen, nanoseconds; 0 where none applies.
+    pub age_ns: u64,
+    /// Limit that it broke, nanoseconds; 0 where none applies.
+    pub limit_ns: u64,
+}
+
+impl StopReason {
+    /// A reason that needs no evidence beside its kind.
+    #[must_use]
+    pub const fn of(kind: StopKind) -> Self {
+        Self { kind, service: ServiceId::None, topic: TopicId::None, incarnation: 0, age_ns: 0, limit_ns: 0 }
+    }
+
+    /// A reason about one service incarnation.
+    #[must_use]
+    pub const fn service(kind: StopKind, service: ServiceId, incarnation: u32) -> Self {
+        Self { kind, service, topic: TopicId::None, incarnation, age_ns: 0, limit_ns: 0 }
+    }
+
+    /// A reason about a stream that is too old.
+    #[must_use]
+    pub const fn stream(kind: StopKind, topic: TopicId, age_ns: u64, limit_ns: u64) -> Self {
+        Self { kind, service: ServiceId::None, topic, incarnation: 0, age_ns, limit_ns }
+    }
+}
+
+impl core::fmt::Display for StopReason {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.write_str(self.kind.name())?;
+        if self.service != ServiceId::None {
+            write!(f, ": {}", self.service)?;
+            if self.incarnation > 0 {
+                write!(f, " (incarnation {})", self.incarnation)?;
+            }
+        }
+        if self.topic != TopicId::None {
+            write!(f, ": {}", self.topic)?;
+        }
+        if self.limit_ns > 0 {
+            write!(f, ", {} ms old, limit {} ms", self.age_ns / 1_000_000, self.limit_ns / 1_000_000)?;
+        }
+        Ok(())
+    }
+}
+
+/// The cue in force, as accepted by the supervisor.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueInForce/1"))]
+#[repr(C)]
+pub struct CueInForce {
+    /// Whether there is one; the rest means nothing otherwise.
+    pub valid: bool,
+    /// The cue as it came, header included: (incarnation, seq) name it.
+    pub cue: Cue,
+}
+
+/// The supervisor's word on whether motion is possible.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Mode/1"))]
+#[repr(C)]
+pub struct Mode {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Run, fault or lock.
+    pub class: ModeClass,
+    /// Whether a moving cue would be accepted now.
+    pub ready_for_cue: bool,
+    /// The policy incarnation whose decisions the shield draws from.
+    pub active_policy: u32,
+    /// The shield incarnation on the armed line: locomotion obeys no other.
+    pub active_shield: u32,
+    /// Raised at every entry into fault or lock, and at no other time.
+    pub epoch: u64,
+    /// Why the class is what it is.
+    pub reason: StopReason,
+    /// The moving cue in force.
+    pub cue: CueInForce,
+}
+
+/// What locomotion does.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/1"))]
+#[repr(C)]
+pub struct LocomotionState {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Velocity last written to the link.
+    pub applied: Twist2,
+    /// Why it is zero; [`StopKind::None`] while it is not.
+    pub limited_by: StopReason,
+    /// Velocity that the link reports, where it does.
+    pub measured: Twist2,
+    /// Whether `measured` means something.
+    pub measured_valid: bool,
+    /// Seq of the permit obeyed last.
+    pub permit_seq: u64,
+    /// Decision of the permit obeyed last.
+    pub decision: u64,
+    /// The epoch in force at locomotion.
+    pub epoch: u64,
+}
+
+message!(Mode, LocomotionState);

@@ -1,0 +1,116 @@
+//! What the drivers publish.
+
+use crate::header::message;
+use crate::{Frame, Header, Pose2, Twist2};
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// The most beams that a scan may have; sizes the lidar pool.
+pub const MAX_BEAMS: usize = 4096;
+
+/// Marker of the topic `lidar/scan`: `f32` ranges in metres, in the order of their angles.
+///
+/// A reading at or over `range_max_m`, or infinite, hit nothing. NaN, a negative reading or one under `range_min_m` is
+/// unknown, and unknown is never taken as free.
+#[derive(Debug, Clone, Copy)]
+pub struct LidarScan;
+
+impl Frame for LidarScan {
+    type Element = f32;
+    type Meta = ScanHeader;
+}
+
+/// Stands beside the ranges of a scan. `header.stamp_ns` is the time of the last beam.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ScanHeader/1"))]
+#[repr(C)]
+pub struct ScanHeader {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Angle of the first beam in the lidar frame, radians.
+    pub angle_min_rad: f64,
+    /// Angle from one beam to the next, radians; positive is counter-clockwise.
+    pub angle_increment_rad: f64,
+    /// Readings under it are unknown, metres.
+    pub range_min_m: f64,
+    /// Readings at or over it hit nothing, metres.
+    pub range_max_m: f64,
+    /// One standard deviation of a reading, metres.
+    pub sigma_m: f64,
+    /// Where the lidar is on the robot.
+    pub robot_from_lidar: Pose2,
+}
+
+/// Marker of the topic `depth/frame`: `u16` depth along the optical axis in millimetres, 0 = none (16UC1), row by row
+/// from the top left.
+#[derive(Debug, Clone, Copy)]
+pub struct DepthFrame;
+
+impl Frame for DepthFrame {
+    type Element = u16;
+    type Meta = DepthHeader;
+}
+
+/// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and
+/// then tilted down by `pitch_rad`.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Pose3/1"))]
+#[serde(deny_unknown_fields)]
+#[repr(C)]
+pub struct Pose3 {
+    /// Forward, metres.
+    pub x_m: f64,
+    /// Left, metres.
+    pub y_m: f64,
+    /// Above the floor, metres.
+    pub z_m: f64,
+    /// Counter-clockwise, radians.
+    pub yaw_rad: f64,
+    /// Down, radians.
+    pub pitch_rad: f64,
+}
+
+/// Stands beside the pixels of a depth frame.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/DepthHeader/1"))]
+#[repr(C)]
+pub struct DepthHeader {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
+    /// Focal length along the columns, pixels.
+    pub fx_px: f64,
+    /// Focal length along the rows, pixels.
+    pub fy_px: f64,
+    /// Column of the optical axis.
+    pub cx_px: f64,
+    /// Row of the optical axis.
+    pub cy_px: f64,
+    /// Where the camera is on the robot.
+    pub robot_from_camera: Pose3,
+}
+
+/// Where the robot believes it is. The incarnation names the odometry frame: a new one voids everything held in the old.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Odometry/1"))]
+#[repr(C)]
+pub struct Odometry {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Pose of the robot in the odometry frame.
+    pub odom_from_robot: Pose2,
+    /// Velocity in the robot frame.
+    pub twist: Twist2,
+    /// Standard deviations of x (m), y (m) and yaw (rad) gained since the frame began.
+    pub sigma: [f64; 3],
+}
+
+message!(ScanHeader, DepthHeader, Odometry);

@@ -1,0 +1,91 @@
+//! The services by name.
+
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+
+/// A service: one process, one executable (`guidedog-<name>`).
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ServiceId/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum ServiceId {
+    /// No service: where a message has none to name.
+    #[default]
+    None = 0,
+    /// Starts, watches, restarts, stops.
+    Supervisor,
+    /// Lidar driver.
+    Lidar,
+    /// Depth camera driver.
+    Depth,
+    /// Odometry driver.
+    Odometry,
+    /// Cue recogniser.
+    Cue,
+    /// Observation to action.
+    Policy,
+    /// Action to permit.
+    Shield,
+    /// Permit to robot: the last gate.
+    Locomotion,
+    /// Stops the robot when locomotion is gone.
+    Brake,
+    /// The physical world in place of the real one.
+    Simulator,
+    /// Recorded frames out.
+    Recorder,
+    /// Recorded frames in, in the drivers' place.
+    Replay,
+}
+
+impl ServiceId {
+    /// Every service, in the order of start: what stops the robot comes first.
+    pub const ALL: [Self; 12] = [
+        Self::Supervisor,
+        Self::Locomotion,
+        Self::Brake,
+        Self::Simulator,
+        Self::Replay,
+        Self::Odometry,
+        Self::Lidar,
+        Self::Depth,
+        Self::Cue,
+        Self::Policy,
+        Self::Shield,
+        Self::Recorder,
+    ];
+
+    /// The name, as in topic names, configuration keys and reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::Supervisor => "supervisor",
+            Self::Lidar => "lidar",
+            Self::Depth => "depth",
+            Self::Odometry => "odometry",
+            Self::Cue => "cue",
+            Self::Policy => "policy",
+            Self::Shield => "shield",
+            Self::Locomotion => "locomotion",
+            Self::Brake => "brake",
+            Self::Simulator => "simulator",
+            Self::Recorder => "recorder",
+            Self::Replay => "replay",
+        }
+    }
+
+    /// The service of that name, if there is one.
+    #[must_use]
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|service| service.name() == name)
+    }
+}
+
+impl core::fmt::Display for ServiceId {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        f.pad(self.name())
+    }
+}
