@@ -71,4 +71,4 @@ impl ClockAck {
     }
 }
 
-message!(ClockStep, ClockAck);
+message!(ClockStep => ClockStep, ClockAck => ClockAck);

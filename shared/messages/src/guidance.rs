@@ -317,4 +317,4 @@ pub struct Permit {
     pub robot_from_handler: Pose2,
 }
 
-message!(Cue, CueRequest, PolicyAction, Permit);
+message!(Cue => Cue, CueRequest => CueRequest, PolicyAction => PolicyAction, Permit => ShieldPermit);

@@ -24,6 +24,8 @@ pub struct Header {
 
 /// A message of fixed size.
 pub trait Message: Copy + core::fmt::Debug + Send + Sync + 'static {
+    /// The one topic that the type travels on (for a header: beside its frame).
+    const TOPIC: crate::TopicId;
     /// The message's header.
     fn header(&self) -> &Header;
     /// The message's header, to be filled in by the publisher.
@@ -38,10 +40,11 @@ pub trait Frame: 'static {
     type Meta: Message + Default;
 }
 
-/// Implements [`Message`] for types with a field `header`.
+/// Implements [`Message`] for types with a field `header`, and names the topic of each.
 macro_rules! message {
-    ($($name:ty),+ $(,)?) => {$(
+    ($($name:ty => $topic:ident),+ $(,)?) => {$(
         impl $crate::Message for $name {
+            const TOPIC: $crate::TopicId = $crate::TopicId::$topic;
             fn header(&self) -> &$crate::Header { &self.header }
             fn header_mut(&mut self) -> &mut $crate::Header { &mut self.header }
         }

@@ -199,7 +199,7 @@ impl Health {
     }
 }
 
-message!(Health);
+message!(Health => Health);
 
 #[cfg(test)]
 mod tests {

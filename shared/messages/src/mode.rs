@@ -253,4 +253,4 @@ pub struct LocomotionState {
     pub epoch: u64,
 }
 
-message!(Mode, LocomotionState);
+message!(Mode => Mode, LocomotionState => LocomotionState);

@@ -113,4 +113,4 @@ pub struct Odometry {
     pub sigma: [f64; 3],
 }
 
-message!(ScanHeader, DepthHeader, Odometry);
+message!(ScanHeader => LidarScan, DepthHeader => DepthFrame, Odometry => Odometry);

@@ -64,4 +64,4 @@ pub struct RobotCommand {
     pub velocity: Twist2,
 }
 
-message!(WorldTruth, RobotCommand);
+message!(WorldTruth => WorldTruth, RobotCommand => WorldCommand);

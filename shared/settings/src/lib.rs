@@ -1,1 +1,16 @@
-//! Skeleton.
+//! The configuration file, typed and validated. An unknown or wrong key is an error that names file and line.
+//!
+//! Layers lie on top of each other: the defaults below, then a profile, then the operator's file. Each layer is checked
+//! by itself, so an error names the line that caused it.
+
+mod layers;
+mod sections;
+mod units;
+
+pub use layers::{Profile, SettingsError, load, load_resolved};
+pub use sections::{
+    ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion, MaxAge,
+    OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings, Simulation, Source,
+    Supervision, Walk,
+};
+pub use units::{Millis, Positive, Share};

@@ -1,1 +1,21 @@
-//! Skeleton.
+//! Typed topics over shared memory, the wait loop of every service, the clock and the lifelines.
+//!
+//! The only crate that talks to iceoryx2. A service is a [`Service`] run by [`run`]: it opens its ports from the topic
+//! table through [`Io`], and is woken with the run time when an input came or its timer is due. It is the same code in
+//! real and in stepped time; what differs is who decides when it is woken and which messages it may see yet.
+
+mod clock;
+mod domain;
+mod error;
+mod line;
+mod port;
+mod run_dir;
+mod service;
+
+pub use clock::{Clock, ClockKind, monotonic_ns};
+pub use domain::{Domain, Holder, PoolSize, pool_sizes};
+pub use error::TransportError;
+pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
+pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
+pub use run_dir::{RunDir, RunInfo, live_runs, runs_root, sweep};
+pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Io, Service, run, run_supervisor, service_main};

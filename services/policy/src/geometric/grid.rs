@@ -1,0 +1,246 @@
+//! What is known of the surroundings: a rolling memory of scans and depth points, and the window that a decision reads.
+
+use super::beams::Beams;
+use guidance::Se2;
+use guidance::se2::Point;
+
+/// Side of a cell, metres.
+pub const CELL_M: f64 = 0.1;
+/// Cells along one side of the window (16 m).
+pub const SIDE: usize = 160;
+/// Clearances are known up to this, metres.
+pub const CLEARANCE_MAX_M: f64 = 1.0;
+/// A beam frees what it passes by this and two sigma, metres: a hit a little before the next beam's end stays.
+const PASS_M: f64 = 0.12;
+/// Round the robot and the handler the floor is free: they stand on it, metres.
+const STANDING_M: f64 = 0.25;
+
+/// What is known of a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Known {
+    /// Never seen, or too long ago.
+    #[default]
+    Unknown,
+    /// A beam passed.
+    Free,
+    /// Something stands there.
+    Occupied,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    key: (i32, i32),
+    known: Known,
+    hit: Point,
+    seen: u64,
+    /// Seen by the camera alone: the lidar looks over or under it and cannot free it.
+    camera_only: bool,
+}
+
+/// The rolling memory, in the odometry frame.
+#[derive(Debug)]
+pub struct Memory {
+    cells: Vec<Cell>,
+    now: u64,
+    kept: u64,
+}
+
+fn key_of(place: Point) -> (i32, i32) {
+    ((place.x / CELL_M).floor() as i32, (place.y / CELL_M).floor() as i32)
+}
+
+fn centre_of(key: (i32, i32)) -> Point {
+    Point::new((f64::from(key.0) + 0.5) * CELL_M, (f64::from(key.1) + 0.5) * CELL_M)
+}
+
+fn slot_of(key: (i32, i32)) -> usize {
+    let side = SIDE as i32;
+    key.1.rem_euclid(side) as usize * SIDE + key.0.rem_euclid(side) as usize
+}
+
+fn first_key(centre: Point) -> (i32, i32) {
+    let (i, j) = key_of(centre);
+    let half = SIDE as i32 / 2;
+    (i - half, j - half)
+}
+
+impl Memory {
+    /// Nothing known; what is seen is kept for that many updates.
+    pub fn new(kept: u64) -> Self {
+        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept }
+    }
+
+    /// Forgets everything: a new odometry frame.
+    pub fn clear(&mut self) {
+        self.cells.fill(Cell::default());
+    }
+
+    /// Takes in one scan and the camera's obstacle points (robot frame).
+    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Point) {
+        self.now += 1;
+        self.free_what_beams_pass(odom_from_robot, beams, handler);
+        for hit in beams.hits.iter().flatten() {
+            self.occupy(odom_from_robot * hit, false);
+        }
+        for place in obstacles.iter().filter(|place| place.coords.norm() < SIDE as f64 * CELL_M / 2.0) {
+            let at = odom_from_robot * place;
+            if !self.lidar_sees_it(at) {
+                self.occupy(at, true);
+            }
+        }
+    }
+
+    fn free_what_beams_pass(&mut self, odom_from_robot: &Se2, beams: &Beams, handler: Point) {
+        let robot_from_odom = odom_from_robot.inverse();
+        let first = first_key(Point::from(odom_from_robot.translation.vector));
+        let pass_m = PASS_M + 2.0 * beams.sigma_m;
+        for slot in 0..SIDE * SIDE {
+            let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
+            let cell = &mut self.cells[slot_of(key)];
+            if cell.key != key || self.now > cell.seen + self.kept {
+                *cell = Cell { key, ..Cell::default() };
+            }
+            let occupied = cell.known == Known::Occupied;
+            let place = robot_from_odom * if occupied { cell.hit } else { centre_of(key) };
+            let stood_on = place.coords.norm() < STANDING_M || (place - handler).norm() < STANDING_M;
+            let free = if occupied {
+                !cell.camera_only && beams.passed_by_m(place) > pass_m
+            } else {
+                stood_on || beams.passed_by_m(place) > 0.0
+            };
+            if free {
+                *cell = Cell { key, known: Known::Free, seen: self.now, ..Cell::default() };
+            }
+        }
+    }
+
+    fn occupy(&mut self, at: Point, camera_only: bool) {
+        let key = key_of(at);
+        let cell = &mut self.cells[slot_of(key)];
+        if cell.key == key {
+            *cell = Cell { key, known: Known::Occupied, hit: at, seen: self.now, camera_only };
+        }
+    }
+
+    fn lidar_sees_it(&self, at: Point) -> bool {
+        let (i, j) = key_of(at);
+        (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).any(|key| {
+            let cell = &self.cells[slot_of(key)];
+            cell.key == key && cell.known == Known::Occupied && cell.seen == self.now && !cell.camera_only
+        })
+    }
+
+    /// The surroundings of a place (odometry frame), with the clearance of every cell.
+    pub fn window(&self, centre: Point) -> Window {
+        let first = first_key(centre);
+        let mut window = Window {
+            first,
+            known: vec![Known::Unknown; SIDE * SIDE],
+            clearance_m: vec![CLEARANCE_MAX_M; SIDE * SIDE],
+            hits: Vec::new(),
+        };
+        for slot in 0..SIDE * SIDE {
+            let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
+            let cell = &self.cells[slot_of(key)];
+            if cell.key != key || self.now > cell.seen + self.kept {
+                continue;
+            }
+            window.known[slot] = cell.known;
+            if cell.known == Known::Occupied {
+                window.hits.push(cell.hit);
+            }
+        }
+        window.measure_clearance();
+        window
+    }
+}
+
+/// The surroundings that one decision reads, odometry frame. Cells are numbered row by row, x first.
+#[derive(Debug)]
+pub struct Window {
+    first: (i32, i32),
+    /// What is known of each cell.
+    pub known: Vec<Known>,
+    /// From each cell's centre to the nearest obstacle, metres, at most [`CLEARANCE_MAX_M`].
+    pub clearance_m: Vec<f64>,
+    /// Obstacle points, odometry frame.
+    pub hits: Vec<Point>,
+}
+
+impl Window {
+    fn measure_clearance(&mut self) {
+        let reach = (CLEARANCE_MAX_M / CELL_M) as i32 + 1;
+        for hit in &self.hits {
+            let (i, j) = key_of(*hit);
+            for key_j in (j - reach).max(self.first.1)..=(j + reach).min(self.first.1 + SIDE as i32 - 1) {
+                for key_i in (i - reach).max(self.first.0)..=(i + reach).min(self.first.0 + SIDE as i32 - 1) {
+                    let slot = (key_j - self.first.1) as usize * SIDE + (key_i - self.first.0) as usize;
+                    let distance_m = (centre_of((key_i, key_j)) - hit).norm();
+                    if distance_m < self.clearance_m[slot] {
+                        self.clearance_m[slot] = distance_m;
+                    }
+                }
+            }
+        }
+    }
+
+    /// The cell that holds the place.
+    pub fn cell_at(&self, place: Point) -> Option<usize> {
+        let (i, j) = key_of(place);
+        let (i, j) = (i.checked_sub(self.first.0)?, j.checked_sub(self.first.1)?);
+        let inside = (0..SIDE as i32).contains(&i) && (0..SIDE as i32).contains(&j);
+        inside.then(|| j as usize * SIDE + i as usize)
+    }
+
+    /// The middle of a cell.
+    pub fn centre(&self, cell: usize) -> Point {
+        centre_of((self.first.0 + (cell % SIDE) as i32, self.first.1 + (cell / SIDE) as i32))
+    }
+
+    /// What is known at the place.
+    pub fn known_at(&self, place: Point) -> Known {
+        self.cell_at(place).map_or(Known::Unknown, |cell| self.known[cell])
+    }
+
+    /// From the place to the nearest obstacle, metres, interpolated; 0 outside the window.
+    pub fn clearance_at(&self, place: Point) -> f64 {
+        self.interpolate(&self.clearance_m, place).unwrap_or(0.0)
+    }
+
+    /// A value of the cells at the place, bilinear over the finite ones of the four cells round it.
+    pub fn interpolate(&self, values: &[f64], place: Point) -> Option<f64> {
+        let x = place.x / CELL_M - f64::from(self.first.0) - 0.5;
+        let y = place.y / CELL_M - f64::from(self.first.1) - 0.5;
+        let limit = (SIDE - 1) as f64;
+        if !(x >= 0.0 && y >= 0.0 && x < limit && y < limit) {
+            return None;
+        }
+        let (i, j) = (x as usize, y as usize);
+        let (u, v) = (x - i as f64, y - j as f64);
+        let corner = j * SIDE + i;
+        let parts = [
+            (corner, (1.0 - u) * (1.0 - v)),
+            (corner + 1, u * (1.0 - v)),
+            (corner + SIDE, (1.0 - u) * v),
+            (corner + SIDE + 1, u * v),
+        ];
+        let (mut sum, mut weights) = (0.0, 0.0);
+        for (cell, weight) in parts {
+            if values[cell].is_finite() {
+                sum += weight * values[cell];
+                weights += weight;
+            }
+        }
+        (weights > 1e-9).then(|| sum / weights)
+    }
+
+    /// The cells that share a side with this one.
+    pub fn neighbours(cell: usize) -> impl Iterator<Item = usize> {
+        let (i, j) = (cell % SIDE, cell / SIDE);
+        let west = (i > 0).then(|| cell - 1);
+        let east = (i + 1 < SIDE).then_some(cell + 1);
+        let south = (j > 0).then(|| cell - SIDE);
+        let north = (j + 1 < SIDE).then_some(cell + SIDE);
+        [west, east, south, north].into_iter().flatten()
+    }
+}

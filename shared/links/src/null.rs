@@ -1,0 +1,31 @@
+//! No robot: for replayed frames. It holds the last command, as a real robot may.
+
+use messages::Twist2;
+use transport::TransportError;
+
+use crate::{BrakePath, Link};
+
+/// Takes commands and does nothing; reports the last one as the robot's velocity.
+#[derive(Debug, Default)]
+pub struct NullLink {
+    last: Twist2,
+}
+
+impl Link for NullLink {
+    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+        self.last = velocity;
+        Ok(())
+    }
+
+    fn measured(&mut self) -> Result<Option<Twist2>, TransportError> {
+        Ok(Some(self.last))
+    }
+}
+
+/// There is nothing to brake.
+#[derive(Debug)]
+pub struct NullBrake;
+
+impl BrakePath for NullBrake {
+    fn zero(&mut self, _fenced: u32) {}
+}

@@ -1,0 +1,198 @@
+//! Reading the layers and laying them on top of each other.
+
+use std::path::{Path, PathBuf};
+
+use crate::sections::{Settings, Source};
+
+/// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// Why a configuration cannot be used. Always the author of the file named is to mend it.
+#[derive(Debug, thiserror::Error)]
+pub enum SettingsError {
+    /// The file cannot be read.
+    #[error("failed to read {path}: {reason}")]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The system's word.
+        reason: String,
+    },
+    /// A key is unknown, or a value is wrong; the message names line and column.
+    #[error("{path}: {reason}")]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Line, column, and what is wrong there.
+        reason: String,
+    },
+    /// Values that are right by themselves do not go together.
+    #[error("{path}: {reason}")]
+    Conflict {
+        /// The last file read.
+        path: PathBuf,
+        /// Which keys, and why.
+        reason: String,
+    },
+}
+
+/// A built-in layer for a kind of run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Profile {
+    /// The defaults: a simulated walk.
+    Walk,
+    /// Recorded laser logs: no depth, null link, longer lives of permits.
+    Carmen,
+}
+
+impl Profile {
+    fn text(self) -> (&'static str, &'static str) {
+        match self {
+            Self::Walk => ("config/guidedog.toml", include_str!("../../../config/guidedog.toml")),
+            Self::Carmen => ("config/profiles/carmen.toml", include_str!("../../../config/profiles/carmen.toml")),
+        }
+    }
+}
+
+/// The settings of a profile with the operator's file on top.
+///
+/// # Errors
+/// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
+pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, SettingsError> {
+    let (name, text) = profile.text();
+    let mut merged = parse(Path::new(name), text)?;
+    let mut last = PathBuf::from(name);
+    if let Some(path) = operator {
+        lay_over(&mut merged, parse(path, &read(path)?)?);
+        last = path.to_owned();
+    }
+    let settings: Settings = merged
+        .try_into()
+        .map_err(|error: toml::de::Error| SettingsError::Parse { path: last.clone(), reason: error.to_string() })?;
+    check(&settings).map_err(|reason| SettingsError::Conflict { path: last, reason })?;
+    Ok(settings)
+}
+
+/// The settings that the supervisor wrote for its children.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_resolved(path: &Path) -> Result<Settings, SettingsError> {
+    toml::from_str(&read(path)?)
+        .map_err(|error| SettingsError::Parse { path: path.to_owned(), reason: error.to_string() })
+}
+
+fn read(path: &Path) -> Result<String, SettingsError> {
+    let fail = |reason: String| SettingsError::Read { path: path.to_owned(), reason };
+    let size = std::fs::metadata(path).map_err(|error| fail(error.to_string()))?.len();
+    if size > MAX_FILE_BYTES {
+        return Err(fail(format!("{size} bytes are no configuration file")));
+    }
+    std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))
+}
+
+/// Checks one layer by itself, so that an error names its line.
+fn parse(path: &Path, text: &str) -> Result<toml::Table, SettingsError> {
+    let fail =
+        |error: toml::de::Error| SettingsError::Parse { path: path.to_owned(), reason: error.to_string() };
+    toml::from_str::<Settings>(text).map_err(fail)?;
+    toml::from_str(text).map_err(fail)
+}
+
+fn lay_over(below: &mut toml::Table, above: toml::Table) {
+    for (key, value) in above {
+        match (below.get_mut(&key), value) {
+            (Some(toml::Value::Table(below)), toml::Value::Table(above)) => lay_over(below, above),
+            (_, value) => {
+                below.insert(key, value);
+            }
+        }
+    }
+}
+
+/// What no single key can say.
+fn check(settings: &Settings) -> Result<(), String> {
+    let (lidar, depth) = (&settings.lidar, &settings.depth);
+    if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
+        return Err(format!("lidar.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
+    }
+    if lidar.field_of_view_deg.get() > 360.0 || depth.field_of_view_deg.get() >= 170.0 {
+        return Err("lidar.field_of_view_deg is over 360, or depth.field_of_view_deg is 170 or over".to_owned());
+    }
+    if lidar.range_min_m >= lidar.range_max_m {
+        return Err("lidar.range_min_m is not under lidar.range_max_m".to_owned());
+    }
+    if !(0.0..=0.5).contains(&lidar.sigma_m) {
+        return Err(format!("lidar.sigma_m = {} is not in 0..0.5", lidar.sigma_m));
+    }
+    if depth.width == 0 || depth.width > 1280 || depth.height == 0 || depth.height > 720 {
+        return Err(format!("depth {}x{} is not within 1x1..1280x720", depth.width, depth.height));
+    }
+    let [near, far] = depth.range_m;
+    if !(near > 0.0 && near < far && far <= 65.0) {
+        return Err("depth.range_m is not [near, far] with 0 < near < far <= 65".to_owned());
+    }
+    for (name, rate, limit) in [
+        ("lidar", lidar.rate_hz, 50.0),
+        ("depth", depth.rate_hz, 100.0),
+        ("odometry", settings.odometry.rate_hz, 100.0),
+        ("locomotion", settings.locomotion.rate_hz, 100.0),
+    ] {
+        if rate.get() > limit {
+            return Err(format!("{name}.rate_hz = {} is over {limit}", rate.get()));
+        }
+    }
+    if !(-0.2..=0.5).contains(&settings.shield.margin_m) {
+        return Err(format!("shield.margin_m = {} is not in -0.2..0.5", settings.shield.margin_m));
+    }
+    if depth.needed && depth.source == Source::Absent {
+        return Err("depth.needed, but depth.source = \"absent\"".to_owned());
+    }
+    let dt_ns = settings.policy.dt.ns();
+    if dt_ns < 50_000_000 || dt_ns % messages::QUANTUM_NS != 0 {
+        return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
+    }
+    if settings.supervision.restart_budget == 0 {
+        return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Profile, Settings, check, load, parse};
+    use std::path::Path;
+
+    #[test]
+    fn the_shipped_file_says_what_the_defaults_are() {
+        let shipped: Settings = toml::from_str(Profile::Walk.text().1).expect("the shipped file is right");
+        assert_eq!(shipped, Settings::default());
+        assert_eq!(check(&shipped), Ok(()));
+    }
+
+    #[test]
+    fn every_profile_is_right() {
+        for profile in [Profile::Walk, Profile::Carmen] {
+            load(profile, None).expect("the profile is right");
+        }
+    }
+
+    #[test]
+    fn an_unknown_key_and_a_wrong_value_are_named_with_their_line() {
+        for (text, line, what) in [
+            ("[lidar]\nbeems = 3\n", "line 2", "beems"),
+            ("\n\n[handler]\nalpha = 1.5\n", "line 4", "1.5"),
+            ("[max_age]\nscan = \"0s\"\n", "line 2", "turned off"),
+            ("[lidar]\nbeams = \"many\"\n", "line 2", "many"),
+        ] {
+            let error = parse(Path::new("x.toml"), text).expect_err("it is wrong").to_string();
+            assert!(error.contains("x.toml") && error.contains(line) && error.contains(what), "{error}");
+        }
+    }
+
+    #[test]
+    fn resolved_settings_come_back_as_they_were() {
+        let text = toml::to_string(&Settings::default()).expect("settings can be written");
+        assert_eq!(toml::from_str::<Settings>(&text).expect("and read"), Settings::default());
+    }
+}

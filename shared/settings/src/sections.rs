@@ -1,0 +1,452 @@
+//! The sections of the configuration file and their defaults.
+
+use std::path::PathBuf;
+
+use messages::{Pose2, Pose3};
+use serde::{Deserialize, Serialize};
+
+use crate::units::{Millis, Positive, Share};
+
+/// Everything that can be configured.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Settings {
+    /// The robot's body.
+    pub robot: Robot,
+    /// The handler, as fitted.
+    pub handler: Handler,
+    /// The lidar and its driver.
+    pub lidar: LidarSettings,
+    /// The depth camera and its driver.
+    pub depth: DepthSettings,
+    /// The odometry driver.
+    pub odometry: OdometrySettings,
+    /// The cue recogniser.
+    pub cue: CueSettings,
+    /// The policy.
+    pub policy: PolicySettings,
+    /// The action shield.
+    pub shield: ShieldSettings,
+    /// The last gate.
+    pub locomotion: Locomotion,
+    /// How old an input may be for motion.
+    pub max_age: MaxAge,
+    /// The supervisor.
+    pub supervision: Supervision,
+    /// The simulated world.
+    pub simulation: Simulation,
+    /// The walk, where the run is one.
+    pub walk: Walk,
+    /// The recording, where the run replays one.
+    pub replay: Replay,
+}
+
+/// The robot's body.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Robot {
+    /// Radius of the disc that stands for the robot, metres.
+    pub radius_m: Positive,
+}
+
+impl Default for Robot {
+    fn default() -> Self {
+        Self { radius_m: Positive::of(0.30) }
+    }
+}
+
+/// The handler, as fitted (Kim et al. 2023, section 4).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Handler {
+    /// Radius of the disc that stands for the handler, metres.
+    pub radius_m: Positive,
+    /// Default offset: where the handler walks, in the robot frame.
+    pub robot_from_handler: Pose2,
+    /// Remembered share of the offset per decision; 0 = rigid.
+    pub alpha: Share,
+}
+
+impl Default for Handler {
+    fn default() -> Self {
+        Self {
+            radius_m: Positive::of(0.25),
+            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            alpha: Share::of(0.4),
+        }
+    }
+}
+
+/// Where a driver's frames come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// Computed from the simulated world.
+    Simulated,
+    /// Published by `replay` in the driver's place.
+    Replayed,
+    /// There is none; declared in every permit, and refused with a real link.
+    Absent,
+}
+
+/// The lidar and its driver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LidarSettings {
+    /// Where scans come from.
+    pub source: Source,
+    /// Beams of a scan.
+    pub beams: u32,
+    /// Field of view, degrees, centred on the lidar's x axis.
+    pub field_of_view_deg: Positive,
+    /// Scans a second; a real robot needs 8 or more.
+    pub rate_hz: Positive,
+    /// Readings under it are unknown, metres.
+    pub range_min_m: Positive,
+    /// Readings at or over it hit nothing, metres.
+    pub range_max_m: Positive,
+    /// One standard deviation of a reading, metres.
+    pub sigma_m: f64,
+    /// Share of beams that give nothing.
+    pub drop_out: Share,
+    /// Height of the lidar's plane above the floor, metres.
+    pub height_m: Positive,
+    /// Where the lidar is on the robot.
+    pub robot_from_lidar: Pose2,
+}
+
+impl Default for LidarSettings {
+    fn default() -> Self {
+        Self {
+            source: Source::Simulated,
+            beams: 360,
+            field_of_view_deg: Positive::of(360.0),
+            rate_hz: Positive::of(10.0),
+            range_min_m: Positive::of(0.15),
+            range_max_m: Positive::of(12.0),
+            sigma_m: 0.01,
+            drop_out: Share::of(0.005),
+            height_m: Positive::of(0.35),
+            robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
+        }
+    }
+}
+
+/// The depth camera and its driver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthSettings {
+    /// Where frames come from.
+    pub source: Source,
+    /// Columns, at most 1280.
+    pub width: u32,
+    /// Rows, at most 720.
+    pub height: u32,
+    /// Frames a second.
+    pub rate_hz: Positive,
+    /// Horizontal field of view, degrees.
+    pub field_of_view_deg: Positive,
+    /// Nearest and farthest depth that the camera gives, metres.
+    pub range_m: [f64; 2],
+    /// Where the camera is on the robot.
+    pub robot_from_camera: Pose3,
+    /// Whether motion needs it.
+    pub needed: bool,
+}
+
+impl Default for DepthSettings {
+    fn default() -> Self {
+        Self {
+            source: Source::Simulated,
+            width: 640,
+            height: 480,
+            rate_hz: Positive::of(15.0),
+            field_of_view_deg: Positive::of(90.0),
+            range_m: [0.3, 10.0],
+            robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
+            needed: true,
+        }
+    }
+}
+
+/// The odometry driver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OdometrySettings {
+    /// Where poses come from.
+    pub source: Source,
+    /// Poses a second, at most 100 in this version.
+    pub rate_hz: Positive,
+    /// Drift of the simulated odometry: share of the way.
+    pub scale_error: f64,
+    /// Drift of the simulated odometry: random walk of the yaw, radians per square root of a second while moving.
+    pub yaw_walk_rad: f64,
+}
+
+impl Default for OdometrySettings {
+    fn default() -> Self {
+        Self {
+            source: Source::Simulated,
+            rate_hz: Positive::of(50.0),
+            scale_error: 0.01,
+            yaw_walk_rad: 0.002,
+        }
+    }
+}
+
+/// The cue recogniser.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CueSettings {
+    /// A route file whose cues the scripted handler gives; none: only the operator gives cues.
+    pub script: Option<PathBuf>,
+    /// Replay: the scripted handler gives "forward" once `ready_for_cue`, and again after every fault.
+    pub forward_when_ready: bool,
+}
+
+/// Which policy.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PolicyEngine {
+    /// Follows the travel line from lidar and depth by geometry.
+    Geometric,
+}
+
+/// Which action table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ActionTableName {
+    /// The eight actions that the paper names.
+    Eight,
+    /// The eight and two arcs of our own.
+    Ten,
+}
+
+/// The policy.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct PolicySettings {
+    /// Which policy.
+    pub engine: PolicyEngine,
+    /// Which actions.
+    pub actions: ActionTableName,
+    /// Decision period.
+    pub dt: Millis,
+}
+
+impl Default for PolicySettings {
+    fn default() -> Self {
+        Self { engine: PolicyEngine::Geometric, actions: ActionTableName::Eight, dt: Millis::of_ms(500) }
+    }
+}
+
+/// How the shield draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// The most probable safe action.
+    ArgMax,
+    /// One of the safe actions, by their probabilities.
+    Draw,
+}
+
+/// The action shield.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShieldSettings {
+    /// How an action is chosen among the safe ones.
+    pub choice: Choice,
+    /// Seed of the drawing.
+    pub seed: u64,
+    /// Added to both radii, metres.
+    pub margin_m: f64,
+    /// Width of a run of unknown beams from which it is unsafe, metres.
+    pub unknown_gap_m: Positive,
+    /// Whether points inside the present hull are judged by the escape rule.
+    pub escape: bool,
+    /// Largest unseen part of the hull, square metres; none: reported only.
+    pub unseen_limit_m2: Option<f64>,
+}
+
+impl Default for ShieldSettings {
+    fn default() -> Self {
+        Self {
+            choice: Choice::ArgMax,
+            seed: 1,
+            margin_m: 0.0,
+            unknown_gap_m: Positive::of(0.10),
+            escape: true,
+            unseen_limit_m2: None,
+        }
+    }
+}
+
+/// The way to the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkKind {
+    /// The simulated robot; it keeps the last command when the line goes quiet.
+    Simulated,
+    /// Nothing: for replayed frames.
+    Null,
+}
+
+/// Largest velocities.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Limits {
+    /// Over ground, metres per second.
+    pub speed_mps: Positive,
+    /// Turning, radians per second.
+    pub turn_radps: Positive,
+    /// Planned changes of speed, metres per second squared.
+    pub acceleration_mps2: Positive,
+    /// Planned changes of turning, radians per second squared.
+    pub acceleration_radps2: Positive,
+}
+
+impl Default for Limits {
+    fn default() -> Self {
+        Self {
+            speed_mps: Positive::of(0.8),
+            turn_radps: Positive::of(1.2),
+            acceleration_mps2: Positive::of(4.0),
+            acceleration_radps2: Positive::of(12.0),
+        }
+    }
+}
+
+/// The last gate.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Locomotion {
+    /// The way to the robot.
+    pub link: LinkKind,
+    /// Commands a second.
+    pub rate_hz: Positive,
+    /// Longest time from a verdict to its expiry.
+    pub permit_life: Millis,
+    /// Bounds.
+    pub limits: Limits,
+}
+
+impl Default for Locomotion {
+    fn default() -> Self {
+        Self {
+            link: LinkKind::Simulated,
+            rate_hz: Positive::of(50.0),
+            permit_life: Millis::of_ms(200),
+            limits: Limits::default(),
+        }
+    }
+}
+
+/// How old an input may be for motion.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MaxAge {
+    /// `lidar/scan`
+    pub scan: Millis,
+    /// `depth/frame`, where needed
+    pub depth: Millis,
+    /// `odometry`
+    pub odometry: Millis,
+    /// `cue`, to be accepted
+    pub cue: Millis,
+    /// `mode`
+    pub mode: Millis,
+}
+
+impl Default for MaxAge {
+    fn default() -> Self {
+        Self {
+            scan: Millis::of_ms(200),
+            depth: Millis::of_ms(200),
+            odometry: Millis::of_ms(100),
+            cue: Millis::of_ms(1000),
+            mode: Millis::of_ms(200),
+        }
+    }
+}
+
+/// The supervisor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Supervision {
+    /// From spawn to ready, wall time.
+    pub ready_within: Millis,
+    /// A critical service whose last beat is older is at fault.
+    pub beat_limit: Millis,
+    /// The same in stepped time: a step not done, wall time.
+    pub step_limit: Millis,
+    /// First pause before a restart; it doubles with every restart in a row.
+    pub back_off: Millis,
+    /// Longest pause before a restart.
+    pub back_off_max: Millis,
+    /// Restarts of one service within `budget_window` before it stays down and the run locks.
+    pub restart_budget: u32,
+    /// See `restart_budget`.
+    pub budget_window: Millis,
+    /// The brake engages when locomotion's last beat is older.
+    pub brake_limit: Millis,
+    /// Stepped time: a restarted service joins at death plus this much run time.
+    pub restart_time: Millis,
+}
+
+impl Default for Supervision {
+    fn default() -> Self {
+        Self {
+            ready_within: Millis::of_ms(10_000),
+            beat_limit: Millis::of_ms(120),
+            step_limit: Millis::of_ms(10_000),
+            back_off: Millis::of_ms(20),
+            back_off_max: Millis::of_ms(2_000),
+            restart_budget: 10,
+            budget_window: Millis::of_ms(60_000),
+            brake_limit: Millis::of_ms(100),
+            restart_time: Millis::of_ms(500),
+        }
+    }
+}
+
+/// The simulated world.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Simulation {
+    /// Seed of everything random in the world and its sensors.
+    pub seed: u64,
+    /// Sway of the simulated handler, metres.
+    pub handler_sway_m: f64,
+}
+
+impl Default for Simulation {
+    fn default() -> Self {
+        Self { seed: 1, handler_sway_m: 0.01 }
+    }
+}
+
+/// The walk, where the run is one.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Walk {
+    /// A scenario file: world, start, route and goal.
+    pub scenario: Option<PathBuf>,
+    /// A map_server map in place of a scenario.
+    pub map: Option<PathBuf>,
+    /// Start in the map, world frame.
+    pub start: Option<Pose2>,
+    /// A route file: cues and goal, in place of the scenario's.
+    pub cues: Option<PathBuf>,
+    /// The run ends after this much run time, whatever happened.
+    pub time_limit: Option<Millis>,
+}
+
+/// The recording, where the run replays one.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Replay {
+    /// The recording.
+    pub recording: Option<PathBuf>,
+    /// The run ends after this much of it.
+    pub duration: Option<Millis>,
+}

@@ -1,0 +1,84 @@
+//! Run time: real, or stepped by a master.
+
+use std::cell::Cell;
+
+use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
+
+/// How run time passes.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum ClockKind {
+    /// Run time is the monotonic clock since the run's start.
+    Real,
+    /// Run time is virtual: a master gives it out in steps of 10 ms, at most `speed` times faster than real; 0 is as
+    /// fast as the members follow.
+    Stepped {
+        /// Times faster than real; 0 = unlimited.
+        speed: f64,
+    },
+}
+
+/// The monotonic clock of this machine, nanoseconds.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    // The monotonic clock counts from boot: neither part is ever negative.
+    now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
+}
+
+/// The clock of one process.
+#[derive(Debug)]
+pub struct Clock {
+    kind: ClockKind,
+    started_ns: u64,
+    step: Cell<u64>,
+    stepped_now_ns: Cell<u64>,
+}
+
+impl Clock {
+    /// A clock of the run that started at `started_ns` of the monotonic clock.
+    #[must_use]
+    pub fn new(kind: ClockKind, started_ns: u64) -> Self {
+        Self { kind, started_ns, step: Cell::new(0), stepped_now_ns: Cell::new(0) }
+    }
+
+    /// Run time, nanoseconds.
+    #[must_use]
+    pub fn now_ns(&self) -> u64 {
+        match self.kind {
+            ClockKind::Real => monotonic_ns().saturating_sub(self.started_ns),
+            ClockKind::Stepped { .. } => self.stepped_now_ns.get(),
+        }
+    }
+
+    /// The step being taken; 0 in real time and before the first step.
+    #[must_use]
+    pub fn step(&self) -> u64 {
+        self.step.get()
+    }
+
+    /// Whether run time is stepped.
+    #[must_use]
+    pub fn is_stepped(&self) -> bool {
+        matches!(self.kind, ClockKind::Stepped { .. })
+    }
+
+    /// How run time passes.
+    #[must_use]
+    pub fn kind(&self) -> ClockKind {
+        self.kind
+    }
+
+    /// Whether a message published in `step` may be seen now: in stepped time only in a later step.
+    #[must_use]
+    pub(crate) fn may_see(&self, step: u64) -> bool {
+        !self.is_stepped() || step < self.step.get()
+    }
+
+    /// Enters a step.
+    pub(crate) fn enter(&self, step: u64, now_ns: u64) {
+        self.step.set(step);
+        self.stepped_now_ns.set(now_ns);
+    }
+}

@@ -1,0 +1,241 @@
+//! Lines: socket pairs between processes. The kernel closes a dead process's end, and the other end wakes at once.
+
+use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
+
+use messages::ServiceId;
+use rustix::io::Errno;
+use rustix::net::{
+    AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
+    SendFlags, SocketFlags, SocketType, recvmsg, sendmsg, socketpair,
+};
+use serde::{Deserialize, Serialize};
+
+use crate::TransportError;
+
+/// Longest message on a line.
+const MAX_MESSAGE: usize = 4096;
+
+/// One end of a socket pair that keeps message borders. Never blocks; closed on exec.
+#[derive(Debug)]
+pub struct Line(OwnedFd);
+
+/// What a line had to give.
+#[derive(Debug)]
+pub enum Received<T> {
+    /// Nothing now.
+    Nothing,
+    /// The other end is gone, and with it every process that held it.
+    Closed,
+    /// A message, and a descriptor where one came with it.
+    Message(T, Option<OwnedFd>),
+}
+
+/// From the supervisor to a child, on the child's control line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "to")]
+pub enum ToChild {
+    /// Finish, publish the last figures, say `Left`.
+    Leave,
+    /// The figures are taken: exit.
+    Exit,
+    /// The robot is to stand from now on, whatever `mode` says (locomotion).
+    Stop,
+    /// A lifeline of a critical service comes with this (locomotion).
+    Lifeline {
+        /// Whose.
+        service: ServiceId,
+        /// Which life of it.
+        incarnation: u32,
+    },
+    /// The service leaves by plan: its line may close (locomotion).
+    Release {
+        /// Whose.
+        service: ServiceId,
+        /// Which life of it.
+        incarnation: u32,
+    },
+    /// The line from the locomotion incarnation to watch comes with this (brake).
+    Watch {
+        /// Which life of locomotion.
+        incarnation: u32,
+        /// Its process id; the brake opens a pidfd of its own.
+        pid: u32,
+    },
+}
+
+/// From a child to the supervisor, on the child's control line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "from")]
+pub enum FromChild {
+    /// All ports are open, memory is prefaulted, devices answer.
+    Ready,
+    /// The work is done and the last figures are published.
+    Left,
+    /// The service cannot go on, and why.
+    Failed {
+        /// Why, in words that name file, line or topic.
+        why: String,
+    },
+    /// Something to tell the operator.
+    Note {
+        /// What.
+        text: String,
+    },
+    /// A lifeline is armed (locomotion).
+    Armed {
+        /// Whose.
+        service: ServiceId,
+        /// Which life of it.
+        incarnation: u32,
+    },
+    /// A lifeline is released (locomotion).
+    Released {
+        /// Whose.
+        service: ServiceId,
+        /// Which life of it.
+        incarnation: u32,
+    },
+    /// The brake stopped the robot because locomotion was gone or silent.
+    BrakeEngaged {
+        /// Which life of locomotion.
+        incarnation: u32,
+        /// Whether it was gone (line closed) rather than silent.
+        gone: bool,
+    },
+    /// The run has come to its end (simulator, replay).
+    RunEnded {
+        /// Figures for the report, as JSON.
+        figures: serde_json::Value,
+    },
+}
+
+impl Line {
+    /// Two ends.
+    ///
+    /// # Errors
+    /// Where the kernel has no descriptors left.
+    pub fn pair() -> Result<(Self, Self), TransportError> {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let (a, b) = socketpair(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)
+            .map_err(TransportError::system("socketpair"))?;
+        Ok((Self(a), Self(b)))
+    }
+
+    /// The end that a descriptor is.
+    #[must_use]
+    pub fn from_fd(fd: OwnedFd) -> Self {
+        Self(fd)
+    }
+
+    /// The descriptor.
+    #[must_use]
+    pub fn into_fd(self) -> OwnedFd {
+        self.0
+    }
+
+    /// Sends bytes; `false` where the other end is gone or does not read.
+    pub fn send_bytes(&self, bytes: &[u8]) -> bool {
+        rustix::net::send(&self.0, bytes, SendFlags::NOSIGNAL | SendFlags::DONTWAIT).is_ok()
+    }
+
+    /// Sends a message, with a descriptor where one is given; `false` where the other end is gone or does not read.
+    pub fn send<T: Serialize>(&self, message: &T, fd: Option<BorrowedFd<'_>>) -> bool {
+        let Ok(bytes) = serde_json::to_vec(message) else { return false };
+        if bytes.len() > MAX_MESSAGE {
+            return false;
+        }
+        let mut space = [std::mem::MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+        let mut ancillary = SendAncillaryBuffer::new(&mut space);
+        let fds: Vec<BorrowedFd<'_>> = fd.into_iter().collect();
+        if !fds.is_empty() && !ancillary.push(SendAncillaryMessage::ScmRights(&fds)) {
+            return false;
+        }
+        let slices = [std::io::IoSlice::new(&bytes)];
+        sendmsg(&self.0, &slices, &mut ancillary, SendFlags::NOSIGNAL | SendFlags::DONTWAIT).is_ok()
+    }
+
+    /// Receives bytes into `buffer` without blocking: the length of the message.
+    pub fn receive_bytes(&self, buffer: &mut [u8]) -> Received<usize> {
+        loop {
+            return match rustix::net::recv(&self.0, &mut *buffer, RecvFlags::DONTWAIT) {
+                Ok((0, _)) => Received::Closed,
+                Ok((n, _)) => Received::Message(n, None),
+                Err(Errno::AGAIN) => Received::Nothing,
+                Err(Errno::INTR) => continue,
+                Err(_) => Received::Closed,
+            };
+        }
+    }
+
+    /// Receives a message without blocking. What is not a message of that type is skipped: the other end is of the same
+    /// build, so it cannot be sent by mistake.
+    pub fn receive<T: for<'a> Deserialize<'a>>(&self) -> Received<T> {
+        loop {
+            let mut bytes = [0u8; MAX_MESSAGE];
+            let mut space = [std::mem::MaybeUninit::uninit(); rustix::cmsg_space!(ScmRights(1))];
+            let mut ancillary = RecvAncillaryBuffer::new(&mut space);
+            let flags = RecvFlags::DONTWAIT | RecvFlags::CMSG_CLOEXEC;
+            let mut slices = [std::io::IoSliceMut::new(&mut bytes)];
+            let received = match recvmsg(&self.0, &mut slices, &mut ancillary, flags) {
+                Ok(received) => received,
+                Err(Errno::AGAIN) => return Received::Nothing,
+                Err(Errno::INTR) => continue,
+                Err(_) => return Received::Closed,
+            };
+            if received.bytes == 0 {
+                return Received::Closed;
+            }
+            let fd = ancillary.drain().find_map(|message| match message {
+                RecvAncillaryMessage::ScmRights(mut fds) => fds.next(),
+                _ => None,
+            });
+            if let Ok(message) = serde_json::from_slice(&bytes[..received.bytes]) {
+                return Received::Message(message, fd);
+            }
+        }
+    }
+}
+
+impl AsFd for Line {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}
+
+/// Takes over a descriptor that the supervisor left open for this process and named in the environment variable.
+///
+/// # Errors
+/// Where the variable is missing or names no open descriptor: the service was not started by the supervisor.
+pub fn inherited_fd(variable: &str) -> Result<OwnedFd, TransportError> {
+    let missing = || TransportError::Arguments(format!("{variable} is not set: the supervisor starts this program"));
+    let raw: RawFd = std::env::var(variable).map_err(|_| missing())?.parse().map_err(|_| missing())?;
+    if raw < 3 {
+        return Err(missing());
+    }
+    // SAFETY: the supervisor opened it for this process alone, and nothing else here takes it over: each variable is
+    // read once, before any other descriptor is opened. fcntl below refuses one that is not open.
+    let fd = unsafe { OwnedFd::from_raw_fd(raw) };
+    rustix::io::fcntl_setfd(&fd, rustix::io::FdFlags::CLOEXEC).map_err(TransportError::system("fcntl"))?;
+    Ok(fd)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Line, Received, ToChild};
+    use std::os::fd::AsFd;
+
+    #[test]
+    fn a_descriptor_travels_and_its_end_closes() {
+        let (a, b) = Line::pair().expect("descriptors are left");
+        let (far, near) = Line::pair().expect("descriptors are left");
+        assert!(a.send(&ToChild::Watch { incarnation: 3, pid: 7 }, Some(far.as_fd())));
+        drop(far);
+        let Received::Message(ToChild::Watch { incarnation: 3, pid: 7 }, Some(fd)) = b.receive() else {
+            panic!("message and descriptor arrive together");
+        };
+        assert!(matches!(near.receive_bytes(&mut [0; 8]), Received::Nothing));
+        drop(fd);
+        assert!(matches!(near.receive_bytes(&mut [0; 8]), Received::Closed));
+        assert!(matches!(b.receive::<ToChild>(), Received::Nothing));
+    }
+}

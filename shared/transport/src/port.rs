@@ -1,0 +1,419 @@
+//! Typed ends of topics. Stamps, seqs, incarnations, steps and counters are kept here, for every service alike.
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::port::publisher::Publisher as IoxPublisher;
+use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
+use iceoryx2::prelude::*;
+use iceoryx2::sample::Sample;
+use iceoryx2::sample_mut::SampleMut;
+use messages::{Frame, Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, TopicId};
+
+use crate::domain::{Domain, spec_of};
+use crate::{Clock, Identity, TransportError};
+
+/// What all ports of a process share.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    pub identity: Identity,
+    pub clock: Rc<Clock>,
+    pub counters: RefCell<Vec<PortCounters>>,
+}
+
+impl Shared {
+    fn register(&self, topic: TopicId, role: PortRole, of: ServiceId) -> usize {
+        let mut counters = self.counters.borrow_mut();
+        // No service has that many ports; the last slot would then be shared rather than memory overrun.
+        if counters.len() < MAX_PORTS {
+            counters.push(PortCounters { topic, role, of, ..PortCounters::default() });
+        }
+        counters.len() - 1
+    }
+
+    fn count(&self, slot: usize, header: &Header, lost: u64) {
+        let mut counters = self.counters.borrow_mut();
+        let port = &mut counters[slot];
+        port.count += 1;
+        port.lost += lost;
+        port.last_seq = header.seq;
+        port.last_stamp_ns = header.stamp_ns;
+    }
+}
+
+/// Notices gaps in the seqs of each publisher incarnation.
+#[derive(Debug, Default)]
+struct GapCounter {
+    /// The last seq of the incarnations seen last: two policies may publish in turn.
+    last: [(u32, u64); 4],
+}
+
+impl GapCounter {
+    fn lost(&mut self, header: &Header) -> u64 {
+        if let Some((_, last)) = self.last.iter_mut().find(|(incarnation, _)| *incarnation == header.incarnation) {
+            let lost = header.seq.saturating_sub(*last + 1);
+            *last = header.seq.max(*last);
+            return lost;
+        }
+        self.last.rotate_right(1);
+        self.last[0] = (header.incarnation, header.seq);
+        0
+    }
+}
+
+fn publish_error(topic: TopicId, reason: impl std::fmt::Debug) -> TransportError {
+    TransportError::Publish { topic, reason: format!("{reason:?}") }
+}
+
+fn receive_error(topic: TopicId, reason: impl std::fmt::Debug) -> TransportError {
+    TransportError::Receive { topic, reason: format!("{reason:?}") }
+}
+
+/// Wakes the readers of a topic, where it wakes.
+#[derive(Debug)]
+struct Waker(Option<Notifier<ipc::Service>>);
+
+impl Waker {
+    fn open(domain: &Domain, topic: TopicId) -> Result<Self, TransportError> {
+        let is_clock = matches!(topic, TopicId::ClockStep | TopicId::ClockAck);
+        // In stepped time the master wakes everybody.
+        if !spec_of(topic)?.wakes || (domain.clock.is_stepped() && !is_clock) {
+            return Ok(Self(None));
+        }
+        let notifier = domain.event(topic, false)?.notifier_builder().create();
+        notifier.map(|n| Self(Some(n))).map_err(|e| TransportError::Open {
+            topic: topic.name().to_owned(),
+            reason: format!("{e:?}"),
+        })
+    }
+
+    fn wake(&self) {
+        if let Some(notifier) = &self.0 {
+            // A reader that is gone or full of wake-ups has nothing to be told; the message itself is sent.
+            let _ = notifier.notify();
+        }
+    }
+}
+
+/// The event of a topic, for the wait loop.
+pub(crate) fn listener(domain: &Domain, topic: TopicId) -> Result<Listener<ipc::Service>, TransportError> {
+    domain.event(topic, false)?.listener_builder().create().map_err(|e| TransportError::Open {
+        topic: topic.name().to_owned(),
+        reason: format!("{e:?}"),
+    })
+}
+
+/// Writes messages of fixed size.
+#[derive(Debug)]
+pub struct Publisher<M: Message + ZeroCopySend> {
+    port: IoxPublisher<ipc::Service, M, ()>,
+    waker: Waker,
+    shared: Rc<Shared>,
+    slot: usize,
+    seq: u64,
+}
+
+impl<M: Message + ZeroCopySend> Publisher<M> {
+    pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, of: ServiceId) -> Result<Self, TransportError> {
+        let spec = spec_of(M::TOPIC)?;
+        let port = domain
+            .messages::<M>(of, false)?
+            .publisher_builder()
+            .max_loaned_samples(spec.loans)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
+        let slot = shared.register(M::TOPIC, PortRole::Publisher, of);
+        Ok(Self { port, waker: Waker::open(domain, M::TOPIC)?, shared: Rc::clone(shared), slot, seq: 0 })
+    }
+
+    /// Publishes a message measured at `stamp_ns` of run time, wakes its readers, and gives it back as sent.
+    ///
+    /// # Errors
+    /// Where no memory of the pool is free, or a connection is broken.
+    pub fn publish(&mut self, stamp_ns: u64, mut message: M) -> Result<M, TransportError> {
+        self.seq += 1;
+        *message.header_mut() = next_header(&self.shared, stamp_ns, self.seq);
+        self.port.send_copy(message).map_err(|e| publish_error(M::TOPIC, e))?;
+        self.shared.count(self.slot, message.header(), 0);
+        self.waker.wake();
+        Ok(message)
+    }
+}
+
+fn next_header(shared: &Shared, stamp_ns: u64, seq: u64) -> Header {
+    Header { stamp_ns, seq, step: shared.clock.step(), incarnation: shared.identity.incarnation, reserved: 0 }
+}
+
+/// Reads messages of fixed size.
+#[derive(Debug)]
+pub struct Subscriber<M: Message + ZeroCopySend> {
+    port: IoxSubscriber<ipc::Service, M, ()>,
+    shared: Rc<Shared>,
+    slot: usize,
+    gaps: GapCounter,
+    /// In stepped time: what came but may not be seen yet, sorted by (step, stamp, seq, incarnation).
+    pending: VecDeque<M>,
+}
+
+impl<M: Message + ZeroCopySend> Subscriber<M> {
+    pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, of: ServiceId) -> Result<Self, TransportError> {
+        let spec = spec_of(M::TOPIC)?;
+        let port = domain
+            .messages::<M>(of, false)?
+            .subscriber_builder()
+            .buffer_size(spec.buffer)
+            .create()
+            .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
+        let slot = shared.register(M::TOPIC, PortRole::Subscriber, of);
+        Ok(Self { port, shared: Rc::clone(shared), slot, gaps: GapCounter::default(), pending: VecDeque::new() })
+    }
+
+    /// The next message that may be seen.
+    ///
+    /// # Errors
+    /// Where a connection is broken.
+    pub fn take(&mut self) -> Result<Option<M>, TransportError> {
+        let message = if self.shared.clock.is_stepped() {
+            self.refill()?;
+            match self.pending.front() {
+                Some(first) if self.shared.clock.may_see(first.header().step) => self.pending.pop_front(),
+                _ => None,
+            }
+        } else {
+            self.receive()?
+        };
+        if let Some(message) = &message {
+            let lost = self.gaps.lost(message.header());
+            self.shared.count(self.slot, message.header(), lost);
+        }
+        Ok(message)
+    }
+
+    /// The newest message that may be seen; those before it are taken and let go.
+    ///
+    /// # Errors
+    /// As [`Subscriber::take`].
+    pub fn take_newest(&mut self) -> Result<Option<M>, TransportError> {
+        let mut newest = None;
+        while let Some(message) = self.take()? {
+            newest = Some(message);
+        }
+        Ok(newest)
+    }
+
+    /// The next message whatever the step: for the last figures of a run whose time stands still.
+    ///
+    /// # Errors
+    /// Where a connection is broken.
+    pub fn take_at_once(&mut self) -> Result<Option<M>, TransportError> {
+        if let Some(message) = self.pending.pop_front() {
+            return Ok(Some(message));
+        }
+        self.receive()
+    }
+
+    /// The next message whatever the step, for the clock itself.
+    pub(crate) fn receive(&mut self) -> Result<Option<M>, TransportError> {
+        let sample = self.port.receive().map_err(|e| receive_error(M::TOPIC, e))?;
+        Ok(sample.map(|sample| *sample.payload()))
+    }
+
+    fn refill(&mut self) -> Result<(), TransportError> {
+        let before = self.pending.len();
+        while let Some(message) = self.receive()? {
+            self.pending.push_back(message);
+        }
+        if self.pending.len() > before {
+            self.pending.make_contiguous().sort_by_key(|message| sort_key(message.header()));
+        }
+        Ok(())
+    }
+}
+
+fn sort_key(header: &Header) -> (u64, u64, u64, u32) {
+    (header.step, header.stamp_ns, header.seq, header.incarnation)
+}
+
+/// Writes frames in place.
+#[derive(Debug)]
+pub struct FramePublisher<F: Frame>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    port: IoxPublisher<ipc::Service, [F::Element], F::Meta>,
+    waker: Waker,
+    shared: Rc<Shared>,
+    slot: usize,
+    seq: u64,
+}
+
+/// A frame being written, in shared memory.
+#[derive(Debug)]
+pub struct FrameLoan<F: Frame>(SampleMut<ipc::Service, [F::Element], F::Meta>)
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend;
+
+impl<F: Frame> FrameLoan<F>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    /// What stands beside the slice; its header is filled in when it is published.
+    pub fn meta_mut(&mut self) -> &mut F::Meta {
+        self.0.user_header_mut()
+    }
+
+    /// The slice, holding whatever the frame before left there.
+    pub fn data_mut(&mut self) -> &mut [F::Element] {
+        self.0.payload_mut()
+    }
+}
+
+impl<F: Frame> FramePublisher<F>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, max_len: usize) -> Result<Self, TransportError> {
+        let spec = spec_of(F::Meta::TOPIC)?;
+        let port = domain
+            .frames::<F>(false)?
+            .publisher_builder()
+            .max_loaned_samples(spec.loans)
+            .initial_max_slice_len(max_len)
+            .allocation_strategy(AllocationStrategy::Static)
+            .backpressure_strategy(BackpressureStrategy::DiscardData)
+            .create()
+            .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
+        let slot = shared.register(F::Meta::TOPIC, PortRole::Publisher, ServiceId::None);
+        Ok(Self { port, waker: Waker::open(domain, F::Meta::TOPIC)?, shared: Rc::clone(shared), slot, seq: 0 })
+    }
+
+    /// Loans a frame of `len` elements, to be written in place.
+    ///
+    /// # Errors
+    /// Where `len` is over the length that the port was opened for, or no memory of the pool is free.
+    pub fn loan(&mut self, len: usize) -> Result<FrameLoan<F>, TransportError> {
+        let mut loan = self.port.loan_slice_uninit(len).map_err(|e| publish_error(F::Meta::TOPIC, e))?;
+        *loan.user_header_mut() = F::Meta::default();
+        // SAFETY: the slice lies in a mapped file, whose bytes always hold a value (zero or what was written before),
+        // and any value is a valid `F::Element` (`AnyBitPattern`).
+        Ok(FrameLoan(unsafe { loan.assume_init() }))
+    }
+
+    /// Publishes a frame measured at `stamp_ns` of run time and wakes its readers.
+    ///
+    /// # Errors
+    /// Where a connection is broken.
+    pub fn publish(&mut self, stamp_ns: u64, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
+        self.seq += 1;
+        let header = next_header(&self.shared, stamp_ns, self.seq);
+        *loan.0.user_header_mut().header_mut() = header;
+        loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
+        self.shared.count(self.slot, &header, 0);
+        self.waker.wake();
+        Ok(header)
+    }
+
+    /// Publishes with a seq of the caller's: for recorded frames, whose gaps must stay visible.
+    ///
+    /// # Errors
+    /// As [`FramePublisher::publish`].
+    pub fn publish_as(&mut self, stamp_ns: u64, seq: u64, loan: FrameLoan<F>) -> Result<Header, TransportError> {
+        self.seq = seq.saturating_sub(1);
+        self.publish(stamp_ns, loan)
+    }
+}
+
+/// A frame in shared memory, held until it is dropped.
+#[derive(Debug)]
+pub struct FrameSample<F: Frame>(Sample<ipc::Service, [F::Element], F::Meta>)
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend;
+
+impl<F: Frame> FrameSample<F>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    /// What stands beside the slice.
+    #[must_use]
+    pub fn meta(&self) -> &F::Meta {
+        self.0.user_header()
+    }
+
+    /// The slice.
+    #[must_use]
+    pub fn data(&self) -> &[F::Element] {
+        self.0.payload()
+    }
+}
+
+/// Reads frames without copying them.
+#[derive(Debug)]
+pub struct FrameSubscriber<F: Frame>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    port: IoxSubscriber<ipc::Service, [F::Element], F::Meta>,
+    shared: Rc<Shared>,
+    slot: usize,
+    gaps: GapCounter,
+    pending: VecDeque<FrameSample<F>>,
+}
+
+impl<F: Frame> FrameSubscriber<F>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>) -> Result<Self, TransportError> {
+        let spec = spec_of(F::Meta::TOPIC)?;
+        let port = domain
+            .frames::<F>(false)?
+            .subscriber_builder()
+            .buffer_size(spec.buffer)
+            .create()
+            .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
+        let slot = shared.register(F::Meta::TOPIC, PortRole::Subscriber, ServiceId::None);
+        Ok(Self { port, shared: Rc::clone(shared), slot, gaps: GapCounter::default(), pending: VecDeque::new() })
+    }
+
+    /// The next frame that may be seen.
+    ///
+    /// # Errors
+    /// Where a connection is broken, or the caller holds more frames than the topic table lets it.
+    pub fn take(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
+        let sample = if self.shared.clock.is_stepped() {
+            // One frame a step is the most that a driver sends: one that may be seen, and an early one.
+            if self.pending.len() < 2 && let Some(sample) = self.receive()? {
+                self.pending.push_back(sample);
+                self.pending.make_contiguous().sort_by_key(|sample| sort_key(sample.meta().header()));
+            }
+            match self.pending.front() {
+                Some(first) if self.shared.clock.may_see(first.meta().header().step) => self.pending.pop_front(),
+                _ => None,
+            }
+        } else {
+            self.receive()?
+        };
+        if let Some(sample) = &sample {
+            let lost = self.gaps.lost(sample.meta().header());
+            self.shared.count(self.slot, sample.meta().header(), lost);
+        }
+        Ok(sample)
+    }
+
+    fn receive(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
+        let sample = self.port.receive().map_err(|e| receive_error(F::Meta::TOPIC, e))?;
+        Ok(sample.map(FrameSample))
+    }
+}

@@ -1,0 +1,267 @@
+//! The run directory: everything of one run that is a file, and the lock that says whether the run is alive.
+//!
+//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `control.sock`, `logs/` and
+//! `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
+
+use std::fs::{self, DirBuilder, File, OpenOptions};
+use std::io::Write;
+use std::os::unix::fs::DirBuilderExt;
+use std::path::{Path, PathBuf};
+
+use rustix::fs::FlockOperation;
+use serde::{Deserialize, Serialize};
+
+use crate::{ClockKind, TransportError};
+
+/// Longest path of a run directory: iceoryx2's sockets below it must stay under the 108 bytes of a Unix socket name.
+const MAX_DIR_BYTES: usize = 40;
+
+/// What every process of a run must know.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct RunInfo {
+    /// Name of the run.
+    pub name: String,
+    /// Prefix of the run's shared memory.
+    pub prefix: String,
+    /// Process id of the supervisor.
+    pub supervisor_pid: u32,
+    /// Start of the run on the monotonic clock, nanoseconds.
+    pub started_monotonic_ns: u64,
+    /// How run time passes.
+    pub clock: ClockKind,
+}
+
+/// The directory of a run.
+#[derive(Debug)]
+pub struct RunDir {
+    path: PathBuf,
+    /// Held for as long as the run is alive; only by the supervisor.
+    lock: Option<File>,
+}
+
+fn fail(path: &Path, reason: impl std::fmt::Display) -> TransportError {
+    TransportError::RunDir { path: path.to_owned(), reason: reason.to_string() }
+}
+
+/// Where runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
+#[must_use]
+pub fn runs_root() -> PathBuf {
+    std::env::var_os("GUIDEDOG_RUNS").map_or_else(
+        || PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())),
+        PathBuf::from,
+    )
+}
+
+impl RunDir {
+    /// Makes the directory of a new run and takes its lock.
+    ///
+    /// # Errors
+    /// Where the name is not usable, a run of that name is alive, or the directory cannot be made.
+    pub fn create(name: &str) -> Result<Self, TransportError> {
+        let root = runs_root();
+        let path = root.join(name);
+        let usable = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+        if !usable {
+            return Err(fail(&path, "a run's name has letters, digits, '-' and '_' only"));
+        }
+        if path.as_os_str().len() > MAX_DIR_BYTES {
+            return Err(fail(&path, format!("longer than {MAX_DIR_BYTES} bytes: socket names below it would not fit")));
+        }
+        DirBuilder::new().recursive(true).mode(0o750).create(&root).map_err(|error| fail(&root, error))?;
+        let mut last = String::new();
+        // A sweep may remove the directory between our making it and our locking it; then it is made again.
+        for _ in 0..16 {
+            match DirBuilder::new().mode(0o750).create(&path) {
+                Ok(()) => {}
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(error) => return Err(fail(&path, error)),
+            }
+            match take_lock(&path) {
+                Ok(Some(lock)) if path.join("lock").exists() => {
+                    let dir = Self { path, lock: Some(lock) };
+                    dir.wipe()?;
+                    return Ok(dir);
+                }
+                Ok(Some(_)) => {}
+                Ok(None) => return Err(fail(&path, "a run of that name is alive")),
+                Err(error) => last = error.to_string(),
+            }
+        }
+        Err(fail(&path, last))
+    }
+
+    /// The directory of a run that exists.
+    #[must_use]
+    pub fn open(path: &Path) -> Self {
+        Self { path: path.to_owned(), lock: None }
+    }
+
+    /// Removes what an earlier run left in the directory and in shared memory, bar the lock.
+    fn wipe(&self) -> Result<(), TransportError> {
+        remove_shared_memory(&prefix_of(&self.path));
+        for entry in fs::read_dir(&self.path).map_err(|error| fail(&self.path, error))?.flatten() {
+            let path = entry.path();
+            if entry.file_name() == "lock" {
+                continue;
+            }
+            let removed = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            removed.map_err(|error| fail(&path, error))?;
+        }
+        for (name, mode) in [("iox", 0o700), ("logs", 0o750)] {
+            let path = self.path.join(name);
+            DirBuilder::new().mode(mode).create(&path).map_err(|error| fail(&path, error))?;
+        }
+        Ok(())
+    }
+
+    /// Removes the directory and the run's shared memory. Only the holder of the lock does.
+    pub fn remove(&self) {
+        if self.lock.is_some() {
+            remove_run(&self.path);
+        }
+    }
+
+    /// The directory.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The operator's socket.
+    #[must_use]
+    pub fn control_socket(&self) -> PathBuf {
+        self.path.join("control.sock")
+    }
+
+    /// The settings of the run, as resolved at its start.
+    #[must_use]
+    pub fn settings(&self) -> PathBuf {
+        self.path.join("settings.toml")
+    }
+
+    /// The simulated robot's second way in, for the brake.
+    #[must_use]
+    pub fn robot_socket(&self) -> PathBuf {
+        self.path.join("robot.sock")
+    }
+
+    /// Where iceoryx2 keeps its files.
+    #[must_use]
+    pub fn iceoryx2_root(&self) -> PathBuf {
+        self.path.join("iox")
+    }
+
+    /// The log of one service incarnation.
+    #[must_use]
+    pub fn log(&self, service: messages::ServiceId, incarnation: u32) -> PathBuf {
+        self.path.join("logs").join(format!("{service}.{incarnation}.log"))
+    }
+
+    /// The prefix of this run's shared memory.
+    #[must_use]
+    pub fn prefix(&self) -> String {
+        prefix_of(&self.path)
+    }
+
+    /// Writes what every process of the run must know.
+    ///
+    /// # Errors
+    /// Where the file cannot be written.
+    pub fn write_info(&self, info: &RunInfo) -> Result<(), TransportError> {
+        let path = self.path.join("run.json");
+        let text = serde_json::to_string_pretty(info).map_err(|error| fail(&path, error))?;
+        let mut file = File::create(&path).map_err(|error| fail(&path, error))?;
+        file.write_all(text.as_bytes()).map_err(|error| fail(&path, error))
+    }
+
+    /// Reads what every process of the run must know.
+    ///
+    /// # Errors
+    /// Where the file cannot be read or is not ours.
+    pub fn read_info(&self) -> Result<RunInfo, TransportError> {
+        let path = self.path.join("run.json");
+        let text = fs::read_to_string(&path).map_err(|error| fail(&path, error))?;
+        serde_json::from_str(&text).map_err(|error| fail(&path, error))
+    }
+}
+
+/// Takes the lock of a run directory; `None` while another process holds it.
+fn take_lock(dir: &Path) -> Result<Option<File>, TransportError> {
+    let path = dir.join("lock");
+    let file = OpenOptions::new()
+        .create(true)
+        .truncate(false)
+        .write(true)
+        .open(&path)
+        .map_err(|error| fail(&path, error))?;
+    match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) => Ok(Some(file)),
+        Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
+        Err(errno) => Err(TransportError::System { call: "flock", errno }),
+    }
+}
+
+/// A prefix of its own for each run directory (FNV-1a of its path).
+fn prefix_of(path: &Path) -> String {
+    let digest = path.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325_u64, |digest, byte| {
+        (digest ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
+    });
+    format!("gd{digest:016x}_")
+}
+
+fn remove_shared_memory(prefix: &str) {
+    let Ok(entries) = fs::read_dir("/dev/shm") else { return };
+    for entry in entries.flatten() {
+        if entry.file_name().to_string_lossy().starts_with(prefix) {
+            // Somebody else may have removed it first, which is as good.
+            let _ = fs::remove_file(entry.path());
+        }
+    }
+}
+
+fn remove_run(path: &Path) {
+    remove_shared_memory(&prefix_of(path));
+    // What cannot be removed now is swept at the next boot.
+    let _ = fs::remove_dir_all(path);
+}
+
+/// Removes what runs left behind that are no longer alive: every run directory whose lock is free.
+pub fn sweep() {
+    let Ok(entries) = fs::read_dir(runs_root()) else { return };
+    for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()) {
+        if let Ok(Some(_lock)) = take_lock(&path) {
+            remove_run(&path);
+        }
+    }
+}
+
+/// Names of the runs that are alive.
+#[must_use]
+pub fn live_runs() -> Vec<String> {
+    let Ok(entries) = fs::read_dir(runs_root()) else { return Vec::new() };
+    let mut names: Vec<String> = entries
+        .flatten()
+        .filter(|entry| entry.path().join("lock").exists() && matches!(take_lock(&entry.path()), Ok(None)))
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .collect();
+    names.sort();
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{RunDir, prefix_of};
+    use std::path::Path;
+
+    #[test]
+    fn runs_do_not_share_a_prefix() {
+        assert_ne!(prefix_of(Path::new("/tmp/a")), prefix_of(Path::new("/tmp/b")));
+    }
+
+    #[test]
+    fn a_name_that_would_leave_the_root_is_refused() {
+        for name in ["", "..", "a/b", "a b"] {
+            assert!(RunDir::create(name).is_err(), "{name:?}");
+        }
+    }
+}
