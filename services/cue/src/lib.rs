@@ -1,1 +1,150 @@
-//! Skeleton.
+//! The cue recogniser: the operator's cues, those of a script, and the forward that follows a done turn.
+//!
+//! It recognises; the supervisor alone accepts.
+
+mod script;
+
+use guidance::se2::{pose2, se2};
+use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
+use settings::Settings;
+use transport::{Io, Publisher, Service, Subscriber, TransportError};
+
+pub use script::{Script, Situation};
+
+/// The service.
+pub struct CueService {
+    script: Script,
+    requests: Subscriber<CueRequest>,
+    odometry: Subscriber<Odometry>,
+    modes: Subscriber<Mode>,
+    truths: Subscriber<WorldTruth>,
+    cues: Publisher<Cue>,
+    pose: Option<Odometry>,
+    mode: Option<Mode>,
+    truth: Option<WorldTruth>,
+    /// The turn for which "forward" was given already: (incarnation, seq) of its cue.
+    turned: Option<(u32, u64)>,
+}
+
+impl CueService {
+    /// Reads the route, if the settings name one.
+    ///
+    /// # Errors
+    /// Where the route is wrong or a port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        Ok(Self {
+            script: script_of(&settings)?,
+            requests: io.subscriber()?,
+            odometry: io.subscriber()?,
+            modes: io.subscriber()?,
+            truths: io.subscriber()?,
+            cues: io.publisher()?,
+            pose: None,
+            mode: None,
+            truth: None,
+            turned: None,
+        })
+    }
+
+    fn take_inputs(&mut self) -> Result<(), TransportError> {
+        if let Some(pose) = self.odometry.take_newest()? {
+            self.pose = Some(pose);
+        }
+        if let Some(mode) = self.modes.take_newest()? {
+            self.mode = Some(mode);
+        }
+        if let Some(truth) = self.truths.take_newest()? {
+            self.truth = Some(truth);
+        }
+        Ok(())
+    }
+
+    fn give(&mut self, io: &Io, kind: CueKind, source: CueSource, request_seq: u64) -> Result<(), TransportError> {
+        // A moving cue has a start frame; a stop needs none, and is never held up for want of one.
+        let pose = self.pose.unwrap_or_default();
+        if kind.is_moving() && self.pose.is_none() {
+            return Ok(());
+        }
+        let odom_from_start = match (source, self.turn_in_force()) {
+            (CueSource::TurnDone, Some(turn)) => guidance::cue::start_after_turn(
+                turn.kind,
+                &se2(turn.odom_from_start),
+                &se2(pose.odom_from_robot),
+            ),
+            _ => se2(pose.odom_from_robot),
+        };
+        let cue = Cue {
+            kind,
+            source,
+            confidence: 1.0,
+            odom_from_start: pose2(&odom_from_start),
+            odometry_incarnation: pose.header.incarnation,
+            request_seq,
+            ..Cue::default()
+        };
+        self.cues.publish(io.now_ns(), cue).map(|_| ())
+    }
+
+    /// The left or right in force, if one is.
+    fn turn_in_force(&self) -> Option<Cue> {
+        let mode = self.mode.as_ref().filter(|mode| mode.class == ModeClass::Run && mode.cue.valid)?;
+        matches!(mode.cue.cue.kind, CueKind::Left | CueKind::Right).then_some(mode.cue.cue)
+    }
+
+    /// Whether the turn in force is done and "forward" has not been given for it.
+    fn turn_done(&mut self) -> bool {
+        let (Some(turn), Some(pose)) = (self.turn_in_force(), self.pose) else { return false };
+        let id = (turn.header.incarnation, turn.header.seq);
+        if self.turned == Some(id) || turn.odometry_incarnation != pose.header.incarnation {
+            return false;
+        }
+        let start_from_robot = se2(turn.odom_from_start).inverse() * se2(pose.odom_from_robot);
+        let done = guidance::cue::turn_done(turn.kind, &start_from_robot);
+        if done {
+            self.turned = Some(id);
+        }
+        done
+    }
+}
+
+fn script_of(settings: &Settings) -> Result<Script, TransportError> {
+    if settings.cue.forward_when_ready {
+        return Ok(Script::forward_when_ready());
+    }
+    if let Some(path) = &settings.cue.script {
+        return world::Route::load(path).map(|route| Script::of(&route)).map_err(TransportError::service);
+    }
+    if settings.walk.scenario.is_some() || settings.walk.cues.is_some() {
+        let scenario = world::scenario_of(settings).map_err(TransportError::service)?;
+        return Ok(Script::of(&scenario.route));
+    }
+    Ok(Script::silent())
+}
+
+impl Service for CueService {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        while let Some(request) = self.requests.take()? {
+            self.take_inputs()?;
+            self.give(io, request.kind, CueSource::Operator, request.header.seq)?;
+        }
+        self.take_inputs()?;
+        if self.turn_done() {
+            self.give(io, CueKind::Forward, CueSource::TurnDone, 0)?;
+        }
+        let situation = Situation {
+            now_ns: io.now_ns(),
+            world_from_robot: self.truth.map_or(Pose2::default(), |truth| truth.world_from_robot),
+            mode: self.mode.as_ref(),
+            pose_known: self.pose.is_some(),
+        };
+        if let Some((kind, source)) = self.script.due(&situation) {
+            self.give(io, kind, source, 0)?;
+        }
+        Ok(())
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        self.script.next_timer_ns()
+    }
+}

@@ -1,1 +1,58 @@
-//! Skeleton.
+//! The depth driver: frames from a source, straight into shared memory.
+
+mod simulated;
+
+use messages::DepthFrame;
+use settings::Source;
+use transport::{FramePublisher, Io, Service, TransportError};
+
+pub use simulated::SimulatedDepth;
+
+/// Where frames come from: the simulated world, or a device.
+pub trait FrameSource {
+    /// The most pixels that a frame may have.
+    fn pixels_max(&self) -> usize;
+
+    /// Run time at which the source wants to be asked, nanoseconds.
+    fn next_timer_ns(&self) -> Option<u64>;
+
+    /// Publishes the frames that are complete, each written in place.
+    ///
+    /// # Errors
+    /// Where the source is broken for good.
+    fn poll(&mut self, now_ns: u64, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError>;
+}
+
+/// The service.
+pub struct DepthDriver {
+    source: Box<dyn FrameSource>,
+    frames: FramePublisher<DepthFrame>,
+}
+
+impl DepthDriver {
+    /// Opens the source that the settings name.
+    ///
+    /// # Errors
+    /// Where source or port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let source: Box<dyn FrameSource> = match settings.depth.source {
+            Source::Simulated => Box::new(SimulatedDepth::open(&settings, io)?),
+            Source::Replayed | Source::Absent => {
+                return Err(TransportError::Service("depth.source names no source for this driver".to_owned()));
+            }
+        };
+        let frames = io.frame_publisher(source.pixels_max())?;
+        Ok(Self { source, frames })
+    }
+}
+
+impl Service for DepthDriver {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.source.poll(io.now_ns(), &mut self.frames)
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        self.source.next_timer_ns()
+    }
+}

@@ -1,2 +1,5 @@
-//! Skeleton.
-fn main() {}
+//! `guidedog-depth`: started by the supervisor.
+
+fn main() -> std::process::ExitCode {
+    transport::service_main(messages::ServiceId::Depth, guidedog_depth::DepthDriver::open)
+}

@@ -1,1 +1,58 @@
-//! Skeleton.
+//! The lidar driver: scans from a source, straight into shared memory.
+
+mod simulated;
+
+use messages::LidarScan;
+use settings::Source;
+use transport::{FramePublisher, Io, Service, TransportError};
+
+pub use simulated::SimulatedLidar;
+
+/// Where scans come from: the simulated world, or a device.
+pub trait ScanSource {
+    /// The most beams that a scan may have.
+    fn beams_max(&self) -> usize;
+
+    /// Run time at which the source wants to be asked, nanoseconds.
+    fn next_timer_ns(&self) -> Option<u64>;
+
+    /// Publishes the scans that are complete, each written in place and stamped with its last beam.
+    ///
+    /// # Errors
+    /// Where the source is broken for good.
+    fn poll(&mut self, now_ns: u64, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError>;
+}
+
+/// The service.
+pub struct LidarDriver {
+    source: Box<dyn ScanSource>,
+    scans: FramePublisher<LidarScan>,
+}
+
+impl LidarDriver {
+    /// Opens the source that the settings name.
+    ///
+    /// # Errors
+    /// Where source or port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let source: Box<dyn ScanSource> = match settings.lidar.source {
+            Source::Simulated => Box::new(SimulatedLidar::open(&settings, io)?),
+            Source::Replayed | Source::Absent => {
+                return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));
+            }
+        };
+        let scans = io.frame_publisher(source.beams_max())?;
+        Ok(Self { source, scans })
+    }
+}
+
+impl Service for LidarDriver {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.source.poll(io.now_ns(), &mut self.scans)
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        self.source.next_timer_ns()
+    }
+}

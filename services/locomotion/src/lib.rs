@@ -1,1 +1,244 @@
-//! Skeleton.
+//! The last gate before the robot.
+//!
+//! Duties: obeys a fresh permit and nothing else; writes zero by itself, at its own rate, needing nothing else alive;
+//! stands at once when a lifeline closes, a stop cue comes or the supervisor says so. It must never wait, allocate or
+//! log on the way to zero, and never start motion by itself.
+
+mod gate;
+mod lines;
+
+use std::os::fd::OwnedFd;
+
+use links::{Link, open_link};
+use messages::{
+    Cue, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId, StopKind, StopReason,
+    Twist2,
+};
+use settings::Settings;
+use transport::{ChildArgs, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
+use transport::{inherited_fd, monotonic_ns};
+
+pub use gate::{Gate, GateLimits};
+use lines::Lines;
+
+/// Without a supervisor: zero for at most this long, then the process ends.
+const LOST_LIMIT_NS: u64 = 300_000_000;
+/// A robot that reports less than this stands, metres per second and radians per second.
+const STANDING: f64 = 0.01;
+
+/// The service.
+pub struct Locomotion {
+    gate: Gate,
+    lines: Lines,
+    link: Box<dyn Link>,
+    /// The other end is the brake's: beats go down it, and its closing tells the brake.
+    brake: Option<Line>,
+    modes: Subscriber<Mode>,
+    cues: Subscriber<Cue>,
+    permits: Subscriber<Permit>,
+    odometry: Subscriber<Odometry>,
+    states: Publisher<LocomotionState>,
+    period_ns: u64,
+    next_tick_ns: u64,
+    applied: Twist2,
+    limited_by: StopReason,
+    measured: Option<Twist2>,
+    latency: LatencyHistogram,
+    /// Set when the supervisor is gone: wall time by which the process ends.
+    ends_by_ns: Option<u64>,
+    /// Whether this incarnation has itself written zero.
+    wrote_zero: bool,
+    written_ns: u64,
+    /// Stamp of a permit that no command has answered yet.
+    unanswered_ns: Option<u64>,
+}
+
+impl Locomotion {
+    /// Opens link and ports.
+    ///
+    /// # Errors
+    /// Where one of them cannot be opened, or the settings of the run are not readable.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let mut link = open_link(settings.locomotion.link, io)?;
+        // Before anything else: whatever the life before commanded last, the robot stands.
+        link.write(Twist2::ZERO)?;
+        Ok(Self {
+            gate: Gate::new(GateLimits::of(&settings)),
+            lines: Lines::default(),
+            link,
+            brake: inherited_fd(ChildArgs::BRAKE_FD).ok().map(Line::from_fd),
+            modes: io.subscriber()?,
+            cues: io.subscriber()?,
+            permits: io.subscriber()?,
+            odometry: io.subscriber()?,
+            states: io.publisher()?,
+            period_ns: period_ns(&settings),
+            next_tick_ns: 0,
+            applied: Twist2::ZERO,
+            limited_by: StopReason::of(StopKind::Boot),
+            measured: None,
+            latency: LatencyHistogram { what: Latency::PermitToCommand, ..LatencyHistogram::default() },
+            ends_by_ns: None,
+            wrote_zero: true,
+            written_ns: 0,
+            unanswered_ns: None,
+        })
+    }
+
+    /// Writes what the gate allows: at the tick, at a new permit, and at once where it is zero and was not.
+    fn command(&mut self, io: &Io, new_permit: Option<Permit>) -> Result<(), TransportError> {
+        let now = io.now_ns();
+        let tick = now >= self.next_tick_ns;
+        let verdict = self.gate.judge(now);
+        self.limited_by = verdict.reason;
+        if let Some(permit) = new_permit {
+            self.unanswered_ns = Some(permit.header.stamp_ns);
+        }
+        let sudden = verdict.velocity.is_zero() && !verdict.planned;
+        let velocity = if sudden {
+            Twist2::ZERO
+        } else {
+            let since_s = now.saturating_sub(self.written_ns).min(self.period_ns) as f64 / 1e9;
+            self.gate.ramp(self.applied, verdict.velocity, since_s)
+        };
+        let stops_now = velocity.is_zero() && !self.applied.is_zero();
+        if tick || stops_now || (new_permit.is_some() && !sudden) {
+            self.write(velocity)?;
+            self.written_ns = now;
+            if let Some(stamp) = self.unanswered_ns.take().filter(|_| !velocity.is_zero()) {
+                self.latency.record(now.saturating_sub(stamp));
+            }
+        }
+        if tick {
+            self.next_tick_ns = (now / self.period_ns + 1) * self.period_ns;
+        }
+        if tick || stops_now {
+            self.publish_state(now)?;
+        }
+        Ok(())
+    }
+
+    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+        self.link.write(velocity)?;
+        self.applied = velocity;
+        Ok(())
+    }
+
+    fn publish_state(&mut self, now: u64) -> Result<(), TransportError> {
+        self.measured = self.link.measured()?;
+        let state = LocomotionState {
+            applied: self.applied,
+            limited_by: if self.applied.is_zero() { self.limited_by } else { StopReason::default() },
+            measured: self.measured.unwrap_or_default(),
+            measured_valid: self.measured.is_some(),
+            permit_seq: self.gate.permit().map_or(0, |permit| permit.header.seq),
+            decision: self.gate.permit().map_or(0, |permit| permit.decision),
+            epoch: self.gate.epoch(),
+            ..LocomotionState::default()
+        };
+        self.states.publish(now, state).map(|_| ())
+    }
+
+    fn stands(&self) -> bool {
+        self.measured.is_some_and(|m| m.speed_mps() < STANDING && m.wz_radps.abs() < STANDING)
+    }
+}
+
+fn period_ns(settings: &Settings) -> u64 {
+    (1e9 / settings.locomotion.rate_hz.get()) as u64
+}
+
+impl Service for Locomotion {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        while let Some(mode) = self.modes.take()? {
+            self.gate.take_mode(&mode);
+        }
+        while let Some(cue) = self.cues.take()? {
+            self.gate.take_cue(&cue);
+        }
+        while let Some(odometry) = self.odometry.take()? {
+            self.gate.take_odometry(&odometry);
+        }
+        let mut newest = None;
+        while let Some(permit) = self.permits.take()? {
+            self.gate.take_permit(&permit);
+            newest = Some(permit);
+        }
+        self.command(io, newest)
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        // Not only the tick: a permit's expiry is a stop, and a stop is written at once.
+        Some(self.gate.expiry_ns().map_or(self.next_tick_ns, |expiry| self.next_tick_ns.min(expiry + 1)))
+    }
+
+    fn on_control(&mut self, io: &mut Io, message: ToChild, fd: Option<OwnedFd>) -> Result<(), TransportError> {
+        match (message, fd) {
+            (ToChild::Lifeline { service, incarnation }, Some(fd)) => {
+                let token = self.lines.arm(service, incarnation, Line::from_fd(fd), io)?;
+                self.gate.line_armed(service, incarnation);
+                // A process that died before its line came here has closed it already.
+                self.on_fd(io, token)?;
+                io.tell(&FromChild::Armed { service, incarnation });
+            }
+            (ToChild::Release { service, incarnation }, _) => {
+                self.lines.release(service, incarnation, io);
+                self.gate.line_released(service, incarnation);
+                io.tell(&FromChild::Released { service, incarnation });
+            }
+            (ToChild::Stop, _) => {
+                self.gate.stop_by(StopReason::service(StopKind::OperatorStop, ServiceId::Supervisor, 0));
+                self.write(Twist2::ZERO)?;
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn on_fd(&mut self, io: &mut Io, token: u64) -> Result<(), TransportError> {
+        if let Some((service, incarnation)) = self.lines.closed(token, io) {
+            let stops = self.gate.line_closed(service, incarnation);
+            if stops && !self.applied.is_zero() {
+                self.write(Twist2::ZERO)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn wants_wall_ticks(&self) -> bool {
+        true
+    }
+
+    fn on_wall_tick(&mut self, _io: &mut Io) -> Result<(), TransportError> {
+        if let Some(brake) = &self.brake {
+            // The brake wants a word from this very loop, and whether this incarnation has itself written zero.
+            brake.send_bytes(&[u8::from(self.wrote_zero)]);
+        }
+        if self.ends_by_ns.is_some() {
+            self.write(Twist2::ZERO)?;
+            self.measured = self.link.measured()?;
+        }
+        Ok(())
+    }
+
+    fn on_supervisor_lost(&mut self, _io: &mut Io) -> bool {
+        self.gate.stop_by(StopReason::service(StopKind::SupervisorLost, ServiceId::Supervisor, 0));
+        self.ends_by_ns = Some(monotonic_ns() + LOST_LIMIT_NS);
+        // The stop must not depend on what else is in the queue.
+        self.write(Twist2::ZERO).is_err()
+    }
+
+    fn on_leave(&mut self, _io: &mut Io) -> Result<(), TransportError> {
+        self.gate.stop_by(StopReason::of(StopKind::ShuttingDown));
+        self.write(Twist2::ZERO)
+    }
+
+    fn is_done(&self) -> bool {
+        self.ends_by_ns.is_some_and(|by| self.stands() || monotonic_ns() >= by)
+    }
+
+    fn fill_health(&self, health: &mut Health) {
+        health.latencies[0] = self.latency;
+    }
+}

@@ -1,1 +1,57 @@
-//! Skeleton.
+//! The odometry driver: poses from a source. A new incarnation is a new odometry frame.
+
+mod simulated;
+
+use messages::Odometry;
+use settings::Source;
+use transport::{Io, Publisher, Service, TransportError};
+
+pub use simulated::SimulatedOdometry;
+
+/// Where poses come from: the simulated world, or a device.
+pub trait PoseSource {
+    /// Run time at which the source wants to be asked, nanoseconds.
+    fn next_timer_ns(&self) -> Option<u64>;
+
+    /// The next pose with its stamp, if there is one.
+    ///
+    /// # Errors
+    /// Where the source is broken for good.
+    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError>;
+}
+
+/// The service.
+pub struct OdometryDriver {
+    source: Box<dyn PoseSource>,
+    poses: Publisher<Odometry>,
+}
+
+impl OdometryDriver {
+    /// Opens the source that the settings name.
+    ///
+    /// # Errors
+    /// Where source or port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let source: Box<dyn PoseSource> = match settings.odometry.source {
+            Source::Simulated => Box::new(SimulatedOdometry::open(&settings, io)?),
+            Source::Replayed | Source::Absent => {
+                return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));
+            }
+        };
+        Ok(Self { source, poses: io.publisher()? })
+    }
+}
+
+impl Service for OdometryDriver {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        while let Some((stamp_ns, pose)) = self.source.poll(io.now_ns())? {
+            self.poses.publish(stamp_ns, pose)?;
+        }
+        Ok(())
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        self.source.next_timer_ns()
+    }
+}

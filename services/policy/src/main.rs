@@ -1,2 +1,5 @@
-//! Skeleton.
-fn main() {}
+//! `guidedog-policy`: started by the supervisor.
+
+fn main() -> std::process::ExitCode {
+    transport::service_main(messages::ServiceId::Policy, guidedog_policy::PolicyService::open)
+}

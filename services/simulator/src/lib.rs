@@ -1,1 +1,184 @@
-//! Skeleton.
+//! The physical world in place of the real one: robot, handler, walls and people, in ticks of 10 ms.
+//!
+//! It stands for the world, so nothing restarts it: its end ends the run. In stepped time it is the clock's master.
+//! Its robot keeps the last command when the line goes quiet, as a real one may.
+
+use std::os::unix::net::UnixDatagram;
+use std::sync::Arc;
+
+use links::{BRAKE_MESSAGE_LEN, BrakeMessage};
+use messages::{QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
+use serde_json::json;
+use settings::Settings;
+use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
+use world::{Goal, Physics, PhysicsConfig};
+
+/// Without a supervisor, the world ends after this long: after locomotion and brake have stopped the robot.
+const LOST_LIMIT_NS: u64 = 700_000_000;
+/// In real time, a world that fell behind by more than this does not catch up: it says so and goes on from now.
+const BEHIND_LIMIT_TICKS: u64 = 50;
+const TOKEN_BRAKE: u64 = 1;
+
+/// The service.
+pub struct Simulator {
+    physics: Physics,
+    goal: Option<Goal>,
+    ends_at_ns: u64,
+    commands: Subscriber<RobotCommand>,
+    truths: Publisher<WorldTruth>,
+    brake: UnixDatagram,
+    command: Twist2,
+    /// Locomotion up to this incarnation is worth nothing: the brake said so.
+    fenced: u32,
+    next_tick_ns: u64,
+    skipped_ticks: u64,
+    reached: bool,
+    over: bool,
+    ends_by_wall_ns: Option<u64>,
+}
+
+impl Simulator {
+    /// Reads the scenario and its world.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or is wrong, the start is not free, or a port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let scenario = world::scenario_of(&settings).map_err(TransportError::service)?;
+        let world = Arc::new(scenario.load_world().map_err(TransportError::service)?);
+        let config = PhysicsConfig::from(&settings);
+        config.validate().map_err(TransportError::service)?;
+        let physics = Physics::new(world, config, scenario.start).map_err(TransportError::service)?;
+        let brake = UnixDatagram::bind(io.domain.dir.robot_socket()).map_err(TransportError::service)?;
+        brake.set_nonblocking(true).map_err(TransportError::service)?;
+        io.watch(&brake, TOKEN_BRAKE)?;
+        Ok(Self {
+            physics,
+            goal: scenario.route.goal,
+            ends_at_ns: time_limit_ns(&settings, scenario.route.time_limit_s),
+            commands: io.subscriber()?,
+            truths: io.publisher()?,
+            brake,
+            command: Twist2::ZERO,
+            fenced: 0,
+            next_tick_ns: 0,
+            skipped_ticks: 0,
+            reached: false,
+            over: false,
+            ends_by_wall_ns: None,
+        })
+    }
+
+    fn take_commands(&mut self) -> Result<(), TransportError> {
+        while let Some(command) = self.commands.take()? {
+            if command.header.incarnation > self.fenced && command.velocity.is_finite() {
+                self.command = command.velocity;
+            }
+        }
+        Ok(())
+    }
+
+    fn take_brake(&mut self) {
+        let mut bytes = [0u8; BRAKE_MESSAGE_LEN];
+        while let Ok(n) = self.brake.recv(&mut bytes) {
+            if let Some(message) = BrakeMessage::decode(&bytes[..n]) {
+                self.fenced = self.fenced.max(message.fenced);
+                self.command = Twist2::ZERO;
+            }
+        }
+    }
+
+    fn tick(&mut self, stamp_ns: u64) -> Result<(), TransportError> {
+        self.physics.step(self.command);
+        let truth = self.truths.publish(stamp_ns, self.physics.truth())?;
+        self.reached |= self.goal.is_some_and(|goal| goal.reached(truth.world_from_robot));
+        self.over |= self.reached || stamp_ns >= self.ends_at_ns;
+        Ok(())
+    }
+}
+
+/// The end of the run, whatever happened; a walk without a goal and a limit goes on until it is ended.
+fn time_limit_ns(settings: &Settings, scenario_s: Option<f64>) -> u64 {
+    settings.walk.time_limit.map(|limit| limit.ns()).or(scenario_s.map(ns_from_s)).unwrap_or(u64::MAX)
+}
+
+impl Service for Simulator {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        let now = io.now_ns();
+        self.take_commands()?;
+        self.take_brake();
+        if self.next_tick_ns == 0 {
+            self.next_tick_ns = now.max(QUANTUM_NS);
+        }
+        let behind = now.saturating_sub(self.next_tick_ns) / QUANTUM_NS;
+        if behind > BEHIND_LIMIT_TICKS {
+            self.skipped_ticks += behind;
+            self.next_tick_ns += behind * QUANTUM_NS;
+            io.tell(&FromChild::Note { text: format!("the world stood still for {} ms", behind * 10) });
+        }
+        while self.next_tick_ns <= now && !self.over {
+            self.tick(self.next_tick_ns)?;
+            self.next_tick_ns += QUANTUM_NS;
+        }
+        Ok(())
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        (!self.over).then_some(self.next_tick_ns)
+    }
+
+    fn on_fd(&mut self, _io: &mut Io, _token: u64) -> Result<(), TransportError> {
+        self.take_brake();
+        Ok(())
+    }
+
+    fn is_clock_master(&self) -> bool {
+        true
+    }
+
+    fn time_is_over(&self) -> bool {
+        self.over
+    }
+
+    fn on_time_over(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        io.tell(&FromChild::RunEnded { figures: self.figures() });
+        Ok(())
+    }
+
+    fn on_leave(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.over = true;
+        io.tell(&FromChild::RunEnded { figures: self.figures() });
+        Ok(())
+    }
+
+    fn wants_wall_ticks(&self) -> bool {
+        self.ends_by_wall_ns.is_some()
+    }
+
+    fn on_supervisor_lost(&mut self, _io: &mut Io) -> bool {
+        self.ends_by_wall_ns = Some(monotonic_ns() + LOST_LIMIT_NS);
+        false
+    }
+
+    fn is_done(&self) -> bool {
+        self.ends_by_wall_ns.is_some_and(|by| monotonic_ns() >= by)
+    }
+}
+
+impl Simulator {
+    fn figures(&self) -> serde_json::Value {
+        let truth = self.physics.truth();
+        let pose = truth.world_from_robot;
+        json!({
+            "reached": self.reached,
+            "distance_m": truth.distance_m,
+            "collisions": {
+                "robot": truth.robot_collisions,
+                "handler": truth.handler_collisions,
+                "hit_by_others": truth.hit_by_others,
+            },
+            "end_pose": [pose.x_m, pose.y_m, pose.yaw_rad],
+            "skipped_ticks": self.skipped_ticks,
+        })
+    }
+}

@@ -1,1 +1,434 @@
-//! Skeleton.
+//! The supervisor: starts the services of a run, watches them, restarts what fails, and is the only one to say that the
+//! robot may move.
+//!
+//! Duties: latches the stop first, then kills, cleans and restarts; accepts cues; answers the operator; at the end stops
+//! the robot first and leaves nothing behind. It must never wait for a process, start motion by itself, or judge others
+//! when it overslept. [`machine`] decides and [`children`] acts; this file is the thin shell between them.
+
+mod boot;
+mod children;
+mod control;
+mod ending;
+pub mod machine;
+pub mod plan;
+pub mod report;
+pub mod stops;
+
+use messages::{
+    Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns,
+};
+use serde_json::{Value, json};
+use transport::{FromChild, Io, Publisher, Received, RunDir, Service, Subscriber, TransportError, monotonic_ns};
+
+use children::Children;
+use control::{ControlServer, Request};
+use ending::Ending;
+use machine::{Action, Event, Machine, Now};
+use report::Figures;
+
+pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
+
+/// The mode is published at every change and at least this often.
+const MODE_PERIOD_NS: u64 = 50_000_000;
+/// Beats are read and judged this often.
+const TICK_NS: u64 = 20_000_000;
+/// A loop that slept this much longer than it meant to has no right to judge others.
+const OVERSLEPT_NS: u64 = 50_000_000;
+/// Dead nodes are cleaned for at most this long at a time.
+const CLEAN_LIMIT: std::time::Duration = std::time::Duration::from_millis(50);
+
+const TOKEN_SIGNAL: u64 = 1;
+const TOKEN_OWNER: u64 = 2;
+
+/// The shell around the machine.
+pub struct Supervisor {
+    machine: Machine,
+    children: Children,
+    control: ControlServer,
+    figures: Figures,
+    ending: Ending,
+    health: Vec<Subscriber<Health>>,
+    cues: Subscriber<Cue>,
+    locomotion: Subscriber<LocomotionState>,
+    truth: Subscriber<WorldTruth>,
+    modes: Publisher<Mode>,
+    requests: Publisher<CueRequest>,
+    last_truth: Option<WorldTruth>,
+    last_locomotion: Option<LocomotionState>,
+    next_tick_ns: u64,
+    mode_due_ns: u64,
+    step_limit_ns: u64,
+    /// Stepped time: the last step, and the wall time at which it was taken.
+    last_step: (u64, u64),
+    signals: std::os::fd::OwnedFd,
+    owner: Option<std::os::fd::OwnedFd>,
+    /// Why the run ended, where it was not as planned.
+    failure: Option<String>,
+    /// Run time of the last wake-up.
+    woken_ns: u64,
+    /// Run time at which the run ended.
+    ended_ns: u64,
+}
+
+impl Supervisor {
+    fn now(io: &Io) -> Now {
+        Now { run_ns: io.now_ns(), wall_ns: monotonic_ns() }
+    }
+
+    /// Does what the machine wants done, and tells the mode where it changed.
+    fn act(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        // The stop is out before anything else is done about its cause.
+        if !io.domain.clock.is_stepped() {
+            self.publish_mode(io)?;
+        }
+        for action in self.machine.take_actions() {
+            match action {
+                Action::StopLine => self.children.tell(ServiceId::Locomotion, &transport::ToChild::Stop),
+                Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
+                Action::Spawn(service, incarnation) => self.spawn(service, incarnation, io),
+                Action::Note(text) => self.figures.note(io.now_ns(), text),
+                Action::EndRun(why) => {
+                    self.failure.get_or_insert(why);
+                    self.begin_end(io);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
+        // What the last life left is cleaned up first, or its slots would be taken.
+        if incarnation > 1 {
+            self.clean(io);
+        }
+        let log = io.domain.dir.log(service, incarnation);
+        match self.children.spawn(service, incarnation, &log, io) {
+            Ok(pid) => self.machine.started(service, incarnation, pid),
+            Err(error) => {
+                let died = Event::Died(service, incarnation, error.to_string());
+                self.machine.handle(died, Self::now(io));
+            }
+        }
+    }
+
+    fn clean(&mut self, io: &Io) {
+        let (_, failed) = io.domain.clean_dead_nodes(CLEAN_LIMIT);
+        if failed > 0 {
+            // Those that died in the middle of their start; the end of the run removes them.
+            self.figures.note(io.now_ns(), format!("{failed} dead nodes could not be cleaned up"));
+        }
+    }
+
+    fn publish_mode(&mut self, io: &Io) -> Result<(), TransportError> {
+        let now = io.now_ns();
+        if self.machine.take_mode_changed() || now >= self.mode_due_ns {
+            self.mode_due_ns = now + MODE_PERIOD_NS;
+            self.modes.publish(now, *self.machine.mode())?;
+        }
+        Ok(())
+    }
+
+    fn read_topics(&mut self, io: &Io) -> Result<(), TransportError> {
+        let now = Self::now(io);
+        for beats in &mut self.health {
+            while let Some(health) = beats.take()? {
+                self.figures.beat(&health);
+                self.machine.handle(Event::Beat(&health), now);
+            }
+        }
+        while let Some(cue) = self.cues.take()? {
+            self.machine.handle(Event::Cue(&cue), now);
+        }
+        while let Some(state) = self.locomotion.take()? {
+            self.machine.handle(Event::Locomotion(&state), now);
+            self.last_locomotion = Some(state);
+        }
+        if let Some(truth) = self.truth.take_newest()? {
+            self.last_truth = Some(truth);
+        }
+        Ok(())
+    }
+
+    fn read_child(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
+        let now = Self::now(io);
+        loop {
+            let Some(child) = self.children.by_token(token) else { return Ok(()) };
+            let (service, incarnation) = (child.service, child.incarnation);
+            let Some(line) = &child.control else { break };
+            match line.receive::<FromChild>() {
+                Received::Nothing => break,
+                Received::Closed => {
+                    io.unwatch(line);
+                    child.control = None;
+                    let why = child.failed.clone().unwrap_or_else(|| "its line closed".to_owned());
+                    if !child.left {
+                        self.machine.handle(Event::Died(service, incarnation, why), now);
+                        self.act(io)?;
+                        // A process that let its line go but lives on is none of ours any more.
+                        self.children.kill(service, incarnation);
+                    }
+                    break;
+                }
+                Received::Message(message, _) => self.hear(service, incarnation, message, io)?,
+            }
+        }
+        if let Some((child, status)) = self.children.reap(token, io)
+            && !child.left
+        {
+            let why = child.failed.unwrap_or_else(|| last_words(io, child.service, child.incarnation, &status));
+            self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
+            self.machine.handle(Event::Died(child.service, child.incarnation, why), now);
+        }
+        self.act(io)
+    }
+
+    fn hear(
+        &mut self,
+        service: ServiceId,
+        incarnation: u32,
+        message: FromChild,
+        io: &mut Io,
+    ) -> Result<(), TransportError> {
+        let now = Self::now(io);
+        match message {
+            FromChild::Ready => self.machine.handle(Event::Ready(service, incarnation), now),
+            FromChild::Armed { service, incarnation } => self.machine.handle(Event::Armed(service, incarnation), now),
+            FromChild::BrakeEngaged { incarnation, gone } => {
+                let what = if gone { "was gone" } else { "was silent" };
+                self.figures.note(now.run_ns, format!("brake engaged: locomotion ({incarnation}) {what}"));
+                self.machine.handle(Event::BrakeEngaged(incarnation), now);
+            }
+            FromChild::Failed { why } => {
+                if let Some(child) = self.children.incarnation(service, incarnation) {
+                    child.failed = Some(why);
+                }
+            }
+            FromChild::Left => {
+                if let Some(child) = self.children.incarnation(service, incarnation) {
+                    child.left = true;
+                }
+            }
+            FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
+            FromChild::Released { .. } => {}
+            FromChild::RunEnded { figures } => {
+                self.figures.world = Some(figures);
+                self.begin_end(io);
+            }
+        }
+        Ok(())
+    }
+
+    fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
+        for (client, request) in self.control.requests(token, io) {
+            let answer = self.answer(request, io)?;
+            self.control.answer(client, &answer);
+        }
+        self.act(io)
+    }
+
+    fn answer(&mut self, request: Request, io: &mut Io) -> Result<Value, TransportError> {
+        let now = Self::now(io);
+        Ok(match request {
+            Request::Status => self.status(io),
+            Request::Why => self.why(io),
+            Request::Cue { cue } => self.operator_cue(cue, io)?,
+            Request::Stop => {
+                self.machine.handle(Event::OperatorStop, now);
+                json!({ "ok": true })
+            }
+            Request::Resume => {
+                let locked = self.machine.mode().class == ModeClass::Lock;
+                self.machine.handle(Event::OperatorResume, now);
+                if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
+            }
+            Request::Quit => {
+                self.begin_end(io);
+                json!({ "ok": true })
+            }
+        })
+    }
+
+    /// Hands the operator's cue to the cue service; a refusal that is certain already is told at once.
+    fn operator_cue(&mut self, kind: CueKind, io: &Io) -> Result<Value, TransportError> {
+        let mode = *self.machine.mode();
+        let refused = match mode.class {
+            ModeClass::Lock if kind.is_moving() => Some(format!("the run is locked: {}", mode.reason)),
+            ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),
+            _ => None,
+        };
+        if let Some(why) = refused {
+            return Ok(json!({ "error": format!("cue refused: {why}") }));
+        }
+        self.requests.publish(io.now_ns(), CueRequest { kind, ..CueRequest::default() })?;
+        Ok(json!({ "ok": true }))
+    }
+
+    fn status(&self, io: &Io) -> Value {
+        let now = io.now_ns();
+        let truth = self.last_truth.map(|t| {
+            json!({
+                "robot": [t.world_from_robot.x_m, t.world_from_robot.y_m, t.world_from_robot.yaw_rad],
+                "handler": [t.world_from_handler.x_m, t.world_from_handler.y_m],
+                "distance_m": t.distance_m,
+                "collisions": collisions_json(&t),
+            })
+        });
+        let locomotion = self.last_locomotion.map(|l| {
+            json!({
+                "velocity": [l.applied.vx_mps, l.applied.vy_mps, l.applied.wz_radps],
+                "limited_by": l.limited_by.kind.name(),
+                "decision": l.decision,
+            })
+        });
+        let ages: serde_json::Map<String, Value> = self
+            .machine
+            .topic_ages(now)
+            .into_iter()
+            .map(|(topic, age)| (topic.name().to_owned(), json!(age as f64 / 1e6)))
+            .collect();
+        json!({
+            "run": io.domain.info.name,
+            "supervisor_pid": std::process::id(),
+            "now_s": s_from_ns(now),
+            "mode": report::mode_json(self.machine.mode()),
+            "services": report::services_json(&self.machine.status()),
+            "stream_age_ms": ages,
+            "world": truth,
+            "locomotion": locomotion,
+            "notes": self.figures.notes_json(),
+        })
+    }
+
+    fn why(&self, io: &Io) -> Value {
+        let now = io.now_ns();
+        let stops: Vec<Value> =
+            self.machine.stops.stops().iter().rev().take(20).map(|stop| report::stop_json(stop, now)).collect();
+        let doing = self.last_locomotion.map(|state| state.limited_by.to_string());
+        json!({
+            "run": io.domain.info.name,
+            "mode": report::mode_json(self.machine.mode()),
+            "stands_because": doing,
+            "not_ready_because": self.machine.not_ready(Self::now(io)),
+            "stops": stops,
+            "notes": self.figures.notes_json(),
+        })
+    }
+
+    /// Stepped time: a member that keeps time waiting is hung.
+    fn watch_steps(&mut self, io: &Io) {
+        let wall = monotonic_ns();
+        let step = io.domain.clock.step();
+        if self.last_step.0 != step || self.machine.holds_time(io.now_ns()) {
+            self.last_step = (step, wall);
+        }
+    }
+}
+
+/// Collisions as reported.
+#[must_use]
+pub fn collisions_json(truth: &WorldTruth) -> Value {
+    json!({
+        "robot": truth.robot_collisions, "handler": truth.handler_collisions, "hit_by_others": truth.hit_by_others,
+    })
+}
+
+/// The last line that a dead child wrote, beside how it ended.
+fn last_words(io: &Io, service: ServiceId, incarnation: u32, status: &str) -> String {
+    let text = std::fs::read_to_string(io.domain.dir.log(service, incarnation)).unwrap_or_default();
+    let last = text.lines().rev().find(|line| !line.trim().is_empty() && !line.contains("RUST_BACKTRACE"));
+    last.map_or_else(|| status.to_owned(), |line| format!("{status}; its last words: {line}"))
+}
+
+impl Service for Supervisor {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        let now = io.now_ns();
+        self.woken_ns = now;
+        self.read_topics(io)?;
+        if now >= self.next_tick_ns {
+            if now > self.next_tick_ns + OVERSLEPT_NS && !io.domain.clock.is_stepped() && self.next_tick_ns > 0 {
+                self.figures.note(now, "supervisor_stalled: its loop overslept; counts start again".to_owned());
+                self.machine.handle(Event::Overslept, Self::now(io));
+            }
+            self.next_tick_ns = now + TICK_NS;
+            self.machine.tick_starts(Self::now(io));
+            self.machine.tick_judge(Self::now(io));
+        }
+        self.act(io)?;
+        self.publish_mode(io)
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.next_tick_ns)
+    }
+
+    fn on_fd(&mut self, io: &mut Io, token: u64) -> Result<(), TransportError> {
+        match token {
+            TOKEN_SIGNAL => {
+                drain(&self.signals);
+                self.begin_end(io);
+                self.act(io)
+            }
+            TOKEN_OWNER => {
+                if let Some(owner) = self.owner.take() {
+                    io.unwatch(&owner);
+                }
+                self.failure.get_or_insert_with(|| "the command that started the run is gone".to_owned());
+                self.begin_end(io);
+                self.act(io)
+            }
+            token if token >= ControlServer::TOKEN => self.serve_operator(token, io),
+            token => self.read_child(token, io),
+        }
+    }
+
+    fn wants_wall_ticks(&self) -> bool {
+        true
+    }
+
+    fn on_wall_tick(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.watch_steps(io);
+        let now = Self::now(io);
+        self.machine.tick_starts(now);
+        let waited = now.wall_ns.saturating_sub(self.last_step.1);
+        if io.domain.clock.is_stepped() && waited > self.step_limit_ns && !self.ending.has_begun() {
+            self.last_step.1 = now.wall_ns;
+            self.condemn_late_members(now);
+        }
+        self.act(io)?;
+        self.go_on_ending(io)
+    }
+
+    fn is_done(&self) -> bool {
+        self.ending.is_done()
+    }
+
+    fn may_acknowledge(&self) -> bool {
+        !self.machine.holds_time(self.woken_ns)
+    }
+
+    fn roster(&self) -> Option<(u64, &[messages::Member])> {
+        let (version, members) = self.machine.roster();
+        (version > 0).then_some((version, members))
+    }
+}
+
+impl Supervisor {
+    /// Whoever has not beaten for longest keeps time waiting.
+    fn condemn_late_members(&mut self, now: Now) {
+        if let Some((service, incarnation)) = self.machine.latest_beater() {
+            self.machine.handle(Event::StepNotDone(service, incarnation), now);
+        }
+    }
+}
+
+fn drain(fd: &std::os::fd::OwnedFd) {
+    let mut bytes = [0u8; 64];
+    // What was written is only a wake-up.
+    while rustix::io::read(fd, &mut bytes).is_ok_and(|n| n == bytes.len()) {}
+}
+
+/// Makes the directory of a new run, after sweeping what dead runs left.
+fn new_run_dir(name: &str) -> Result<RunDir, TransportError> {
+    transport::sweep();
+    RunDir::create(name)
+}

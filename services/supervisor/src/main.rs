@@ -1,2 +1,5 @@
-//! Skeleton.
-fn main() {}
+//! `guidedog-supervisor`: what `guidedog up` becomes.
+
+fn main() -> std::process::ExitCode {
+    guidedog_supervisor::main()
+}

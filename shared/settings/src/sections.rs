@@ -177,10 +177,10 @@ pub struct OdometrySettings {
     pub source: Source,
     /// Poses a second, at most 100 in this version.
     pub rate_hz: Positive,
-    /// Drift of the simulated odometry: share of the way.
-    pub scale_error: f64,
-    /// Drift of the simulated odometry: random walk of the yaw, radians per square root of a second while moving.
-    pub yaw_walk_rad: f64,
+    /// Drift of the simulated odometry: one standard deviation of its scale, drawn once for each incarnation.
+    pub scale_sigma: f64,
+    /// Drift of the simulated odometry: one standard deviation of the yaw after 1 m, radians.
+    pub yaw_walk_rad_per_sqrt_m: f64,
 }
 
 impl Default for OdometrySettings {
@@ -188,8 +188,8 @@ impl Default for OdometrySettings {
         Self {
             source: Source::Simulated,
             rate_hz: Positive::of(50.0),
-            scale_error: 0.01,
-            yaw_walk_rad: 0.002,
+            scale_sigma: 0.01,
+            yaw_walk_rad_per_sqrt_m: 0.01,
         }
     }
 }

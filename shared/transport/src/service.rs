@@ -64,6 +64,8 @@ impl ChildArgs {
     pub const CONTROL_FD: &'static str = "GUIDEDOG_CONTROL_FD";
     /// Environment variable that names the descriptor of the lifeline.
     pub const LIFELINE_FD: &'static str = "GUIDEDOG_LIFELINE_FD";
+    /// Environment variable that names the descriptor of locomotion's line to the brake.
+    pub const BRAKE_FD: &'static str = "GUIDEDOG_BRAKE_FD";
 
     /// Reads `--run DIR --incarnation N`.
     ///
@@ -460,10 +462,7 @@ impl WaitLoop {
     fn open<S: Service>(io: &mut Io, service: &S) -> Result<Self, TransportError> {
         let stepped = io.domain.clock.is_stepped();
         let master = stepped && service.is_clock_master();
-        let critical = !matches!(
-            io.identity().service,
-            ServiceId::Recorder | ServiceId::Simulator | ServiceId::Replay | ServiceId::Depth
-        );
+        let critical = io.identity().service != ServiceId::Recorder;
         Ok(Self {
             health: io.publisher()?,
             beat_ns: if critical { BEAT_CRITICAL_NS } else { BEAT_NS },

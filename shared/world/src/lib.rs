@@ -1,1 +1,44 @@
-//! Skeleton.
+//! The simulated physical world: 2.5-D worlds and real floor plans, the sensors that look at them, and the motion of
+//! robot, handler and walking people in them.
+//!
+//! A world is a floor at z = 0, a ceiling, and [`Prism`]s: vertical faces over an outline, each from one height to
+//! another. A ROS map ([`GridMap`]) adds cells that reach from floor to ceiling. Everything is in the world frame
+//! (metres, x right on a map, y up, z up, yaw counter-clockwise) unless a name says otherwise.
+//!
+//! Files are read only by [`World::load`], [`GridMap::load`], [`Scenario::load`] and [`Route::load`]. All else is a
+//! pure function: nothing reads a clock, and noise depends on (seed, incarnation, frame number) alone, so that a run
+//! can be repeated to the bit.
+
+pub mod depth;
+pub mod error;
+pub mod grid_map;
+mod grid_walk;
+mod index;
+pub mod lidar;
+mod map_server;
+mod noise;
+pub mod odometry;
+pub mod of_settings;
+pub mod people;
+pub mod physics;
+pub mod prism;
+mod raster;
+pub mod scenario;
+pub mod scene;
+mod sweep;
+mod text_file;
+pub mod world;
+mod world_file;
+
+pub use depth::{DepthConfig, DepthSensor};
+pub use error::{ConfigError, WorldError};
+pub use grid_map::{Cell, GridMap};
+pub use lidar::{LidarConfig, LidarSensor};
+pub use odometry::{OdometryConfig, OdometryReading, OdometrySensor};
+pub use of_settings::scenario_of;
+pub use people::{People, Person, Walk};
+pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
+pub use prism::Prism;
+pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
+pub use scene::Scene;
+pub use world::World;

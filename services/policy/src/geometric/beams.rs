@@ -140,6 +140,19 @@ mod tests {
     }
 
     #[test]
+    fn a_half_circle_that_turns_clockwise_is_read_the_same_way() {
+        let clockwise = ScanHeader {
+            angle_min_rad: std::f64::consts::FRAC_PI_2,
+            angle_increment_rad: -std::f64::consts::PI / 180.0,
+            ..header(360)
+        };
+        let beams = Beams::read(&clockwise, &[3.0; 181], Point::new(9.0, 9.0), 0.4).expect("a scan");
+        assert!((beams.passed_by_m(Point::new(0.7, 0.7)) - 2.01).abs() < 0.01);
+        assert!((beams.passed_by_m(Point::new(0.7, -0.7)) - 2.01).abs() < 0.01);
+        assert_eq!(beams.passed_by_m(Point::new(-0.7, 0.1)), f64::NEG_INFINITY);
+    }
+
+    #[test]
     fn a_place_before_both_ends_is_passed() {
         let beams = Beams::read(&header(360), &[3.0; 360], Point::new(9.0, 9.0), 0.4).expect("a scan");
         assert!((beams.passed_by_m(Point::new(-1.0, 0.01)) - 2.0).abs() < 1e-3);

@@ -8,14 +8,15 @@ use std::collections::{BinaryHeap, VecDeque};
 
 /// Half the team's width (0.3 m to the left of its middle and 0.25 m + 0.35 m - 0.15 m to the right) and a little more.
 pub const TEAM_CLEARANCE_M: f64 = 0.47;
-/// Within this of the robot the way may be narrower: it got there, so it gets out.
-const START_M: f64 = 1.2;
+/// Within this of the robot any floor will do: it stands there, metres.
+const STANDING_M: f64 = 0.3;
 /// Nothing goes nearer to an obstacle than this with the middle of the team.
 const WALL_M: f64 = 0.12;
 /// Cost of a cell of unknown floor, in cells of free floor.
 const UNKNOWN_PRICE: f64 = 3.0;
 
-/// The cells that the middle of the team can get to over known free floor; outside the line behind it, nothing.
+/// The cells that the middle of the team can get to over known free floor. Where it stands too near to something, it
+/// may go where that is farther.
 ///
 /// `ahead` tells for a place whether the team may go there at all (it does not look for its way behind its back).
 pub fn reachable(window: &Window, from: Point, ahead: impl Fn(Point) -> bool) -> Vec<bool> {
@@ -28,8 +29,8 @@ pub fn reachable(window: &Window, from: Point, ahead: impl Fn(Point) -> bool) ->
     while let Some(cell) = open.pop_front() {
         for next in Window::neighbours(cell) {
             let centre = window.centre(next);
-            let needed_m = if (centre - from).norm() < START_M { 0.3 } else { TEAM_CLEARANCE_M };
-            let fits = window.clearance_m[next] >= needed_m || (centre - from).norm() < 0.3;
+            let needed_m = window.clearance_m[cell].min(TEAM_CLEARANCE_M);
+            let fits = window.clearance_m[next] >= needed_m || (centre - from).norm() < STANDING_M;
             if !reached[next] && fits && window.known[next] == Known::Free && ahead(centre) {
                 reached[next] = true;
                 open.push_back(next);

@@ -1,0 +1,145 @@
+//! When the brake engages and when it lets go: pure, times come in.
+
+/// A loop that slept this much longer than it meant to has no right to judge others.
+const OVERSLEPT_NS: u64 = 50_000_000;
+
+/// The brake has to act.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Engagement {
+    /// The incarnation of locomotion that is fenced from now on.
+    pub incarnation: u32,
+    /// Whether its line closed, rather than fell silent.
+    pub gone: bool,
+}
+
+/// Watches one incarnation of locomotion at a time.
+#[derive(Debug)]
+pub struct Watch {
+    limit_ns: u64,
+    incarnation: u32,
+    last_beat_ns: Option<u64>,
+    last_tick_ns: Option<u64>,
+    /// The last incarnation that the brake engaged for; zero is commanded until a newer one has written zero itself.
+    engaged_for: Option<u32>,
+    fenced: u32,
+}
+
+impl Watch {
+    /// A watch over nobody yet.
+    #[must_use]
+    pub fn new(limit_ns: u64) -> Self {
+        Self { limit_ns, incarnation: 0, last_beat_ns: None, last_tick_ns: None, engaged_for: None, fenced: 0 }
+    }
+
+    /// Watches a new incarnation from now on. An engagement goes on until that one has written zero.
+    pub fn rearm(&mut self, incarnation: u32, now_ns: u64) {
+        self.incarnation = incarnation;
+        self.last_beat_ns = Some(now_ns);
+    }
+
+    /// A beat has come, and with it whether that incarnation has itself written zero.
+    pub fn beat(&mut self, now_ns: u64, wrote_zero: bool) {
+        self.last_beat_ns = Some(now_ns);
+        if wrote_zero && self.engaged_for.is_some_and(|engaged| self.incarnation > engaged) {
+            self.engaged_for = None;
+        }
+    }
+
+    /// The line closed.
+    pub fn closed(&mut self) -> Option<Engagement> {
+        self.last_beat_ns?;
+        self.engage(true)
+    }
+
+    /// Time passed: what to do, and whether this very loop overslept and starts its count again.
+    pub fn tick(&mut self, now_ns: u64) -> (Option<Engagement>, bool) {
+        let slept = self.last_tick_ns.map_or(0, |last| now_ns.saturating_sub(last));
+        self.last_tick_ns = Some(now_ns);
+        let Some(last) = self.last_beat_ns else { return (None, false) };
+        if slept > 20_000_000 + OVERSLEPT_NS {
+            self.last_beat_ns = Some(now_ns);
+            return (None, true);
+        }
+        if now_ns.saturating_sub(last) > self.limit_ns {
+            return (self.engage(false), false);
+        }
+        (None, false)
+    }
+
+    fn engage(&mut self, gone: bool) -> Option<Engagement> {
+        self.last_beat_ns = None;
+        self.engaged_for = Some(self.incarnation);
+        self.fenced = self.fenced.max(self.incarnation);
+        Some(Engagement { incarnation: self.incarnation, gone })
+    }
+
+    /// Locomotion leaves by plan: nothing to watch.
+    pub fn release(&mut self) {
+        self.last_beat_ns = None;
+    }
+
+    /// Whether zero has to be commanded now.
+    #[must_use]
+    pub fn is_engaged(&self) -> bool {
+        self.engaged_for.is_some()
+    }
+
+    /// The last incarnation that is fenced.
+    #[must_use]
+    pub fn fenced(&self) -> u32 {
+        self.fenced
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Engagement, Watch};
+
+    const MS: u64 = 1_000_000;
+
+    fn watching() -> Watch {
+        let mut watch = Watch::new(100 * MS);
+        watch.rearm(1, 0);
+        watch
+    }
+
+    #[test]
+    fn silence_engages_once_and_a_new_life_that_wrote_zero_releases() {
+        let mut watch = watching();
+        for t in (0..=100).step_by(20) {
+            assert_eq!(watch.tick(t * MS), (None, false));
+        }
+        assert_eq!(watch.tick(120 * MS), (Some(Engagement { incarnation: 1, gone: false }), false));
+        assert_eq!(watch.tick(140 * MS), (None, false));
+        assert!(watch.is_engaged());
+        watch.beat(150 * MS, true);
+        assert!(watch.is_engaged(), "the fenced incarnation cannot release the brake");
+        watch.rearm(2, 160 * MS);
+        watch.beat(170 * MS, false);
+        assert!(watch.is_engaged(), "the new one has not written zero");
+        watch.beat(180 * MS, true);
+        assert!(!watch.is_engaged());
+        assert_eq!(watch.fenced(), 1);
+    }
+
+    #[test]
+    fn a_closed_line_engages_at_once() {
+        assert_eq!(watching().closed(), Some(Engagement { incarnation: 1, gone: true }));
+    }
+
+    #[test]
+    fn a_brake_that_overslept_condemns_nobody() {
+        let mut watch = watching();
+        watch.tick(0);
+        assert_eq!(watch.tick(300 * MS), (None, true));
+        assert_eq!(watch.tick(320 * MS), (None, false));
+    }
+
+    #[test]
+    fn a_planned_leave_engages_nothing() {
+        let mut watch = watching();
+        watch.release();
+        assert_eq!(watch.closed(), None);
+        assert_eq!(watch.tick(500 * MS), (None, false));
+    }
+}

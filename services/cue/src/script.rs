@@ -1,0 +1,149 @@
+//! The scripted handler: gives the cues of a route, and the one in force again after a fault. Pure.
+
+use messages::{CueKind, CueSource, Mode, ModeClass, Pose2, s_from_ns};
+use world::{CueSequence, Route};
+
+/// The scripted handler collects themself for this long after the robot is ready again.
+const AGAIN_AFTER_NS: u64 = 2_000_000_000;
+/// A cue that was not accepted is given again after this long.
+const RETRY_NS: u64 = 1_000_000_000;
+/// The script looks at the clock this often.
+const LOOK_NS: u64 = 50_000_000;
+
+/// What the scripted handler sees.
+#[derive(Debug)]
+pub struct Situation<'a> {
+    /// Run time.
+    pub now_ns: u64,
+    /// Where the robot is in the world; the handler knows where they are.
+    pub world_from_robot: Pose2,
+    /// The newest mode.
+    pub mode: Option<&'a Mode>,
+    /// Whether odometry has come: a cue has a start frame.
+    pub pose_known: bool,
+}
+
+/// A handler by script.
+#[derive(Debug, Default)]
+pub struct Script {
+    route: Option<CueSequence>,
+    forward_when_ready: bool,
+    /// The cue that the handler wants in force.
+    wanted: Option<CueKind>,
+    ready_since_ns: Option<u64>,
+    given_at_ns: Option<u64>,
+    next_look_ns: u64,
+}
+
+impl Script {
+    /// A handler who says nothing.
+    #[must_use]
+    pub fn silent() -> Self {
+        Self::default()
+    }
+
+    /// A handler who gives the cues of a route.
+    #[must_use]
+    pub fn of(route: &Route) -> Self {
+        Self { route: Some(CueSequence::new(route)), ..Self::default() }
+    }
+
+    /// A handler who says "forward" as soon as the robot is ready, and again after every fault.
+    #[must_use]
+    pub fn forward_when_ready() -> Self {
+        Self { forward_when_ready: true, ..Self::default() }
+    }
+
+    /// Run time of the next look, for who says anything at all.
+    #[must_use]
+    pub fn next_timer_ns(&self) -> Option<u64> {
+        (self.route.is_some() || self.forward_when_ready).then_some(self.next_look_ns)
+    }
+
+    /// The cue to give now, if any.
+    pub fn due(&mut self, now: &Situation<'_>) -> Option<(CueKind, CueSource)> {
+        if now.now_ns < self.next_look_ns {
+            return None;
+        }
+        self.next_look_ns = (now.now_ns / LOOK_NS + 1) * LOOK_NS;
+        let mode = now.mode?;
+        if !now.pose_known {
+            return None;
+        }
+        self.follow(mode);
+        let ready = mode.class == ModeClass::Run || mode.ready_for_cue;
+        self.ready_since_ns = if ready { self.ready_since_ns.or(Some(now.now_ns)) } else { None };
+        if !ready || self.given_at_ns.is_some_and(|at| now.now_ns < at + RETRY_NS) {
+            return None;
+        }
+        let due = self.next(mode, now)?;
+        self.given_at_ns = Some(now.now_ns);
+        Some(due)
+    }
+
+    /// A done turn goes on as forward: that is what is in force, and wanted again.
+    fn follow(&mut self, mode: &Mode) {
+        if mode.cue.valid && mode.cue.cue.source == CueSource::TurnDone {
+            self.wanted = Some(mode.cue.cue.kind);
+        }
+    }
+
+    fn next(&mut self, mode: &Mode, now: &Situation<'_>) -> Option<(CueKind, CueSource)> {
+        if self.forward_when_ready && self.wanted.is_none() {
+            self.wanted = Some(CueKind::Forward);
+            return Some((CueKind::Forward, CueSource::Script));
+        }
+        if let Some(kind) =
+            self.route.as_mut().and_then(|route| route.due(s_from_ns(now.now_ns), now.world_from_robot))
+        {
+            self.wanted = Some(kind);
+            return Some((kind, CueSource::Script));
+        }
+        let wanted = self.wanted.filter(|kind| kind.is_moving())?;
+        if mode.class == ModeClass::Run {
+            return None;
+        }
+        // After a fault the handler waits for a moment before saying it again.
+        let since = self.ready_since_ns?;
+        (now.now_ns >= since + AGAIN_AFTER_NS).then_some((wanted, CueSource::ScriptAgain))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Script, Situation};
+    use messages::{Cue, CueInForce, CueKind, CueSource, Mode, ModeClass, Pose2};
+
+    const MS: u64 = 1_000_000;
+
+    fn at(now_ms: u64, mode: &Mode) -> Situation<'_> {
+        Situation { now_ns: now_ms * MS, world_from_robot: Pose2::default(), mode: Some(mode), pose_known: true }
+    }
+
+    fn fault(ready: bool) -> Mode {
+        Mode { class: ModeClass::Fault, ready_for_cue: ready, ..Mode::default() }
+    }
+
+    #[test]
+    fn the_cue_in_force_is_given_again_two_seconds_after_ready() {
+        let mut script = Script::forward_when_ready();
+        assert_eq!(script.due(&at(100, &fault(false))), None);
+        assert_eq!(script.due(&at(200, &fault(true))), Some((CueKind::Forward, CueSource::Script)));
+        let run = Mode { class: ModeClass::Run, ready_for_cue: true, ..Mode::default() };
+        assert_eq!(script.due(&at(5000, &run)), None);
+        assert_eq!(script.due(&at(6000, &fault(false))), None);
+        assert_eq!(script.due(&at(7000, &fault(true))), None);
+        assert_eq!(script.due(&at(8900, &fault(true))), None);
+        assert_eq!(script.due(&at(9000, &fault(true))), Some((CueKind::Forward, CueSource::ScriptAgain)));
+    }
+
+    #[test]
+    fn after_a_done_turn_forward_is_what_is_given_again() {
+        let mut script = Script { wanted: Some(CueKind::Left), ..Script::silent() };
+        let cue = Cue { kind: CueKind::Forward, source: CueSource::TurnDone, ..Cue::default() };
+        let run = Mode { class: ModeClass::Run, cue: CueInForce { valid: true, cue }, ..Mode::default() };
+        script.due(&at(1000, &run));
+        script.due(&at(2000, &fault(true)));
+        assert_eq!(script.due(&at(4000, &fault(true))), Some((CueKind::Forward, CueSource::ScriptAgain)));
+    }
+}

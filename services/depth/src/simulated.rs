@@ -1,0 +1,62 @@
+//! A depth camera in the simulated world, rendered straight into shared memory.
+
+use messages::{DepthFrame, WorldTruth};
+use settings::Settings;
+use transport::{FramePublisher, Io, Subscriber, TransportError};
+use world::{DepthConfig, DepthSensor, Scene, World};
+
+use crate::FrameSource;
+
+/// Looks at the world from where the robot truly is.
+#[derive(Debug)]
+pub struct SimulatedDepth {
+    world: World,
+    sensor: DepthSensor,
+    truths: Subscriber<WorldTruth>,
+    truth: Option<WorldTruth>,
+    period_ns: u64,
+    /// Frames are due at whole periods of run time, so that a restarted driver keeps the rhythm.
+    next_ns: u64,
+}
+
+impl SimulatedDepth {
+    /// Reads the run's world.
+    ///
+    /// # Errors
+    /// Where world or topic cannot be opened.
+    pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
+        let config = DepthConfig::from(&settings.depth);
+        let sensor = DepthSensor::new(config, settings.simulation.seed, io.identity().incarnation)
+            .map_err(TransportError::service)?;
+        let period_ns = (1e9 / settings.depth.rate_hz.get()) as u64;
+        Ok(Self { world, sensor, truths: io.subscriber()?, truth: None, period_ns, next_ns: 0 })
+    }
+}
+
+impl FrameSource for SimulatedDepth {
+    fn pixels_max(&self) -> usize {
+        self.sensor.pixels()
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.next_ns)
+    }
+
+    fn poll(&mut self, now_ns: u64, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError> {
+        if let Some(truth) = self.truths.take_newest()? {
+            self.truth = Some(truth);
+        }
+        if now_ns < self.next_ns {
+            return Ok(());
+        }
+        self.next_ns = (now_ns / self.period_ns + 1) * self.period_ns;
+        // Without news from the world there is nothing to measure.
+        let Some(truth) = self.truth.take() else { return Ok(()) };
+        let mut loan = frames.loan(self.pixels_max())?;
+        *loan.meta_mut() = self.sensor.depth_header();
+        let frame = now_ns / self.period_ns;
+        self.sensor.render(&Scene::from_truth(&self.world, &truth), frame, loan.data_mut());
+        frames.publish(truth.header.stamp_ns, loan).map(|_| ())
+    }
+}

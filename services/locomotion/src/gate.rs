@@ -1,0 +1,305 @@
+//! The gate itself: pure, without clock and I/O. What it does not know to be allowed is zero.
+
+use messages::{Cue, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason, TopicId, Twist2};
+use settings::Settings;
+
+/// What the gate holds a permit against.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GateLimits {
+    /// Longest time from a verdict to its expiry, nanoseconds.
+    pub permit_life_ns: u64,
+    /// Oldest mode, nanoseconds.
+    pub mode_max_age_ns: u64,
+    /// Oldest odometry, nanoseconds.
+    pub odometry_max_age_ns: u64,
+    /// Largest speed over ground, metres per second.
+    pub speed_mps: f64,
+    /// Largest turn, radians per second.
+    pub turn_radps: f64,
+    /// Largest planned change of each component of the speed, metres per second squared.
+    pub acceleration_mps2: f64,
+    /// Largest planned change of the turn, radians per second squared.
+    pub acceleration_radps2: f64,
+}
+
+impl GateLimits {
+    /// The limits of a configuration.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        let limits = &settings.locomotion.limits;
+        Self {
+            permit_life_ns: settings.locomotion.permit_life.ns(),
+            mode_max_age_ns: settings.max_age.mode.ns(),
+            odometry_max_age_ns: settings.max_age.odometry.ns(),
+            speed_mps: limits.speed_mps.get(),
+            turn_radps: limits.turn_radps.get(),
+            acceleration_mps2: limits.acceleration_mps2.get(),
+            acceleration_radps2: limits.acceleration_radps2.get(),
+        }
+    }
+}
+
+/// What the gate allows now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Verdict {
+    /// Velocity to head for.
+    pub velocity: Twist2,
+    /// Why it is zero.
+    pub reason: StopReason,
+    /// Whether a zero is the planned end of an action, and may be ramped.
+    pub planned: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct LineState {
+    service: ServiceId,
+    incarnation: u32,
+    open: bool,
+}
+
+/// Permit in, velocity out.
+#[derive(Debug)]
+pub struct Gate {
+    limits: GateLimits,
+    mode: Option<Mode>,
+    permit: Option<Permit>,
+    odometry: Option<(u64, u32)>,
+    /// The stop cue in force: (incarnation, seq).
+    stop_cue: Option<(u32, u64)>,
+    /// Motion needs an epoch greater than this.
+    latched_epoch: Option<u64>,
+    /// Why it is latched.
+    latch_reason: StopReason,
+    lines: Vec<LineState>,
+    /// Set by the supervisor's own word or its loss; ends with a greater epoch.
+    stopped_by: Option<StopReason>,
+}
+
+impl Gate {
+    /// A gate that has heard nothing yet, and so stands.
+    #[must_use]
+    pub fn new(limits: GateLimits) -> Self {
+        Self {
+            limits,
+            mode: None,
+            permit: None,
+            odometry: None,
+            stop_cue: None,
+            latched_epoch: None,
+            latch_reason: StopReason::of(StopKind::Boot),
+            lines: Vec::new(),
+            stopped_by: None,
+        }
+    }
+
+    /// The epoch in force.
+    #[must_use]
+    pub fn epoch(&self) -> u64 {
+        self.mode.map_or(0, |mode| mode.epoch)
+    }
+
+    /// The last permit taken.
+    #[must_use]
+    pub fn permit(&self) -> Option<&Permit> {
+        self.permit.as_ref()
+    }
+
+    /// Run time of the permit's expiry, while it lets the robot move.
+    #[must_use]
+    pub fn expiry_ns(&self) -> Option<u64> {
+        self.permit.filter(|permit| permit.outcome == Outcome::Granted).map(|permit| permit.expiry_ns)
+    }
+
+    /// A mode has come. A gate that begins in the middle of a run does not trust the *run* that it finds: it may be the
+    /// one in which its predecessor died.
+    pub fn take_mode(&mut self, mode: &Mode) {
+        if self.mode.is_none() && mode.class == ModeClass::Run {
+            self.latch_at(mode.epoch, StopReason::of(StopKind::Boot));
+        }
+        if self.mode.is_some_and(|old| old.epoch > mode.epoch) {
+            return;
+        }
+        self.mode = Some(*mode);
+        if mode.class != ModeClass::Run {
+            self.permit = None;
+        }
+        if mode.class == ModeClass::Run && self.latched_epoch.is_none_or(|latched| mode.epoch > latched) {
+            self.latched_epoch = None;
+            self.stopped_by = None;
+        }
+        let cue = (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq);
+        if mode.cue.valid && self.stop_cue.is_some_and(|stop| cue > stop) {
+            self.stop_cue = None;
+        }
+    }
+
+    /// A cue has come: only stop takes effect here, at once.
+    pub fn take_cue(&mut self, cue: &Cue) {
+        if !cue.kind.is_moving() {
+            self.stop_cue = Some((cue.header.incarnation, cue.header.seq));
+        }
+    }
+
+    /// Odometry has come.
+    pub fn take_odometry(&mut self, odometry: &Odometry) {
+        self.odometry = Some((odometry.header.stamp_ns, odometry.header.incarnation));
+    }
+
+    /// A verdict has come; it replaces the one before, whatever it says.
+    pub fn take_permit(&mut self, permit: &Permit) {
+        if let Some(mode) = &self.mode
+            && permit.header.incarnation == mode.active_shield
+        {
+            self.permit = Some(*permit);
+        }
+    }
+
+    /// A lifeline is watched from now on.
+    pub fn line_armed(&mut self, service: ServiceId, incarnation: u32) {
+        self.lines.retain(|line| line.service != service || line.incarnation > incarnation);
+        self.lines.push(LineState { service, incarnation, open: true });
+    }
+
+    /// A service left by plan.
+    pub fn line_released(&mut self, service: ServiceId, incarnation: u32) {
+        self.lines.retain(|line| line.service != service || line.incarnation != incarnation);
+    }
+
+    /// A lifeline closed: whether that stops the robot. It then stands until the service is back and the epoch is
+    /// greater; a policy that is not the active one stops nothing.
+    pub fn line_closed(&mut self, service: ServiceId, incarnation: u32) -> bool {
+        if service == ServiceId::Policy
+            && self.mode.is_some_and(|mode| mode.active_policy != 0 && mode.active_policy != incarnation)
+        {
+            self.line_released(service, incarnation);
+            return false;
+        }
+        for line in &mut self.lines {
+            if line.service == service && line.incarnation == incarnation {
+                line.open = false;
+            }
+        }
+        if let Some(mode) = self.mode.filter(|mode| mode.class == ModeClass::Run) {
+            self.latch_at(mode.epoch, StopReason::service(StopKind::LifelineClosed, service, incarnation));
+        }
+        self.permit = None;
+        true
+    }
+
+    /// Stands until the epoch is greater, for a reason that no topic brought.
+    pub fn stop_by(&mut self, reason: StopReason) {
+        self.stopped_by = Some(reason);
+        self.permit = None;
+        self.latch_at(self.epoch(), reason);
+    }
+
+    fn latch_at(&mut self, epoch: u64, reason: StopReason) {
+        if self.latched_epoch.is_none_or(|latched| epoch > latched) {
+            self.latched_epoch = Some(epoch);
+            self.latch_reason = reason;
+        }
+    }
+
+    /// What is allowed at `now_ns` of run time.
+    pub fn judge(&mut self, now_ns: u64) -> Verdict {
+        match self.check(now_ns) {
+            Ok(velocity) => Verdict { velocity, reason: StopReason::default(), planned: false },
+            Err((reason, planned)) => Verdict { velocity: Twist2::ZERO, reason, planned },
+        }
+    }
+
+    fn check(&mut self, now_ns: u64) -> Result<Twist2, (StopReason, bool)> {
+        let sudden = |reason| Err((reason, false));
+        if let Some(reason) = self.stopped_by {
+            return sudden(reason);
+        }
+        let Some(mode) = self.mode else { return sudden(StopReason::of(StopKind::Boot)) };
+        let age = now_ns.saturating_sub(mode.header.stamp_ns);
+        if age > self.limits.mode_max_age_ns {
+            let reason = StopReason::stream(StopKind::ModeStale, TopicId::Mode, age, self.limits.mode_max_age_ns);
+            if mode.class == ModeClass::Run {
+                self.latch_at(mode.epoch, reason);
+            }
+            return sudden(reason);
+        }
+        if mode.class != ModeClass::Run {
+            return sudden(mode.reason);
+        }
+        if self.latched_epoch.is_some() {
+            return sudden(self.latch_reason);
+        }
+        if let Some(line) = self.lines.iter().find(|line| !line.open) {
+            return sudden(StopReason::service(StopKind::LifelineClosed, line.service, line.incarnation));
+        }
+        if self.stop_cue.is_some() {
+            return sudden(StopReason::of(StopKind::StopCue));
+        }
+        if !mode.cue.valid {
+            return sudden(StopReason::of(StopKind::NoCue));
+        }
+        self.check_permit(now_ns, &mode)
+    }
+
+    fn check_permit(&self, now_ns: u64, mode: &Mode) -> Result<Twist2, (StopReason, bool)> {
+        let sudden = |kind| Err((StopReason::of(kind), false));
+        let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
+        if permit.epoch != mode.epoch
+            || permit.policy_incarnation != mode.active_policy
+            || (permit.cue_incarnation, permit.cue_seq)
+                != (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq)
+        {
+            return sudden(StopKind::NoPermit);
+        }
+        match permit.outcome {
+            Outcome::Granted => {}
+            Outcome::Stop | Outcome::ActionEnded => return Err((StopReason::of(StopKind::PolicyStop), true)),
+            Outcome::AllUnsafe => return sudden(StopKind::AllUnsafe),
+            Outcome::RemainderUnsafe => return sudden(StopKind::RemainderUnsafe),
+            Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),
+            Outcome::NoAction | Outcome::NotInRun | Outcome::CueMismatch => return sudden(StopKind::NoPermit),
+            Outcome::InvalidScan
+            | Outcome::StaleScan
+            | Outcome::StaleOdometry
+            | Outcome::StaleDepth
+            | Outcome::InvalidAction => return sudden(StopKind::InputUnusable),
+        }
+        if now_ns > permit.expiry_ns {
+            let age = now_ns - permit.header.stamp_ns.min(now_ns);
+            let limit = permit.expiry_ns.saturating_sub(permit.header.stamp_ns);
+            return Err((StopReason::stream(StopKind::PermitExpired, TopicId::ShieldPermit, age, limit), false));
+        }
+        let velocity = permit.velocity;
+        let lives_too_long = permit.expiry_ns > permit.header.stamp_ns.saturating_add(self.limits.permit_life_ns);
+        if lives_too_long
+            || permit.header.stamp_ns > now_ns
+            || !velocity.is_finite()
+            || velocity.speed_mps() > self.limits.speed_mps
+            || velocity.wz_radps.abs() > self.limits.turn_radps
+        {
+            return sudden(StopKind::PermitInvalid);
+        }
+        let (odometry_ns, odometry_incarnation) = self.odometry.unwrap_or((0, 0));
+        let age = now_ns.saturating_sub(odometry_ns);
+        if age > self.limits.odometry_max_age_ns || odometry_incarnation != permit.odometry_incarnation {
+            let limit = self.limits.odometry_max_age_ns;
+            return Err((StopReason::stream(StopKind::OdometryStale, TopicId::Odometry, age, limit), false));
+        }
+        Ok(velocity)
+    }
+
+    /// The velocity on the way from `from` to `to` after `dt_s` of planned change.
+    #[must_use]
+    pub fn ramp(&self, from: Twist2, to: Twist2, dt_s: f64) -> Twist2 {
+        let linear = self.limits.acceleration_mps2 * dt_s;
+        let turn = self.limits.acceleration_radps2 * dt_s;
+        let towards = |from: f64, to: f64, most: f64| from + (to - from).clamp(-most, most);
+        Twist2 {
+            vx_mps: towards(from.vx_mps, to.vx_mps, linear),
+            vy_mps: towards(from.vy_mps, to.vy_mps, linear),
+            wz_radps: towards(from.wz_radps, to.wz_radps, turn),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,204 @@
+use super::{Gate, GateLimits};
+use messages::{
+    Cue, CueInForce, CueKind, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason,
+    Twist2,
+};
+use settings::Settings;
+
+const MS: u64 = 1_000_000;
+
+fn header(stamp_ms: u64, seq: u64, incarnation: u32) -> Header {
+    Header { stamp_ns: stamp_ms * MS, seq, incarnation, ..Header::default() }
+}
+
+fn mode(class: ModeClass, epoch: u64, stamp_ms: u64) -> Mode {
+    let cue = Cue { header: header(0, 4, 1), kind: CueKind::Forward, ..Cue::default() };
+    Mode {
+        header: header(stamp_ms, 1, 1),
+        class,
+        epoch,
+        active_policy: 1,
+        active_shield: 1,
+        cue: CueInForce { valid: true, cue },
+        ..Mode::default()
+    }
+}
+
+fn permit(stamp_ms: u64, expiry_ms: u64) -> Permit {
+    Permit {
+        header: header(stamp_ms, 9, 1),
+        outcome: Outcome::Granted,
+        epoch: 2,
+        policy_incarnation: 1,
+        odometry_incarnation: 1,
+        cue_incarnation: 1,
+        cue_seq: 4,
+        velocity: Twist2 { vx_mps: 0.5, ..Twist2::ZERO },
+        expiry_ns: expiry_ms * MS,
+        ..Permit::default()
+    }
+}
+
+/// A gate that lets the robot move at 1000 ms.
+fn moving() -> Gate {
+    let mut gate = Gate::new(GateLimits::of(&Settings::default()));
+    gate.line_armed(ServiceId::Lidar, 1);
+    gate.take_mode(&mode(ModeClass::Fault, 2, 900));
+    gate.take_mode(&mode(ModeClass::Run, 2, 950));
+    gate.take_odometry(&Odometry { header: header(990, 5, 1), ..Odometry::default() });
+    gate.take_permit(&permit(980, 1100));
+    gate
+}
+
+fn kind(gate: &mut Gate, now_ms: u64) -> StopKind {
+    let verdict = gate.judge(now_ms * MS);
+    assert_eq!(verdict.velocity.is_zero(), verdict.reason.kind != StopKind::None);
+    verdict.reason.kind
+}
+
+#[test]
+fn a_fresh_permit_moves_the_robot_and_its_expiry_stops_it() {
+    let mut gate = moving();
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    gate.take_odometry(&Odometry { header: header(1100, 6, 1), ..Odometry::default() });
+    assert_eq!(kind(&mut gate, 1100), StopKind::None);
+    assert_eq!(kind(&mut gate, 1101), StopKind::PermitExpired);
+}
+
+#[test]
+fn a_permit_of_another_life_epoch_cue_or_policy_moves_nothing() {
+    for spoil in [
+        |p: &mut Permit| p.header.incarnation = 2,
+        |p: &mut Permit| p.epoch = 1,
+        |p: &mut Permit| p.policy_incarnation = 2,
+        |p: &mut Permit| p.cue_seq = 3,
+    ] {
+        let mut gate = moving();
+        gate.permit = None;
+        let mut spoiled = permit(980, 1100);
+        spoil(&mut spoiled);
+        gate.take_permit(&spoiled);
+        assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit);
+    }
+}
+
+#[test]
+fn a_permit_out_of_bounds_is_refused() {
+    for spoil in [
+        |p: &mut Permit| p.velocity.vx_mps = f64::NAN,
+        |p: &mut Permit| p.velocity.vy_mps = 0.9,
+        |p: &mut Permit| p.velocity.wz_radps = -2.0,
+        |p: &mut Permit| p.expiry_ns = 1300 * MS,
+        |p: &mut Permit| p.header.stamp_ns = 1050 * MS,
+    ] {
+        let mut gate = moving();
+        let mut spoiled = permit(980, 1100);
+        spoil(&mut spoiled);
+        gate.take_permit(&spoiled);
+        assert_eq!(kind(&mut gate, 1000), StopKind::PermitInvalid);
+    }
+}
+
+#[test]
+fn a_closed_lifeline_stops_until_a_greater_epoch_and_a_new_line() {
+    let mut gate = moving();
+    assert!(gate.line_closed(ServiceId::Lidar, 1));
+    assert_eq!(kind(&mut gate, 1000), StopKind::LifelineClosed);
+    gate.take_permit(&permit(990, 1100));
+    assert_eq!(kind(&mut gate, 1000), StopKind::LifelineClosed, "the same epoch does not do");
+    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+    assert_eq!(kind(&mut gate, 1000), StopKind::LifelineClosed, "the service is not back");
+    gate.line_armed(ServiceId::Lidar, 2);
+    let mut fresh = permit(1000, 1100);
+    fresh.epoch = 3;
+    gate.take_permit(&fresh);
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_line_that_closes_after_its_fault_was_read_does_not_latch_the_next_run() {
+    let mut gate = moving();
+    gate.take_mode(&mode(ModeClass::Fault, 3, 1000));
+    gate.line_closed(ServiceId::Lidar, 1);
+    gate.line_armed(ServiceId::Lidar, 2);
+    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+    let mut fresh = permit(1000, 1100);
+    fresh.epoch = 3;
+    gate.take_permit(&fresh);
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_retired_policy_stops_nothing() {
+    let mut gate = moving();
+    gate.line_armed(ServiceId::Policy, 7);
+    assert!(!gate.line_closed(ServiceId::Policy, 7));
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_stop_cue_holds_until_a_later_cue_is_in_force() {
+    let mut gate = moving();
+    gate.take_cue(&Cue { header: header(1000, 5, 1), kind: CueKind::Stop, ..Cue::default() });
+    assert_eq!(kind(&mut gate, 1000), StopKind::StopCue);
+    gate.take_mode(&mode(ModeClass::Run, 2, 1000));
+    assert_eq!(kind(&mut gate, 1000), StopKind::StopCue, "the cue in force is older than the stop");
+    let mut later = mode(ModeClass::Run, 2, 1000);
+    later.cue.cue.header.seq = 6;
+    gate.take_mode(&later);
+    let mut fresh = permit(1000, 1100);
+    fresh.cue_seq = 6;
+    gate.take_permit(&fresh);
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_stale_mode_needs_a_greater_epoch() {
+    let mut gate = moving();
+    assert_eq!(kind(&mut gate, 1200), StopKind::ModeStale);
+    gate.take_mode(&mode(ModeClass::Run, 2, 1200));
+    assert_ne!(kind(&mut gate, 1200), StopKind::None);
+}
+
+#[test]
+fn a_gate_that_begins_within_a_run_stands() {
+    let mut gate = Gate::new(GateLimits::of(&Settings::default()));
+    gate.take_mode(&mode(ModeClass::Run, 2, 950));
+    gate.take_odometry(&Odometry { header: header(990, 5, 1), ..Odometry::default() });
+    gate.take_permit(&permit(980, 1100));
+    assert_eq!(kind(&mut gate, 1000), StopKind::Boot);
+}
+
+#[test]
+fn old_odometry_or_another_frame_stops() {
+    let mut gate = moving();
+    gate.take_odometry(&Odometry { header: header(990, 5, 2), ..Odometry::default() });
+    assert_eq!(kind(&mut gate, 1000), StopKind::OdometryStale);
+    let mut gate = moving();
+    gate.take_permit(&permit(1090, 1200));
+    gate.take_mode(&mode(ModeClass::Run, 2, 1090));
+    assert_eq!(kind(&mut gate, 1091), StopKind::OdometryStale);
+}
+
+#[test]
+fn a_planned_change_is_ramped() {
+    let gate = moving();
+    let to = Twist2 { vx_mps: 0.5, ..Twist2::ZERO };
+    let after = gate.ramp(Twist2::ZERO, to, 0.02);
+    assert!((after.vx_mps - 0.08).abs() < 1e-12);
+    assert_eq!(gate.ramp(to, to, 0.02), to);
+}
+
+#[test]
+fn the_operators_stop_needs_a_greater_epoch() {
+    let mut gate = moving();
+    gate.stop_by(StopReason::of(StopKind::OperatorStop));
+    gate.take_mode(&mode(ModeClass::Run, 2, 1000));
+    gate.take_permit(&permit(990, 1100));
+    assert_eq!(kind(&mut gate, 1000), StopKind::OperatorStop);
+    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+    let mut fresh = permit(1000, 1100);
+    fresh.epoch = 3;
+    gate.take_permit(&fresh);
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}

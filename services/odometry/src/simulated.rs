@@ -1,0 +1,56 @@
+//! Odometry in the simulated world, with drift.
+
+use messages::{Odometry, WorldTruth};
+use settings::Settings;
+use transport::{Io, Subscriber, TransportError};
+use world::{OdometryConfig, OdometrySensor};
+
+use crate::PoseSource;
+
+/// Adds up the robot's true motion, with errors.
+#[derive(Debug)]
+pub struct SimulatedOdometry {
+    sensor: OdometrySensor,
+    truths: Subscriber<WorldTruth>,
+    newest: Option<(u64, Odometry)>,
+    period_ns: u64,
+    next_ns: u64,
+}
+
+impl SimulatedOdometry {
+    /// Odometry of this incarnation.
+    ///
+    /// # Errors
+    /// Where its settings are out of bounds or the topic cannot be opened.
+    pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let config = OdometryConfig::from(&settings.odometry);
+        let sensor = OdometrySensor::new(config, settings.simulation.seed, io.identity().incarnation)
+            .map_err(TransportError::service)?;
+        let period_ns = (1e9 / settings.odometry.rate_hz.get()) as u64;
+        Ok(Self { sensor, truths: io.subscriber()?, newest: None, period_ns, next_ns: 0 })
+    }
+}
+
+impl PoseSource for SimulatedOdometry {
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.next_ns)
+    }
+
+    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError> {
+        while let Some(truth) = self.truths.take()? {
+            let reading = self.sensor.update(truth.header.seq, truth.world_from_robot, truth.robot_twist);
+            let pose = Odometry {
+                odom_from_robot: reading.odom_from_robot,
+                twist: reading.twist,
+                sigma: reading.sigma,
+                ..Odometry::default()
+            };
+            self.newest = Some((truth.header.stamp_ns, pose));
+        }
+        if now_ns < self.next_ns {
+            return Ok(None);
+        }
+        self.next_ns = (now_ns / self.period_ns + 1) * self.period_ns;
+        Ok(self.newest.take())
+    }
+}

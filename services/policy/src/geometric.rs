@@ -1,0 +1,306 @@
+//! The geometric policy: follows the travel line with robot and handler, without any learning.
+//!
+//! At each decision it keeps a memory of what lidar and camera have seen, finds which way the cue means there
+//! (`route`), spreads the cost to that goal over the floor (`field`), and looks a few actions ahead with robot and
+//! delayed handler together (`rollout`). Same input, same output: no clock, no randomness, no I/O.
+
+mod beams;
+mod field;
+mod grid;
+mod hull;
+mod openings;
+mod rollout;
+mod route;
+mod team;
+mod travel;
+
+pub use route::Plan;
+
+use beams::Beams;
+use field::CostToGo;
+use grid::{Memory, Window};
+use guidance::se2::{Point, pose2};
+use guidance::{ActionTable, Se2};
+use hull::Hull;
+use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
+use rollout::Scene;
+use route::Route;
+use std::collections::VecDeque;
+use team::Team;
+
+/// Share of the probability that goes to the actions that are not the best.
+const REST_SHARE: f64 = 0.05;
+/// Obstacles farther than this cannot touch the team in one action, metres.
+const NEAR_M: f64 = 2.0;
+/// No robot walks so far, metres.
+const POSE_MAX_M: f64 = 1e6;
+/// Motions looked back at for going to and fro: five seconds.
+const HISTORY: usize = 10;
+/// How unwelcome it is to take back the last motion once the team goes to and fro.
+const UNREST_MAX: f64 = 16.0;
+
+/// What the engine knows of the team.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GeometricConfig {
+    /// Decision period, seconds.
+    pub dt_s: f64,
+    /// Radius of the robot's disc, metres.
+    pub robot_radius_m: f64,
+    /// Radius of the handler's disc, metres.
+    pub handler_radius_m: f64,
+    /// Where the rigid harness holds the handler.
+    pub robot_from_handler: Pose2,
+    /// Remembered share per decision of the delayed harness, 0 = rigid.
+    pub alpha: f64,
+    /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
+    pub handler_mask_m: f64,
+    /// What was seen is remembered for so long, seconds.
+    pub memory_s: f64,
+    /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
+    pub reserve_m: f64,
+}
+
+impl Default for GeometricConfig {
+    fn default() -> Self {
+        Self {
+            dt_s: 0.5,
+            robot_radius_m: 0.30,
+            handler_radius_m: 0.25,
+            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            alpha: 0.4,
+            handler_mask_m: 0.40,
+            memory_s: 10.0,
+            reserve_m: 0.04,
+        }
+    }
+}
+
+/// What one decision is made from.
+#[derive(Debug, Clone, Copy)]
+pub struct Observation<'a> {
+    /// Stands beside the ranges.
+    pub scan: &'a ScanHeader,
+    /// The lidar's readings, metres; see [`messages::LidarScan`].
+    pub ranges: &'a [f32],
+    /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
+    pub obstacles: &'a [Point],
+    /// The robot in the odometry frame, when the scan was taken.
+    pub odom_from_robot: Pose2,
+    /// Which life of the odometry that frame belongs to; another one voids the memory.
+    pub odometry_incarnation: u32,
+    /// The robot in the cue's start frame: x is the direction of travel when the cue was given.
+    pub start_from_robot: Pose2,
+    /// The cue in force; stop where there is none.
+    pub cue: CueKind,
+    /// Whether the cue in force is another one than at the last decision.
+    pub cue_is_new: bool,
+}
+
+/// The geometric policy. Call [`decide`](Self::decide) once in each decision period.
+#[derive(Debug)]
+pub struct GeometricEngine {
+    config: GeometricConfig,
+    table: ActionTable,
+    team: Team,
+    memory: Memory,
+    odometry_incarnation: Option<u32>,
+    odom_from_robot: Se2,
+    robot_from_handler: Se2,
+    last_motion: Se2,
+    history: VecDeque<Se2>,
+    unrest: f64,
+    route: Option<Route>,
+    cue: CueKind,
+    plan: Plan,
+}
+
+impl GeometricEngine {
+    /// An engine for that team and that action table.
+    #[must_use]
+    pub fn new(config: GeometricConfig, table: ActionTable) -> Self {
+        let team = Team::new(&config);
+        let kept = (config.memory_s / config.dt_s).clamp(1.0, 1000.0) as u64;
+        Self {
+            robot_from_handler: team.robot_from_handler,
+            team,
+            memory: Memory::new(kept),
+            config,
+            table,
+            odometry_incarnation: None,
+            odom_from_robot: Se2::identity(),
+            last_motion: Se2::identity(),
+            history: VecDeque::new(),
+            unrest: 1.0,
+            route: None,
+            cue: CueKind::Stop,
+            plan: Plan::Stand,
+        }
+    }
+
+    /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit. One-hot
+    /// on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
+    pub fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
+        match self.choose(observation) {
+            Some(worth) => probabilities(&worth),
+            None => one_hot_stop(),
+        }
+    }
+
+    /// What the last decision was about.
+    #[must_use]
+    pub fn plan(&self) -> Plan {
+        self.plan
+    }
+
+    /// Where the engine takes the handler to be, robot frame.
+    #[must_use]
+    pub fn robot_from_handler(&self) -> Pose2 {
+        pose2(&self.robot_from_handler)
+    }
+
+    /// The cost of each action, metres, infinite for those that do not exist; `None`: stand.
+    fn choose(&mut self, observation: &Observation) -> Option<[f64; MAX_ACTIONS]> {
+        self.plan = Plan::Blind;
+        if !believable(&observation.odom_from_robot) || !believable(&observation.start_from_robot) {
+            return None;
+        }
+        self.take_pose(observation);
+        let handler = Point::from(self.robot_from_handler.translation.vector);
+        let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
+        self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, handler);
+        self.take_cue(observation);
+        if self.cue == CueKind::Stop {
+            self.plan = Plan::Stand;
+            return None;
+        }
+        let odom_from_robot = self.odom_from_robot;
+        let place = Point::from(odom_from_robot.translation.vector);
+        let window = self.memory.window(place);
+        let odom_from_start = odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse();
+        let route = self.route.get_or_insert_with(|| Route::new(odom_from_start.rotation.angle()));
+        let cue_place = Point::from(odom_from_start.translation.vector);
+        let goal = route.goal(&window, &odom_from_robot, &beams.hits, self.cue, cue_place);
+        self.plan = goal.plan;
+        if goal.seeds.is_empty() {
+            return None;
+        }
+        let cost = CostToGo::spread(&window, &goal.seeds, place);
+        let way = cost.downhill(&window, place, 3.0) - place;
+        route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
+        Some(self.weigh(&window, &cost, goal.facing_rad, &beams))
+    }
+
+    /// Moves the handler and the history along with the robot's pose.
+    fn take_pose(&mut self, observation: &Observation) {
+        let odom_from_robot = guidance::se2::se2(observation.odom_from_robot);
+        if self.odometry_incarnation == Some(observation.odometry_incarnation) {
+            self.last_motion = self.odom_from_robot.inverse() * odom_from_robot;
+            self.robot_from_handler = self.team.follow(&self.last_motion, &self.robot_from_handler);
+        } else {
+            self.odometry_incarnation = Some(observation.odometry_incarnation);
+            self.memory.clear();
+            self.history.clear();
+            self.route = None;
+            self.last_motion = Se2::identity();
+            self.robot_from_handler = self.team.robot_from_handler;
+        }
+        self.odom_from_robot = odom_from_robot;
+        self.history.push_back(odom_from_robot);
+        if self.history.len() > HISTORY {
+            self.history.pop_front();
+        }
+        self.unrest =
+            if self.to_and_fro() { (self.unrest * 2.0).min(UNREST_MAX) } else { (self.unrest / 2.0).max(1.0) };
+    }
+
+    fn take_cue(&mut self, observation: &Observation) {
+        if observation.cue_is_new || observation.cue != self.cue {
+            self.route = None;
+            self.history.clear();
+        }
+        self.cue = observation.cue;
+    }
+
+    /// Whether the team has moved for some seconds and got nowhere.
+    fn to_and_fro(&self) -> bool {
+        let (Some(first), Some(last)) = (self.history.front(), self.history.back()) else { return false };
+        if self.history.len() < HISTORY {
+            return false;
+        }
+        let size = |motion: Se2| motion.translation.vector.norm() + 0.8 * motion.rotation.angle().abs();
+        let walked: f64 =
+            self.history.iter().zip(self.history.iter().skip(1)).map(|(a, b)| size(a.inverse() * b)).sum();
+        walked > 0.6 && size(first.inverse() * last) < 0.3 * walked
+    }
+
+    /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not.
+    fn weigh(&self, window: &Window, cost: &CostToGo, facing_rad: f64, beams: &Beams) -> [f64; MAX_ACTIONS] {
+        const UNSAFE_M: f64 = 1e4;
+        const STOP_M: f64 = 1e3;
+        let scene = Scene {
+            window,
+            cost,
+            facing_rad,
+            team: &self.team,
+            table: &self.table,
+            reserve_m: self.config.reserve_m + 2.0 * beams.sigma_m,
+            last_motion: self.last_motion,
+            unrest: self.unrest,
+        };
+        let worth = scene.worth(&self.odom_from_robot, &self.robot_from_handler);
+        let margins_m = self.margins_m(window);
+        let mut costs = [f64::INFINITY; MAX_ACTIONS];
+        for (action, worth) in worth.into_iter().enumerate() {
+            costs[action] = match worth {
+                _ if action == ActionTable::STOP => STOP_M,
+                Some(cost_m) if margins_m[action] > 0.0 => cost_m,
+                // The shield may allow it all the same: the roomier, the sooner.
+                _ if margins_m[action] > 0.0 => 2.0 * STOP_M - margins_m[action],
+                _ => UNSAFE_M - margins_m[action],
+            };
+        }
+        costs
+    }
+
+    /// For each action, the room that the shield would find, metres: from its hull to the nearest obstacle known.
+    fn margins_m(&self, window: &Window) -> Vec<f64> {
+        let robot_from_odom = self.odom_from_robot.inverse();
+        let near: Vec<Point> =
+            window.hits.iter().map(|hit| robot_from_odom * hit).filter(|hit| hit.coords.norm() < NEAR_M).collect();
+        let before = self.team.discs(&Se2::identity(), &self.robot_from_handler);
+        let margin_m = |action: &guidance::Action| {
+            let motion = action.start_from_end();
+            let after = self.team.discs(&motion, &self.team.follow(&motion, &self.robot_from_handler));
+            let hull = Hull::of(&[before[0], before[1], after[0], after[1]]);
+            near.iter().map(|hit| hull.outside_by_m(*hit)).fold(NEAR_M, f64::min)
+        };
+        self.table.actions().iter().map(margin_m).collect()
+    }
+}
+
+/// Nearly all for the least cost; the rest halves from rank to rank. Sums to 1.
+fn probabilities(costs: &[f64; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
+    let mut ranked: Vec<usize> = (0..MAX_ACTIONS).filter(|action| costs[*action].is_finite()).collect();
+    ranked.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
+    let mut shares = [0.0_f32; MAX_ACTIONS];
+    let mut left = REST_SHARE;
+    for action in ranked.iter().skip(1) {
+        left /= 2.0;
+        shares[*action] = left as f32;
+    }
+    if let Some(best) = ranked.first() {
+        shares[*best] = 1.0 - shares.iter().sum::<f32>();
+    }
+    shares
+}
+
+/// Whether the pose is finite and within the reach of any robot.
+fn believable(pose: &Pose2) -> bool {
+    pose.is_finite() && pose.x_m.abs() < POSE_MAX_M && pose.y_m.abs() < POSE_MAX_M
+}
+
+fn one_hot_stop() -> [f32; MAX_ACTIONS] {
+    let mut shares = [0.0; MAX_ACTIONS];
+    shares[ActionTable::STOP] = 1.0;
+    shares
+}

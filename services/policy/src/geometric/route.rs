@@ -1,0 +1,271 @@
+//! Which way the cue means here: along the corridor, round its bend, into an opening, or nowhere.
+
+use super::field::{TEAM_CLEARANCE_M, reachable};
+use super::grid::Window;
+use super::openings::{Opening, Profile, Side};
+use super::travel::TravelLine;
+use guidance::Se2;
+use guidance::se2::{Point, wrap_angle};
+use messages::CueKind;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+/// How far ahead the goal may lie, metres.
+const GOAL_M: f64 = 7.0;
+/// Way ahead under which the corridor may be about to bend or end, metres.
+const NEAR_END_M: f64 = 2.5;
+/// Way ahead under which the corridor is at its end, metres.
+const END_M: f64 = 0.4;
+/// Way ahead over which an end was none after all, metres.
+const NOT_END_M: f64 = 0.9;
+/// An opening is turned into once it begins within this, metres: farther ones may have nearer ones before them.
+const COMMIT_M: f64 = 2.0;
+/// A cue may come this late: the opening's end and middle behind the place of the cue, metres.
+const LATE_END_M: f64 = 0.5;
+const LATE_MIDDLE_M: f64 = 1.6;
+/// How far beyond the wall the goal in an opening begins and ends, metres. With the team's clearance it is at least 1.3 m
+/// deep.
+const INTO_M: (f64, f64) = (0.8, 3.0);
+/// An opening may lead away at a slant: its goal widens by this much each metre beyond the wall.
+const SLANT: f64 = 0.5;
+/// Decisions without a way after which a chosen opening is given up.
+const LOST_COUNT: u32 = 6;
+
+/// What the engine is doing, for reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Plan {
+    /// No cue, or stop.
+    #[default]
+    Stand,
+    /// No usable scan or pose: standing.
+    Blind,
+    /// Along the corridor.
+    Follow,
+    /// Into the opening that the cue asked for.
+    Turn,
+    /// Round the corridor's only way on.
+    Bend,
+    /// Standing: the corridor ends or is blocked, and there is no opening of the side asked for.
+    End,
+    /// Standing: the corridor ends and there is more than one way on; the handler must choose.
+    Junction,
+}
+
+/// The plan with its goal: cells of the window with the cost there. No cells: stand.
+#[derive(Debug)]
+pub struct Goal {
+    /// What is being done.
+    pub plan: Plan,
+    /// Cells and costs, metres.
+    pub seeds: Vec<(usize, f64)>,
+    /// Where to face at the goal, radians, odometry frame.
+    pub facing_rad: f64,
+}
+
+/// An opening chosen.
+#[derive(Debug, Clone, Copy)]
+struct Branch {
+    /// On the travel line in the opening's middle, x into it.
+    odom_from_branch: Se2,
+    wall_m: f64,
+    half_width_m: f64,
+    plan: Plan,
+    lost: u32,
+}
+
+/// What is remembered of the way from decision to decision.
+#[derive(Debug)]
+pub struct Route {
+    line: TravelLine,
+    branch: Option<Branch>,
+    wall_m: [f64; 2],
+    ended: bool,
+    /// Where the way led at the last decision, radians, odometry frame.
+    pub way_rad: Option<f64>,
+}
+
+/// What is seen from the robot at one decision.
+struct View<'a> {
+    window: &'a Window,
+    robot: &'a Se2,
+    odom_from_line: Se2,
+    reached: Vec<bool>,
+    profiles: [Profile; 2],
+    /// Way ahead along the travel line, metres.
+    ahead_m: f64,
+}
+
+impl Route {
+    /// A route that begins with a cue given in that direction (odometry frame).
+    pub fn new(yaw_rad: f64) -> Self {
+        Self { line: TravelLine::new(yaw_rad), branch: None, wall_m: [1.0; 2], ended: false, way_rad: None }
+    }
+
+    /// Where to go now. `cue_place` is where the robot was when the cue was given (odometry frame), `hits` are those of
+    /// the scan, in the order of its beams (robot frame).
+    pub fn goal(
+        &mut self,
+        window: &Window,
+        odom_from_robot: &Se2,
+        hits: &[Option<Point>],
+        cue: CueKind,
+        cue_place: Point,
+    ) -> Goal {
+        if self.branch.is_none() {
+            self.line.follow(odom_from_robot, hits, self.way_rad);
+        }
+        let view = self.view(window, odom_from_robot);
+        let goal = match cue {
+            CueKind::Stop => None,
+            CueKind::Forward => self.bend(&view),
+            CueKind::Left => self.turn(&view, Side::Left, cue_place),
+            CueKind::Right => self.turn(&view, Side::Right, cue_place),
+        };
+        goal.unwrap_or_else(|| self.along(&view, cue))
+    }
+
+    fn view<'a>(&mut self, window: &'a Window, robot: &'a Se2) -> View<'a> {
+        let odom_from_line = Se2::new(robot.translation.vector, self.line.yaw_rad);
+        let line_from_odom = odom_from_line.inverse();
+        let behind_m = if self.branch.is_some() { -3.0 } else { -1.8 };
+        let reached =
+            reachable(window, Point::from(robot.translation.vector), |place| (line_from_odom * place).x > behind_m);
+        let profiles = [Side::Left, Side::Right].map(|side| Profile::look(window, &odom_from_line, side));
+        for (wall_m, profile) in self.wall_m.iter_mut().zip(&profiles) {
+            *wall_m = profile.wall_m().unwrap_or(*wall_m);
+        }
+        let ahead_m = forward_cells(window, &reached, &odom_from_line).map(|(_, at)| at.x).fold(0.0, f64::max);
+        View { window, robot, odom_from_line, reached, profiles, ahead_m }
+    }
+
+    /// Along the corridor as far as it is seen; stands at its end.
+    fn along(&mut self, view: &View, cue: CueKind) -> Goal {
+        let end_m = if self.ended { NOT_END_M } else { END_M };
+        self.ended = view.ahead_m < end_m;
+        let facing_rad = self.line.yaw_rad;
+        if self.ended {
+            let ways = [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side).is_some());
+            let plan = if cue == CueKind::Forward && ways == [true; 2] { Plan::Junction } else { Plan::End };
+            return Goal { plan, seeds: Vec::new(), facing_rad };
+        }
+        let score = |at: Point| at.x - 0.3 * at.y.abs();
+        let cells = || forward_cells(view.window, &view.reached, &view.odom_from_line);
+        let best = cells().map(|(_, at)| score(at)).fold(f64::NEG_INFINITY, f64::max);
+        let seeds = cells().map(|(cell, at)| (cell, best - score(at))).filter(|(_, cost)| *cost < 0.6).collect();
+        Goal { plan: Plan::Follow, seeds, facing_rad }
+    }
+
+    /// Round the only way on, where the corridor is about to end with one.
+    fn bend(&mut self, view: &View) -> Option<Goal> {
+        if let Some(branch) = self.branch {
+            let error = wrap_angle(branch.odom_from_branch.rotation.angle() - view.robot.rotation.angle());
+            if error.abs() < FRAC_PI_4 {
+                *self = Self::new(branch.odom_from_branch.rotation.angle());
+                return None;
+            }
+        } else if view.ahead_m < NEAR_END_M {
+            let found = [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side));
+            let (side, opening) = match found {
+                [Some(opening), None] => (Side::Left, opening),
+                [None, Some(opening)] => (Side::Right, opening),
+                _ => return None,
+            };
+            let other = side.other();
+            let wall_m = self.wall_m[other as usize];
+            let shut = view.profiles[other as usize].closed(opening.begin_m.max(-0.3), opening.end_m, wall_m);
+            if !shut && view.ahead_m >= END_M {
+                return None;
+            }
+            self.branch = Some(branch(view, side, &opening, Plan::Bend));
+        }
+        self.into_branch(view)
+    }
+
+    /// Into the next opening of that side, once it is near.
+    fn turn(&mut self, view: &View, side: Side, cue_place: Point) -> Option<Goal> {
+        let since_cue_m = -(view.odom_from_line.inverse() * cue_place).x;
+        let openings = view.profiles[side as usize].openings(self.wall_m[side as usize]);
+        let not_passed = |opening: &Opening| {
+            opening.end_m + since_cue_m > -LATE_END_M && opening.middle_m() + since_cue_m > -LATE_MIDDLE_M
+        };
+        let far = |opening: &Opening| {
+            let middle_m = opening.middle_m();
+            if middle_m >= 0.0 { middle_m } else { 1.0 - 2.0 * middle_m }
+        };
+        let nearest = openings
+            .into_iter()
+            .filter(|opening| not_passed(opening) && opening.begin_m < COMMIT_M && view.reaches(side, opening))
+            .min_by(|a, b| far(a).total_cmp(&far(b)));
+        if let Some(opening) = nearest {
+            let found = branch(view, side, &opening, Plan::Turn);
+            let gap =
+                |old: &Branch| (old.odom_from_branch.inverse() * found.odom_from_branch).translation.vector.norm();
+            // What has been chosen is only looked at more closely, not given up for another one.
+            if self.branch.as_ref().is_none_or(|old| gap(old) < 1.0) {
+                self.branch = Some(found);
+            }
+        }
+        self.into_branch(view)
+    }
+
+    fn into_branch(&mut self, view: &View) -> Option<Goal> {
+        let branch = self.branch.as_mut()?;
+        let far_m = branch.wall_m + INTO_M.1;
+        let seeds: Vec<_> = view.inside(branch).map(|(cell, deep_m)| (cell, far_m - deep_m)).collect();
+        branch.lost = if seeds.is_empty() { branch.lost + 1 } else { 0 };
+        let goal = Goal { plan: branch.plan, seeds, facing_rad: branch.odom_from_branch.rotation.angle() };
+        if branch.lost > LOST_COUNT {
+            self.branch = None;
+        }
+        (!goal.seeds.is_empty()).then_some(goal)
+    }
+
+    /// The opening of that side at the corridor's end, if there is one that the team can get into.
+    fn opening_at_end(&self, view: &View, side: Side) -> Option<Opening> {
+        let end_m = view.ahead_m + TEAM_CLEARANCE_M;
+        let at_end =
+            |opening: &Opening| opening.end_m > end_m - 1.0 && opening.begin_m < COMMIT_M && opening.middle_m() > -1.0;
+        let openings = view.profiles[side as usize].openings(self.wall_m[side as usize]);
+        openings.into_iter().rev().find(|opening| at_end(opening) && view.reaches(side, opening))
+    }
+}
+
+impl View<'_> {
+    /// Whether the team can get into the opening, and it is deep enough to be one.
+    fn reaches(&self, side: Side, opening: &Opening) -> bool {
+        let branch = branch(self, side, opening, Plan::Turn);
+        let deep_m = self.inside(&branch).map(|(_, deep_m)| deep_m).fold(0.0, f64::max);
+        deep_m > opening.wall_m + INTO_M.0 + 0.2
+    }
+
+    /// The reached cells that lie in the opening, with how far across the line they are, metres.
+    fn inside(&self, branch: &Branch) -> impl Iterator<Item = (usize, f64)> {
+        let branch_from_odom = branch.odom_from_branch.inverse();
+        let (near_m, far_m) = (branch.wall_m + INTO_M.0, branch.wall_m + INTO_M.1);
+        let (wall_m, half_m) = (branch.wall_m, branch.half_width_m);
+        self.reached.iter().enumerate().filter(|(_, reached)| **reached).filter_map(move |(cell, _)| {
+            let at = branch_from_odom * self.window.centre(cell);
+            let across_m = half_m + SLANT * (at.x - wall_m).max(0.0);
+            ((near_m..far_m).contains(&at.x) && at.y.abs() < across_m).then_some((cell, at.x))
+        })
+    }
+}
+
+fn branch(view: &View, side: Side, opening: &Opening, plan: Plan) -> Branch {
+    let line_from_branch = Se2::new(nalgebra::Vector2::new(opening.middle_m(), 0.0), side.sign() * FRAC_PI_2);
+    Branch {
+        odom_from_branch: view.odom_from_line * line_from_branch,
+        wall_m: opening.wall_m,
+        half_width_m: (opening.end_m - opening.begin_m) / 2.0,
+        plan,
+        lost: 0,
+    }
+}
+
+/// The reached cells ahead, within about 50 degrees of the travel line, with their place on it.
+fn forward_cells(window: &Window, reached: &[bool], odom_from_line: &Se2) -> impl Iterator<Item = (usize, Point)> {
+    let line_from_odom = odom_from_line.inverse();
+    reached.iter().enumerate().filter(|(_, reached)| **reached).filter_map(move |(cell, _)| {
+        let at = line_from_odom * window.centre(cell);
+        (at.x > 0.0 && at.x < GOAL_M && at.y.abs() < 0.3 + 1.2 * at.x).then_some((cell, at))
+    })
+}

@@ -1,0 +1,181 @@
+//! From the command line to a running supervisor, and from its end to an empty machine.
+
+use std::io::Write;
+use std::os::fd::{AsFd, OwnedFd};
+use std::process::ExitCode;
+
+use messages::ServiceId;
+use rustix::event::{EventfdFlags, eventfd};
+use serde_json::{Value, json};
+use settings::Settings;
+use transport::{ClockKind, Domain, Io, RunDir, RunInfo, TransportError, inherited_fd, monotonic_ns, run_supervisor};
+
+use crate::children::Children;
+use crate::control::ControlServer;
+use crate::ending::Ending;
+use crate::machine::Machine;
+use crate::plan::Plan;
+use crate::report::Figures;
+use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
+
+/// Exit code: arguments or settings cannot be used.
+pub const EXIT_BAD_SETTINGS: u8 = 2;
+/// Exit code: the run could not begin or go on.
+pub const EXIT_RUN_FAILED: u8 = 3;
+
+/// Environment variable with the resolved settings, as TOML.
+pub const SETTINGS_VARIABLE: &str = "GUIDEDOG_SETTINGS";
+/// Environment variable that names a descriptor whose closing ends the run: its other end is the starter's.
+pub const OWNER_VARIABLE: &str = "GUIDEDOG_OWNER_FD";
+
+struct Arguments {
+    name: String,
+    clock: ClockKind,
+    report: bool,
+}
+
+fn parse(mut args: impl Iterator<Item = String>) -> Result<Arguments, String> {
+    let mut parsed = Arguments { name: "run".to_owned(), clock: ClockKind::Real, report: false };
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "--name" => parsed.name = args.next().ok_or("--name needs a value")?,
+            "--speed" => {
+                let text = args.next().ok_or("--speed needs a value")?;
+                let speed: f64 = text.parse().map_err(|_| format!("--speed {text} is no number"))?;
+                if !(speed.is_finite() && speed >= 0.0) {
+                    return Err(format!("--speed {text} is not 0 (unlimited) or more"));
+                }
+                parsed.clock = ClockKind::Stepped { speed };
+            }
+            "--report" => parsed.report = true,
+            _ => return Err(format!("unknown argument {arg}; `guidedog up` and `guidedog walk` start this program")),
+        }
+    }
+    Ok(parsed)
+}
+
+/// The whole of `guidedog-supervisor`.
+#[must_use]
+pub fn main() -> ExitCode {
+    let fail = |code: u8, why: String| {
+        // The reader may be gone; there is nobody else to tell.
+        let _ = writeln!(std::io::stderr(), "guidedog-supervisor: {why}");
+        ExitCode::from(code)
+    };
+    let arguments = match parse(std::env::args().skip(1)) {
+        Ok(arguments) => arguments,
+        Err(why) => return fail(EXIT_BAD_SETTINGS, why),
+    };
+    let settings = match std::env::var(SETTINGS_VARIABLE) {
+        Ok(text) => match toml::from_str::<Settings>(&text) {
+            Ok(settings) => settings,
+            Err(error) => return fail(EXIT_BAD_SETTINGS, format!("{SETTINGS_VARIABLE}: {error}")),
+        },
+        Err(_) => return fail(EXIT_BAD_SETTINGS, format!("{SETTINGS_VARIABLE} is not set: start with `guidedog up`")),
+    };
+    let dir = match new_run_dir(&arguments.name) {
+        Ok(dir) => dir,
+        Err(error) => return fail(EXIT_RUN_FAILED, error.to_string()),
+    };
+    match run(&arguments, &settings, &dir) {
+        Ok((report, failure)) => {
+            if arguments.report {
+                // The reader may be gone.
+                let _ = writeln!(std::io::stdout(), "{report}");
+            }
+            match failure {
+                Some(why) => fail(EXIT_RUN_FAILED, why),
+                None => ExitCode::SUCCESS,
+            }
+        }
+        Err(error) => {
+            dir.remove();
+            fail(EXIT_RUN_FAILED, error.to_string())
+        }
+    }
+}
+
+fn run(
+    arguments: &Arguments,
+    settings: &Settings,
+    dir: &RunDir,
+) -> Result<(Value, Option<String>), TransportError> {
+    let text = toml::to_string(settings).map_err(TransportError::service)?;
+    std::fs::write(dir.settings(), text).map_err(TransportError::service)?;
+    dir.write_info(&RunInfo {
+        name: arguments.name.clone(),
+        prefix: dir.prefix(),
+        supervisor_pid: std::process::id(),
+        started_monotonic_ns: monotonic_ns(),
+        clock: arguments.clock,
+    })?;
+    let signals = signals()?;
+    let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
+    let holder = domain.create_all()?;
+    let supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
+    let clock = serde_json::to_value(arguments.clock).unwrap_or(Value::Null);
+    let services = supervisor.machine.status();
+    let mut report =
+        supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);
+    report["failure"] = json!(supervisor.failure);
+    let failure = supervisor.failure.clone();
+    drop(supervisor);
+    drop(holder);
+    dir.remove();
+    Ok((report, failure))
+}
+
+/// A descriptor that becomes readable at SIGINT, SIGTERM and SIGHUP.
+fn signals() -> Result<OwnedFd, TransportError> {
+    let flags = EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK;
+    let fd = eventfd(0, flags).map_err(|errno| TransportError::System { call: "eventfd", errno })?;
+    let writer = fd.try_clone().map_err(TransportError::service)?;
+    ctrlc::set_handler(move || {
+        // A full counter has been seen by nobody yet, so the wake-up is there already.
+        let _ = rustix::io::write(&writer, &1u64.to_ne_bytes());
+    })
+    .map_err(TransportError::service)?;
+    Ok(fd)
+}
+
+impl Supervisor {
+    fn open(
+        settings: &Settings,
+        clock: ClockKind,
+        signals: OwnedFd,
+        io: &mut Io,
+    ) -> Result<Self, TransportError> {
+        let plan = Plan::of(settings, clock);
+        let health = plan.services.iter().map(|s| io.health_of(s.service)).collect::<Result<_, _>>()?;
+        io.watch(signals.as_fd(), TOKEN_SIGNAL)?;
+        let owner = inherited_fd(OWNER_VARIABLE).ok();
+        if let Some(owner) = &owner {
+            io.watch(owner, TOKEN_OWNER)?;
+        }
+        debug_assert!(plan.services.iter().all(|s| s.service != ServiceId::Supervisor));
+        Ok(Self {
+            machine: Machine::new(plan),
+            children: Children::new(io.domain.dir.path())?,
+            control: ControlServer::open(&io.domain.dir.control_socket(), io)?,
+            figures: Figures::default(),
+            ending: Ending::No,
+            health,
+            cues: io.subscriber()?,
+            locomotion: io.subscriber()?,
+            truth: io.subscriber()?,
+            modes: io.publisher()?,
+            requests: io.publisher()?,
+            last_truth: None,
+            last_locomotion: None,
+            next_tick_ns: 0,
+            mode_due_ns: 0,
+            step_limit_ns: settings.supervision.step_limit.ns(),
+            last_step: (0, monotonic_ns()),
+            signals,
+            owner,
+            failure: None,
+            woken_ns: 0,
+            ended_ns: 0,
+        })
+    }
+}

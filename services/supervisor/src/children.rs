@@ -1,0 +1,215 @@
+//! Starting processes, their lines, and their ends.
+
+use std::fs::File;
+use std::os::fd::{AsFd, AsRawFd, OwnedFd, RawFd};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+
+use messages::ServiceId;
+use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, Signal};
+use transport::{ChildArgs, Io, Line, ToChild, TransportError};
+
+/// A child as the shell holds it.
+#[derive(Debug)]
+pub struct Running {
+    /// Which service.
+    pub service: ServiceId,
+    /// Which life of it.
+    pub incarnation: u32,
+    /// Token of its control line; its pidfd's is one more.
+    pub token: u64,
+    /// Our end of its control line; none once it closed.
+    pub control: Option<Line>,
+    /// Readable when the process has ended.
+    pub pidfd: OwnedFd,
+    child: Child,
+    /// The other end of its lifeline, kept for a restarted locomotion (for locomotion itself: for the brake).
+    far_end: Option<Line>,
+    /// Why it said that it failed.
+    pub failed: Option<String>,
+    /// Whether it said that it has left.
+    pub left: bool,
+}
+
+/// All children.
+#[derive(Debug)]
+pub struct Children {
+    running: Vec<Running>,
+    executables: PathBuf,
+    run: PathBuf,
+    next_token: u64,
+}
+
+fn system(call: &'static str) -> impl FnOnce(rustix::io::Errno) -> TransportError {
+    move |errno| TransportError::System { call, errno }
+}
+
+impl Children {
+    /// No children yet; their executables lie beside ours.
+    ///
+    /// # Errors
+    /// Where our own executable cannot be found.
+    pub fn new(run: &Path) -> Result<Self, TransportError> {
+        let own = std::env::current_exe().map_err(TransportError::service)?;
+        let executables = own.parent().map(Path::to_owned).unwrap_or_default();
+        Ok(Self { running: Vec::new(), executables, run: run.to_owned(), next_token: 100 })
+    }
+
+    /// The children that have not been reaped.
+    #[must_use]
+    pub fn running(&self) -> &[Running] {
+        &self.running
+    }
+
+    /// The child whose control line or pidfd has that token.
+    pub fn by_token(&mut self, token: u64) -> Option<&mut Running> {
+        self.running.iter_mut().find(|child| child.token == token || child.token + 1 == token)
+    }
+
+    /// The child that is that incarnation.
+    pub fn incarnation(&mut self, service: ServiceId, incarnation: u32) -> Option<&mut Running> {
+        self.running.iter_mut().find(|child| child.service == service && child.incarnation == incarnation)
+    }
+
+    fn find(&self, service: ServiceId) -> Option<&Running> {
+        self.running.iter().rev().find(|child| child.service == service)
+    }
+
+    /// Starts an incarnation: its process id.
+    ///
+    /// # Errors
+    /// Where the executable is missing or the kernel refuses.
+    pub fn spawn(
+        &mut self,
+        service: ServiceId,
+        incarnation: u32,
+        log: &Path,
+        io: &Io,
+    ) -> Result<u32, TransportError> {
+        let (control, control_child) = Line::pair()?;
+        let (far_end, life_child) = Line::pair()?;
+        let path = self.executables.join(format!("guidedog-{service}"));
+        let log = File::create(log).map_err(TransportError::service)?;
+        let mut command = Command::new(&path);
+        command
+            .arg("--run")
+            .arg(&self.run)
+            .args(["--incarnation", &incarnation.to_string()])
+            .env(ChildArgs::CONTROL_FD, control_child.as_fd().as_raw_fd().to_string())
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().map_err(TransportError::service)?)
+            .stderr(log)
+            .process_group(0);
+        let life_variable =
+            if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
+        command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
+        prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
+        let child = command
+            .spawn()
+            .map_err(|error| TransportError::Service(format!("failed to start {}: {error}", path.display())))?;
+        // Ours must close now, or the child's death would go unnoticed.
+        drop((control_child, life_child));
+        let pid = child.id();
+        let raw = i32::try_from(pid).ok().and_then(Pid::from_raw);
+        let raw = raw.ok_or_else(|| TransportError::Service(format!("{pid} is no process id")))?;
+        let pidfd = rustix::process::pidfd_open(raw, PidfdFlags::empty()).map_err(system("pidfd_open"))?;
+        self.next_token += 2;
+        io.watch(&control, self.next_token)?;
+        io.watch(&pidfd, self.next_token + 1)?;
+        self.running.push(Running {
+            service,
+            incarnation,
+            token: self.next_token,
+            control: Some(control),
+            pidfd,
+            child,
+            far_end: Some(far_end),
+            failed: None,
+            left: false,
+        });
+        self.hand_out_lines(service);
+        Ok(pid)
+    }
+
+    /// Gives locomotion the far ends of all lifelines that it has not, and the brake that of locomotion.
+    fn hand_out_lines(&self, new: ServiceId) {
+        let send = |to: ServiceId, message: &ToChild, child: &Running| {
+            let line = self.find(to).and_then(|child| child.control.as_ref());
+            if let (Some(line), Some(far_end)) = (line, &child.far_end) {
+                // A receiver that is gone gets all lines again when it is back.
+                line.send(message, Some(far_end.as_fd()));
+            }
+        };
+        for child in &self.running {
+            let &Running { service, incarnation, .. } = child;
+            if service == ServiceId::Locomotion {
+                if new == ServiceId::Locomotion || new == ServiceId::Brake {
+                    let pid = child.child.id();
+                    send(ServiceId::Brake, &ToChild::Watch { incarnation, pid }, child);
+                }
+            } else if (new == service || new == ServiceId::Locomotion) && is_critical(service) {
+                send(ServiceId::Locomotion, &ToChild::Lifeline { service, incarnation }, child);
+            }
+        }
+    }
+
+    /// Tells one service something on its control line.
+    pub fn tell(&self, service: ServiceId, message: &ToChild) {
+        if let Some(line) = self.find(service).and_then(|child| child.control.as_ref()) {
+            // Where it is gone, its end is on the way to us.
+            line.send(message, None);
+        }
+    }
+
+    /// Ends an incarnation.
+    pub fn kill(&self, service: ServiceId, incarnation: u32) {
+        for child in self.running.iter().filter(|c| c.service == service && c.incarnation == incarnation) {
+            // It may have ended by itself.
+            let _ = rustix::process::pidfd_send_signal(&child.pidfd, Signal::KILL);
+        }
+    }
+
+    /// Takes the child off the list, if it has ended: its exit, in words.
+    pub fn reap(&mut self, token: u64, io: &Io) -> Option<(Running, String)> {
+        let i = self.running.iter().position(|child| child.token == token || child.token + 1 == token)?;
+        let status = self.running[i].child.try_wait().ok().flatten()?;
+        let child = self.running.swap_remove(i);
+        io.unwatch(&child.pidfd);
+        if let Some(control) = &child.control {
+            io.unwatch(control);
+        }
+        Some((child, status.to_string()))
+    }
+}
+
+/// Whether locomotion holds a line of that service.
+fn is_critical(service: ServiceId) -> bool {
+    !matches!(service, ServiceId::Simulator | ServiceId::Recorder)
+}
+
+/// What has to be done in the child between fork and exec.
+fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
+    // What stops the robot, and the world itself, outlive the supervisor by as much as the stop takes.
+    let outlives = matches!(service, ServiceId::Locomotion | ServiceId::Brake | ServiceId::Simulator);
+    let parent = rustix::process::getpid();
+    let before_exec = move || {
+        for fd in keep {
+            // SAFETY: the parent holds both open until the child is spawned.
+            let fd = unsafe { std::os::fd::BorrowedFd::borrow_raw(fd) };
+            rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::empty())?;
+        }
+        // A core dump would keep the lifeline open for as long as it takes. 1 rather than 0: some kernels still run a
+        // piped core handler at 0.
+        rustix::process::setrlimit(Resource::Core, Rlimit { current: Some(1), maximum: Some(1) })?;
+        if !outlives {
+            rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
+            if rustix::process::getppid() != Some(parent) {
+                return Err(std::io::Error::other("the supervisor is gone"));
+            }
+        }
+        Ok(())
+    };
+    // SAFETY: the closure makes system calls only: it neither allocates nor takes a lock.
+    unsafe { command.pre_exec(before_exec) };
+}

@@ -1,0 +1,153 @@
+//! The operator's socket: JSON lines, one answer for each request. It needs no shared memory.
+
+use std::io::{Read, Write};
+use std::os::unix::fs::PermissionsExt;
+use std::os::unix::net::{UnixListener, UnixStream};
+use std::path::Path;
+
+use messages::CueKind;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use transport::{Io, TransportError};
+
+/// Longest request, bytes.
+const MAX_REQUEST: usize = 4096;
+/// Operators at once.
+const MAX_CLIENTS: usize = 16;
+
+/// What an operator asks.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(tag = "verb", rename_all = "snake_case", deny_unknown_fields)]
+pub enum Request {
+    /// Mode, services, the walk so far.
+    Status,
+    /// The last stops, with evidence.
+    Why,
+    /// A cue for the handler.
+    Cue {
+        /// Which.
+        cue: CueKind,
+    },
+    /// The robot is to stand, and stay.
+    Stop,
+    /// Out of a lock.
+    Resume,
+    /// The run is to end.
+    Quit,
+}
+
+#[derive(Debug)]
+struct Client {
+    token: u64,
+    stream: UnixStream,
+    buffer: Vec<u8>,
+}
+
+/// The listening socket and its clients.
+#[derive(Debug)]
+pub struct ControlServer {
+    listener: UnixListener,
+    clients: Vec<Client>,
+    next_token: u64,
+}
+
+impl ControlServer {
+    /// Token of the listening socket; those of the clients are greater.
+    pub const TOKEN: u64 = 1 << 20;
+
+    /// Listens at `path`, for this user and group.
+    ///
+    /// # Errors
+    /// Where the socket cannot be made.
+    pub fn open(path: &Path, io: &Io) -> Result<Self, TransportError> {
+        let listener = UnixListener::bind(path).map_err(TransportError::service)?;
+        listener.set_nonblocking(true).map_err(TransportError::service)?;
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660)).map_err(TransportError::service)?;
+        io.watch(&listener, Self::TOKEN)?;
+        Ok(Self { listener, clients: Vec::new(), next_token: Self::TOKEN })
+    }
+
+    /// Takes what has come on `token`: the requests, each with the client to answer.
+    pub fn requests(&mut self, token: u64, io: &Io) -> Vec<(u64, Request)> {
+        if token == Self::TOKEN {
+            self.accept(io);
+            return Vec::new();
+        }
+        let Some(i) = self.clients.iter().position(|client| client.token == token) else { return Vec::new() };
+        let (lines, gone) = self.clients[i].read_lines();
+        let mut requests = Vec::new();
+        for line in lines {
+            match serde_json::from_slice(&line) {
+                Ok(request) => requests.push((token, request)),
+                Err(error) => self.answer(token, &json!({ "error": format!("bad request: {error}") })),
+            }
+        }
+        if gone && let Some(i) = self.clients.iter().position(|client| client.token == token) {
+            let client = self.clients.swap_remove(i);
+            io.unwatch(&client.stream);
+        }
+        requests
+    }
+
+    fn accept(&mut self, io: &Io) {
+        while let Ok((stream, _)) = self.listener.accept() {
+            let ours = rustix::net::sockopt::socket_peercred(&stream)
+                .is_ok_and(|peer| peer.uid.is_root() || peer.uid == rustix::process::getuid());
+            // A stranger, or one too many, is let go without a word.
+            if !ours || self.clients.len() >= MAX_CLIENTS || stream.set_nonblocking(true).is_err() {
+                continue;
+            }
+            self.next_token += 1;
+            if io.watch(&stream, self.next_token).is_ok() {
+                self.clients.push(Client { token: self.next_token, stream, buffer: Vec::new() });
+            }
+        }
+    }
+
+    /// Answers a client. One that does not read loses its answer: the supervisor waits for nobody.
+    pub fn answer(&mut self, token: u64, answer: &Value) {
+        if let Some(client) = self.clients.iter_mut().find(|client| client.token == token) {
+            let mut line = answer.to_string();
+            line.push('\n');
+            let _ = client.stream.write_all(line.as_bytes());
+        }
+    }
+}
+
+impl Client {
+    /// Whole lines that have come, and whether the client is gone.
+    fn read_lines(&mut self) -> (Vec<Vec<u8>>, bool) {
+        let mut bytes = [0u8; MAX_REQUEST];
+        let gone = match self.stream.read(&mut bytes) {
+            Ok(0) => true,
+            Ok(n) => {
+                self.buffer.extend_from_slice(&bytes[..n]);
+                false
+            }
+            Err(error) => error.kind() != std::io::ErrorKind::WouldBlock,
+        };
+        let mut lines = Vec::new();
+        while let Some(end) = self.buffer.iter().position(|byte| *byte == b'\n') {
+            let line: Vec<u8> = self.buffer.drain(..=end).collect();
+            lines.push(line[..end].to_vec());
+        }
+        (lines, gone || self.buffer.len() > MAX_REQUEST)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Request;
+    use messages::CueKind;
+
+    #[test]
+    fn a_request_is_exactly_what_it_may_be() {
+        assert_eq!(
+            serde_json::from_str::<Request>(r#"{"verb":"cue","cue":"left"}"#).ok(),
+            Some(Request::Cue { cue: CueKind::Left })
+        );
+        for bad in [r#"{"verb":"fly"}"#, r#"{"verb":"cue","cue":"up"}"#, "", "[]", r#"{"verb":"cue"}"#] {
+            assert!(serde_json::from_str::<Request>(bad).is_err(), "{bad}");
+        }
+    }
+}

@@ -1,0 +1,110 @@
+//! The end of a run: the robot stands first, then everybody leaves, then nothing of the run is left.
+
+use messages::{LocomotionState, ServiceId};
+use transport::{Io, ToChild, TransportError, monotonic_ns};
+
+use crate::Supervisor;
+use crate::machine::{Event, Now};
+
+/// The robot stands, or this long has passed since the stop.
+const STAND_LIMIT_NS: u64 = 1_000_000_000;
+/// Everybody has left, or this long has passed since they were asked to.
+const LEAVE_LIMIT_NS: u64 = 1_500_000_000;
+/// Everybody has ended, or is killed after this long.
+const EXIT_LIMIT_NS: u64 = 1_000_000_000;
+/// A robot that reports less than this stands, metres per second and radians per second.
+const STANDING: f64 = 0.01;
+
+/// How far the end is; the wall time at which each part began.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ending {
+    /// The run goes on.
+    No,
+    /// The robot is being stopped.
+    Stopping(u64),
+    /// Everybody is asked to leave.
+    Leaving(u64),
+    /// Everybody is told to exit.
+    Exiting(u64),
+    /// Nobody is left.
+    Done,
+}
+
+impl Ending {
+    /// Whether the end has begun.
+    #[must_use]
+    pub fn has_begun(self) -> bool {
+        self != Self::No
+    }
+
+    /// Whether nobody is left.
+    #[must_use]
+    pub fn is_done(self) -> bool {
+        self == Self::Done
+    }
+}
+
+fn stands(state: &LocomotionState) -> bool {
+    let m = state.measured;
+    state.applied.is_zero() && (!state.measured_valid || m.speed_mps() < STANDING && m.wz_radps.abs() < STANDING)
+}
+
+impl Supervisor {
+    pub(crate) fn begin_end(&mut self, io: &Io) {
+        if !self.ending.has_begun() {
+            self.ending = Ending::Stopping(monotonic_ns());
+            self.ended_ns = io.now_ns();
+            let now = Now { run_ns: io.now_ns(), wall_ns: monotonic_ns() };
+            self.machine.handle(Event::ShutDown, now);
+        }
+    }
+
+    pub(crate) fn go_on_ending(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        let now = monotonic_ns();
+        match self.ending {
+            Ending::No | Ending::Done => {}
+            Ending::Stopping(since) => {
+                let locomotion_up = self.children.running().iter().any(|c| c.service == ServiceId::Locomotion);
+                // In stepped time the world stands still once its time is over.
+                let time_is_over = io.domain.clock.is_stepped() && self.figures.world.is_some();
+                let standing = self.last_locomotion.is_none_or(|state| stands(&state));
+                if standing || time_is_over || !locomotion_up || now > since + STAND_LIMIT_NS {
+                    for child in self.children.running() {
+                        self.children.tell(child.service, &ToChild::Leave);
+                    }
+                    self.ending = Ending::Leaving(now);
+                }
+            }
+            Ending::Leaving(since) => {
+                if self.children.running().iter().all(|child| child.left) || now > since + LEAVE_LIMIT_NS {
+                    self.take_last_beats()?;
+                    for child in self.children.running() {
+                        self.children.tell(child.service, &ToChild::Exit);
+                    }
+                    self.ending = Ending::Exiting(now);
+                }
+            }
+            Ending::Exiting(since) => {
+                if now > since + EXIT_LIMIT_NS {
+                    for child in self.children.running() {
+                        self.children.kill(child.service, child.incarnation);
+                    }
+                }
+                if self.children.running().is_empty() {
+                    self.ending = Ending::Done;
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Everybody's last figures, which come outside of any step.
+    fn take_last_beats(&mut self) -> Result<(), TransportError> {
+        for beats in &mut self.health {
+            while let Some(health) = beats.take_at_once()? {
+                self.figures.beat(&health);
+            }
+        }
+        Ok(())
+    }
+}

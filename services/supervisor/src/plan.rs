@@ -1,0 +1,210 @@
+//! Which services a run has, in which order they start, and what each is held to.
+
+use messages::{ServiceId, TopicId};
+use settings::{Settings, Source};
+use transport::ClockKind;
+
+/// What a service takes and gives.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StreamRule {
+    /// The stream that it gives.
+    pub output: TopicId,
+    /// The stream without which it can give nothing; none for a device.
+    pub input: Option<TopicId>,
+    /// So many inputs make an output.
+    pub inputs_per_output: u64,
+    /// With input and without output for this long, it is hung, nanoseconds.
+    pub hang_ns: u64,
+    /// How old the output may be for motion; none where motion does not need it.
+    pub max_age_ns: Option<u64>,
+}
+
+/// One service of a run.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ServicePlan {
+    /// Which.
+    pub service: ServiceId,
+    /// Starts when everything of lower stages is ready.
+    pub stage: u8,
+    /// Whether motion needs it.
+    pub critical: bool,
+    /// Whether it is restarted; the end of what is not ends the run.
+    pub restartable: bool,
+    /// Whether it gives out stepped time.
+    pub clock_master: bool,
+    /// Its last beat may be this old, nanoseconds.
+    pub beat_limit_ns: u64,
+    /// Its streams.
+    pub streams: Vec<StreamRule>,
+}
+
+/// Limits that hold for all.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Limits {
+    /// Whether run time is stepped.
+    pub stepped: bool,
+    /// From spawn to ready.
+    pub ready_ns: u64,
+    /// A critical service's last beat.
+    pub beat_ns: u64,
+    /// Beats tell of a stream this much late.
+    pub beat_lag_ns: u64,
+    /// First pause before a restart.
+    pub back_off_ns: u64,
+    /// Longest pause before a restart.
+    pub back_off_max_ns: u64,
+    /// Restarts within the window.
+    pub restart_budget: u32,
+    /// See `restart_budget`.
+    pub budget_window_ns: u64,
+    /// Stepped time: joins this long after the death.
+    pub restart_time_ns: u64,
+    /// A cue must be younger to be accepted.
+    pub cue_max_age_ns: u64,
+}
+
+/// A run's services and limits.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Plan {
+    /// In the order of their start.
+    pub services: Vec<ServicePlan>,
+    /// Limits that hold for all.
+    pub limits: Limits,
+}
+
+/// Beats every 20 ms, read every 20 ms.
+const BEAT_LAG_NS: u64 = 40_000_000;
+/// What stands for the world is not restarted, so it is judged late.
+const WORLD_BEAT_LIMIT_NS: u64 = 1_000_000_000;
+
+impl Plan {
+    /// The plan of a run with these settings.
+    #[must_use]
+    pub fn of(settings: &Settings, clock: ClockKind) -> Self {
+        let supervision = &settings.supervision;
+        let limits = Limits {
+            stepped: matches!(clock, ClockKind::Stepped { .. }),
+            ready_ns: supervision.ready_within.ns(),
+            beat_ns: supervision.beat_limit.ns(),
+            beat_lag_ns: BEAT_LAG_NS,
+            back_off_ns: supervision.back_off.ns(),
+            back_off_max_ns: supervision.back_off_max.ns(),
+            restart_budget: supervision.restart_budget,
+            budget_window_ns: supervision.budget_window.ns(),
+            restart_time_ns: supervision.restart_time.ns(),
+            cue_max_age_ns: settings.max_age.cue.ns(),
+        };
+        let replayed = settings.lidar.source == Source::Replayed;
+        let mut services = vec![
+            plan(ServiceId::Locomotion, 0, &limits, vec![]),
+            plan(ServiceId::Brake, 0, &limits, vec![]),
+        ];
+        if replayed {
+            services.push(world(ServiceId::Replay, replay_streams(settings)));
+        } else {
+            services.push(world(ServiceId::Simulator, vec![]));
+            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
+            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
+            if settings.depth.source != Source::Absent {
+                services.push(depth(settings, &limits));
+            }
+        }
+        services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+        services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
+        services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
+        Self { services, limits }
+    }
+}
+
+fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>) -> ServicePlan {
+    ServicePlan {
+        service,
+        stage,
+        critical: true,
+        restartable: true,
+        clock_master: false,
+        beat_limit_ns: limits.beat_ns,
+        streams,
+    }
+}
+
+/// What stands for the physical world: it is not restarted, and its end ends the run.
+fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
+    ServicePlan {
+        service,
+        stage: 1,
+        critical: service == ServiceId::Replay,
+        restartable: false,
+        clock_master: true,
+        beat_limit_ns: WORLD_BEAT_LIMIT_NS,
+        streams,
+    }
+}
+
+fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
+    let max_age = settings.max_age.depth.ns();
+    let stream = StreamRule {
+        output: TopicId::DepthFrame,
+        input: Some(TopicId::WorldTruth),
+        inputs_per_output: 2 * inputs(100.0, settings.depth.rate_hz.get()),
+        hang_ns: 2 * max_age,
+        max_age_ns: settings.depth.needed.then_some(max_age),
+    };
+    ServicePlan {
+        critical: settings.depth.needed,
+        ..plan(ServiceId::Depth, 2, limits, vec![stream])
+    }
+}
+
+/// Inputs at `from_hz` for one output at `to_hz`, rounded up.
+fn inputs(from_hz: f64, to_hz: f64) -> u64 {
+    (from_hz / to_hz).ceil().max(1.0) as u64
+}
+
+fn scan_stream(settings: &Settings, driven: bool) -> StreamRule {
+    let max_age = settings.max_age.scan.ns();
+    StreamRule {
+        output: TopicId::LidarScan,
+        input: driven.then_some(TopicId::WorldTruth),
+        inputs_per_output: 2 * inputs(100.0, settings.lidar.rate_hz.get()),
+        hang_ns: 2 * max_age,
+        max_age_ns: Some(max_age),
+    }
+}
+
+fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
+    let max_age = settings.max_age.odometry.ns();
+    StreamRule {
+        output: TopicId::Odometry,
+        input: driven.then_some(TopicId::WorldTruth),
+        inputs_per_output: 2 * inputs(100.0, settings.odometry.rate_hz.get()),
+        hang_ns: 2 * max_age,
+        max_age_ns: Some(max_age),
+    }
+}
+
+fn replay_streams(settings: &Settings) -> Vec<StreamRule> {
+    vec![scan_stream(settings, false), odometry_stream(settings, false)]
+}
+
+fn action_stream(settings: &Settings) -> StreamRule {
+    let dt = settings.policy.dt.ns();
+    StreamRule {
+        output: TopicId::PolicyAction,
+        input: Some(TopicId::Mode),
+        inputs_per_output: 1,
+        hang_ns: 3 * dt,
+        max_age_ns: Some(dt * 3 / 2),
+    }
+}
+
+fn permit_stream(settings: &Settings) -> StreamRule {
+    StreamRule {
+        output: TopicId::ShieldPermit,
+        input: Some(TopicId::LidarScan),
+        inputs_per_output: 1,
+        hang_ns: 2 * settings.max_age.scan.ns(),
+        // Permits are not required for a cue to be accepted; a permit too old stops the robot by itself.
+        max_age_ns: None,
+    }
+}

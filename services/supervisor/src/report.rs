@@ -1,0 +1,238 @@
+//! The figures of a run: what `status`, `why` and the report at the end say.
+
+use std::collections::BTreeMap;
+
+use messages::{
+    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortRole, ServiceId, StopReason, TopicId, s_from_ns,
+};
+use serde_json::{Map, Value, json};
+
+use crate::machine::{Phase, ServiceStatus};
+use crate::stops::{Stop, StopLog};
+
+/// The last beat of every incarnation, and what the world said at its end.
+#[derive(Debug, Default)]
+pub struct Figures {
+    lives: BTreeMap<(ServiceId, u32), Box<Health>>,
+    /// What simulator or replay said when the run ended.
+    pub world: Option<Value>,
+    /// Notes for the operator, with run time.
+    pub notes: Vec<(u64, String)>,
+    /// Notes that found no room.
+    pub notes_not_kept: u64,
+}
+
+/// The most notes kept.
+const MAX_NOTES: usize = 400;
+
+impl Figures {
+    /// Takes a beat.
+    pub fn beat(&mut self, health: &Health) {
+        let key = (health.service, health.header.incarnation);
+        match self.lives.get_mut(&key) {
+            Some(life) => **life = *health,
+            None => {
+                self.lives.insert(key, Box::new(*health));
+            }
+        }
+    }
+
+    /// Keeps a note.
+    pub fn note(&mut self, run_ns: u64, text: String) {
+        if self.notes.len() < MAX_NOTES {
+            self.notes.push((run_ns, text));
+        } else {
+            self.notes_not_kept += 1;
+        }
+    }
+
+    /// Messages published by topic.
+    fn published(&self) -> Value {
+        let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
+        for port in self.ports(PortRole::Publisher) {
+            *counts.entry(port.0.topic.name()).or_default() += port.0.count;
+        }
+        json!(counts)
+    }
+
+    /// Messages taken by topic and consumer.
+    fn taken(&self) -> Value {
+        let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
+        for (port, consumer) in self.ports(PortRole::Subscriber) {
+            *counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.count;
+        }
+        json!(counts)
+    }
+
+    /// Messages missed by topic, and by topic and consumer.
+    fn lost(&self) -> (Value, Value) {
+        let mut by_topic: BTreeMap<&str, u64> = BTreeMap::new();
+        let mut by_consumer: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
+        for (port, consumer) in self.ports(PortRole::Subscriber) {
+            *by_topic.entry(port.topic.name()).or_default() += port.lost;
+            *by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.lost;
+        }
+        (json!(by_topic), json!(by_consumer))
+    }
+
+    fn ports(&self, role: PortRole) -> impl Iterator<Item = (&messages::PortCounters, ServiceId)> {
+        self.lives.values().flat_map(move |life| {
+            life.ports()
+                .iter()
+                .filter(move |port| port.role == role && port.topic != TopicId::None)
+                .map(|port| (port, life.service))
+        })
+    }
+
+    fn latencies(&self) -> Value {
+        let mut all: BTreeMap<&str, LatencyHistogram> = BTreeMap::new();
+        for histogram in self.lives.values().flat_map(|life| &life.latencies) {
+            if histogram.what != Latency::None {
+                all.entry(histogram.what.name()).or_default().add(histogram);
+            }
+        }
+        let mut map = Map::new();
+        for (name, histogram) in all {
+            let us = |q| histogram.quantile_us(q).map(|us| (us * 10.0).round() / 10.0);
+            let max = histogram.max_ns as f64 / 1000.0;
+            let row = json!({ "n": histogram.n, "p50": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": max });
+            map.insert(name.to_owned(), row);
+        }
+        Value::Object(map)
+    }
+
+    fn of(&self, service: ServiceId) -> impl Iterator<Item = &Health> {
+        self.lives.iter().filter(move |((s, _), _)| *s == service).map(|(_, life)| life.as_ref())
+    }
+
+    /// Decisions drawn and missed, scans judged and refused by reason, and the digest over actions and permits.
+    fn shield(&self, map: &mut Map<String, Value>) {
+        let sum = |of: fn(&Health) -> u64| self.of(ServiceId::Shield).map(of).sum::<u64>();
+        map.insert("decisions".to_owned(), json!(sum(|life| life.decisions)));
+        map.insert("missed_decisions".to_owned(), json!(sum(|life| life.missed_decisions)));
+        let count = |outcome: Outcome| -> u64 {
+            self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]).sum()
+        };
+        let verdicts = Outcome::ALL.into_iter().filter(|o| o.is_verdict());
+        let refusals = Outcome::ALL.into_iter().filter(|o| !o.is_verdict());
+        let by_name = |outcomes: Vec<Outcome>| -> BTreeMap<&str, u64> {
+            outcomes.into_iter().map(|o| (o.name(), count(o))).filter(|(_, n)| *n > 0).collect()
+        };
+        let verdicts = by_name(verdicts.collect());
+        let refusals = by_name(refusals.collect());
+        let digest: String = self
+            .of(ServiceId::Shield)
+            .last()
+            .map(|life| life.digest.iter().map(|byte| format!("{byte:02x}")).collect())
+            .unwrap_or_default();
+        map.insert("verdicts".to_owned(), json!(verdicts.values().sum::<u64>()));
+        map.insert("verdicts_by_outcome".to_owned(), json!(verdicts));
+        map.insert("refusals".to_owned(), json!(refusals));
+        map.insert("digest".to_owned(), json!(digest));
+    }
+
+    /// The report at the end of the run.
+    #[must_use]
+    pub fn report(&self, run: &str, clock: &Value, run_ns: u64, stops: &StopLog, services: &[ServiceStatus]) -> Value {
+        let mut map = Map::new();
+        map.insert("run".to_owned(), json!(run));
+        map.insert("clock".to_owned(), clock.clone());
+        map.insert("duration_s".to_owned(), json!(s_from_ns(run_ns)));
+        if let Some(Value::Object(world)) = &self.world {
+            map.extend(world.clone());
+        }
+        map.insert("stops".to_owned(), stops.stops().iter().map(|stop| stop_json(stop, run_ns)).collect());
+        map.insert("stops_not_kept".to_owned(), json!(stops.not_kept));
+        map.insert("stopped_s_by_reason".to_owned(), stopped_by_reason(stops, run_ns));
+        map.insert("longest_freeze_s".to_owned(), json!(s_from_ns(stops.longest_freeze_ns)));
+        self.shield(&mut map);
+        map.insert("latency_us".to_owned(), self.latencies());
+        map.insert("published".to_owned(), self.published());
+        map.insert("taken".to_owned(), self.taken());
+        let (lost, lost_by_consumer) = self.lost();
+        map.insert("lost".to_owned(), lost);
+        map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
+        map.insert("invalid_inputs".to_owned(), json!(self.lives.values().map(|l| l.invalid_inputs).sum::<u64>()));
+        let restarts: BTreeMap<&str, u32> =
+            services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
+        map.insert("restarts".to_owned(), json!(restarts));
+        map.insert("notes".to_owned(), self.notes_json());
+        map.insert("notes_not_kept".to_owned(), json!(self.notes_not_kept));
+        Value::Object(map)
+    }
+
+    /// The notes, with run time.
+    #[must_use]
+    pub fn notes_json(&self) -> Value {
+        self.notes.iter().map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
+    }
+}
+
+/// One stop as reported.
+#[must_use]
+pub fn stop_json(stop: &Stop, now_ns: u64) -> Value {
+    let lasted = stop.ended_ns.unwrap_or(now_ns).saturating_sub(stop.at_ns);
+    json!({
+        "class": stop.class,
+        "reason": stop.reason.kind.name(),
+        "why": stop.reason.to_string(),
+        "service": (stop.reason.service != ServiceId::None).then(|| stop.reason.service.name()),
+        "stream": (stop.reason.topic != TopicId::None).then(|| stop.reason.topic.name()),
+        "at_s": s_from_ns(stop.at_ns),
+        "lasted_s": s_from_ns(lasted),
+        "ended": stop.ended_ns.is_some(),
+    })
+}
+
+fn stopped_by_reason(stops: &StopLog, now_ns: u64) -> Value {
+    let mut times: BTreeMap<&str, f64> = BTreeMap::new();
+    for stop in stops.stops() {
+        let lasted = stop.ended_ns.unwrap_or(now_ns).saturating_sub(stop.at_ns);
+        *times.entry(stop.reason.kind.name()).or_default() += s_from_ns(lasted);
+    }
+    json!(times)
+}
+
+/// A reason as reported.
+#[must_use]
+pub fn reason_json(reason: &StopReason) -> Value {
+    json!(reason.to_string())
+}
+
+/// The mode as reported.
+#[must_use]
+pub fn mode_json(mode: &Mode) -> Value {
+    let cue = mode.cue.valid.then(|| {
+        json!({ "kind": mode.cue.cue.kind.name(), "since_s": s_from_ns(mode.cue.cue.header.stamp_ns) })
+    });
+    let reason = if mode.class == ModeClass::Run { Value::Null } else { reason_json(&mode.reason) };
+    json!({
+        "class": mode.class.name(),
+        "reason": reason,
+        "epoch": mode.epoch,
+        "ready_for_cue": mode.ready_for_cue,
+        "cue": cue,
+        "active_policy": mode.active_policy,
+    })
+}
+
+/// The services as reported.
+#[must_use]
+pub fn services_json(services: &[ServiceStatus]) -> Value {
+    services
+        .iter()
+        .map(|s| {
+            let state = match s.phase {
+                Phase::Down { .. } => "down",
+                Phase::Starting { .. } => "starting",
+                Phase::Ready => "ready",
+                Phase::Dying => "dying",
+                Phase::Spent => "spent",
+            };
+            json!({
+                "name": s.service.name(), "pid": s.pid, "state": state, "incarnation": s.incarnation,
+                "restarts": s.restarts, "critical": s.critical,
+            })
+        })
+        .collect()
+}

@@ -1,0 +1,103 @@
+//! What a recording says about itself: MCAP's metadata record `guidedog`.
+
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+use serde::Serialize;
+
+/// The version of the format written, and the only one read.
+pub const FORMAT_VERSION: u32 = 1;
+
+/// Name of the metadata record.
+pub(crate) const METADATA_NAME: &str = "guidedog";
+
+const RECORDS: &str = "records.";
+const ANOMALIES: &str = "anomalies.";
+
+/// What whoever records has to say about the recording.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct About {
+    /// File name of the log that it was imported from, or what else it was recorded from.
+    pub source: String,
+    /// Which robot.
+    pub robot: String,
+    /// Angle between the lidar's first and last beam, radians.
+    pub field_of_view_rad: f64,
+    /// Unix time of the first record, seconds, where it is known.
+    pub first_wall_clock_s: Option<f64>,
+    /// What was found wrong with the input, by kind.
+    pub anomalies: BTreeMap<String, u64>,
+}
+
+/// What a finished recording says about itself.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Info {
+    /// What whoever recorded it said.
+    pub about: About,
+    /// Records by topic name.
+    pub records: BTreeMap<String, u64>,
+    /// Run time of the first record, nanoseconds; 0 in an import.
+    pub start_ns: u64,
+    /// From the first record to the last, nanoseconds.
+    pub duration_ns: u64,
+}
+
+impl Info {
+    pub(crate) fn to_map(&self) -> BTreeMap<String, String> {
+        let about = &self.about;
+        let mut map = BTreeMap::from([
+            ("format".to_owned(), FORMAT_VERSION.to_string()),
+            ("source".to_owned(), about.source.clone()),
+            ("robot".to_owned(), about.robot.clone()),
+            ("field_of_view_rad".to_owned(), about.field_of_view_rad.to_string()),
+            ("start_ns".to_owned(), self.start_ns.to_string()),
+            ("duration_ns".to_owned(), self.duration_ns.to_string()),
+        ]);
+        if let Some(seconds) = about.first_wall_clock_s {
+            map.insert("first_wall_clock_s".to_owned(), seconds.to_string());
+        }
+        map.extend(self.records.iter().map(|(topic, n)| (format!("{RECORDS}{topic}"), n.to_string())));
+        map.extend(about.anomalies.iter().map(|(kind, n)| (format!("{ANOMALIES}{kind}"), n.to_string())));
+        map
+    }
+
+    /// The error names the entry that is missing or wrong.
+    pub(crate) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, String> {
+        Ok(Self {
+            about: About {
+                source: text(map, "source")?.to_owned(),
+                robot: text(map, "robot")?.to_owned(),
+                field_of_view_rad: number(map, "field_of_view_rad")?,
+                first_wall_clock_s: match map.contains_key("first_wall_clock_s") {
+                    true => Some(number(map, "first_wall_clock_s")?),
+                    false => None,
+                },
+                anomalies: counts(map, ANOMALIES)?,
+            },
+            records: counts(map, RECORDS)?,
+            start_ns: number(map, "start_ns")?,
+            duration_ns: number(map, "duration_ns")?,
+        })
+    }
+}
+
+/// The format version that the metadata claims.
+pub(crate) fn format_version(map: &BTreeMap<String, String>) -> Result<u32, String> {
+    number(map, "format")
+}
+
+fn text<'a>(map: &'a BTreeMap<String, String>, key: &str) -> Result<&'a str, String> {
+    map.get(key).map(String::as_str).ok_or_else(|| format!("metadata entry `{key}` is missing"))
+}
+
+fn number<T: FromStr>(map: &BTreeMap<String, String>, key: &str) -> Result<T, String> {
+    let text = text(map, key)?;
+    text.parse().map_err(|_| format!("metadata entry `{key}` is no number: {text:?}"))
+}
+
+fn counts(map: &BTreeMap<String, String>, prefix: &str) -> Result<BTreeMap<String, u64>, String> {
+    map.keys()
+        .filter_map(|key| key.strip_prefix(prefix).map(|name| (key, name)))
+        .map(|(key, name)| Ok((name.to_owned(), number(map, key)?)))
+        .collect()
+}

@@ -1,0 +1,279 @@
+//! A depth camera.
+//!
+//! Exact, at whatever pitch, for everything flat: floor, ceiling, walls, boxes (their tops and undersides too) and the
+//! cells of a floor plan; depths are of pixel centres and rounded to a millimetre. People are prisms of a polygon that
+//! is at most 2 mm off the circle. A face of a floor plan that is narrower than half a column may be missed.
+
+use guidance::se2::{Point, Se2};
+use messages::{DepthHeader, Header, Pose2, Pose3};
+use nalgebra::{Point3, Vector2};
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use crate::noise::{Source, generator};
+use crate::prism::Prism;
+use crate::raster::{Face, Pinhole};
+use crate::scene::PERSON_HEIGHT_M;
+use crate::{ConfigError, Scene};
+
+/// Normal numbers of the noise table: 64 k, from which every row takes a run at a random place.
+const TABLE_LEN: usize = 1 << 16;
+
+/// What a depth camera is like and where it sits. The default is that of a D400-class camera at the robot's front.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DepthConfig {
+    /// Columns, to 1280.
+    pub width: usize,
+    /// Rows, to 720.
+    pub height: usize,
+    /// Angle that the columns span, radians.
+    pub hfov_rad: f64,
+    /// Where it is on the robot, its height above the floor included.
+    pub robot_from_camera: Pose3,
+    /// Nearer things give no reading, metres.
+    pub range_min_m: f64,
+    /// Farther things give no reading, metres; along the optical axis, as all depths.
+    pub range_max_m: f64,
+    /// Noise of a stereo camera: one standard deviation is this times the depth squared, 1/metres. 0 for none.
+    pub noise_per_m: f64,
+}
+
+impl Default for DepthConfig {
+    fn default() -> Self {
+        Self {
+            width: 640,
+            height: 480,
+            hfov_rad: 87f64.to_radians(),
+            robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
+            range_min_m: 0.3,
+            range_max_m: 10.0,
+            noise_per_m: 0.001,
+        }
+    }
+}
+
+impl DepthConfig {
+    /// Refuses what no camera is like.
+    ///
+    /// # Errors
+    /// Names the first key that is out of its bounds.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let (camera, turn) = (&self.robot_from_camera, std::f64::consts::TAU);
+        ConfigError::check_count("width", self.width, 1, 1280)?;
+        ConfigError::check_count("height", self.height, 1, 720)?;
+        ConfigError::check("hfov_rad", self.hfov_rad, 0.1, 2.8)?;
+        ConfigError::check("robot_from_camera.x_m", camera.x_m, -2.0, 2.0)?;
+        ConfigError::check("robot_from_camera.y_m", camera.y_m, -2.0, 2.0)?;
+        ConfigError::check("robot_from_camera.z_m", camera.z_m, 0.01, 3.0)?;
+        ConfigError::check("robot_from_camera.yaw_rad", camera.yaw_rad, -turn, turn)?;
+        ConfigError::check("robot_from_camera.pitch_rad", camera.pitch_rad, -1.3, 1.3)?;
+        ConfigError::check("range_min_m", self.range_min_m, 0.05, 10.0)?;
+        ConfigError::check("range_max_m", self.range_max_m, self.range_min_m + 0.1, 65.0)?;
+        ConfigError::check("noise_per_m", self.noise_per_m, 0.0, 0.1)
+    }
+}
+
+/// A simulated depth camera. All pixels of a frame are of one moment.
+#[derive(Debug, Clone)]
+pub struct DepthSensor {
+    config: DepthConfig,
+    seed: u64,
+    incarnation: u32,
+    camera: Pinhole,
+    /// One row of inverse depths, 1/metres.
+    row: Vec<f32>,
+    faces: Vec<Face>,
+    /// Standard normal numbers; none without noise.
+    table: Vec<f32>,
+}
+
+impl DepthSensor {
+    /// A camera whose noise depends on `seed` and `incarnation`.
+    ///
+    /// # Errors
+    /// Where the configuration is out of its bounds.
+    pub fn new(config: DepthConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
+        config.validate()?;
+        let (width, height) = (config.width, config.height);
+        let camera = Pinhole {
+            width,
+            height,
+            focal_px: 0.5 * width as f64 / (0.5 * config.hfov_rad).tan(),
+            cx_px: 0.5 * (width as f64 - 1.0),
+            cy_px: 0.5 * (height as f64 - 1.0),
+        };
+        let mut random = generator(Source::Table, seed, 0, 0);
+        let count = if config.noise_per_m > 0.0 { TABLE_LEN + width } else { 0 };
+        let table = (0..count).map(|_| StandardNormal.sample(&mut random)).collect();
+        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), table })
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub fn config(&self) -> &DepthConfig {
+        &self.config
+    }
+
+    /// Pixels of a frame.
+    #[must_use]
+    pub fn pixels(&self) -> usize {
+        self.config.width * self.config.height
+    }
+
+    /// What stands beside the pixels; the header is left for the publisher.
+    #[must_use]
+    pub fn depth_header(&self) -> DepthHeader {
+        DepthHeader {
+            header: Header::default(),
+            width: self.config.width as u32,
+            height: self.config.height as u32,
+            fx_px: self.camera.focal_px,
+            fy_px: self.camera.focal_px,
+            cx_px: self.camera.cx_px,
+            cy_px: self.camera.cy_px,
+            robot_from_camera: self.config.robot_from_camera,
+        }
+    }
+
+    /// Writes frame number `frame`: depth along the optical axis in millimetres, 0 = none, row by row from the top
+    /// left, as many whole rows as `pixels` has room for.
+    pub fn render(&mut self, scene: &Scene<'_>, frame: u64, pixels: &mut [u16]) {
+        let mut faces = std::mem::take(&mut self.faces);
+        faces.clear();
+        self.view(scene).collect(scene, &mut faces);
+        faces.sort_unstable_by_key(|face| face.rows().0);
+        let mut random = generator(Source::Depth, self.seed, self.incarnation, frame);
+        let (mut active, mut next) = (Vec::with_capacity(faces.len()), 0);
+        for (row, out) in pixels.chunks_exact_mut(self.config.width).take(self.config.height).enumerate() {
+            while next < faces.len() && faces[next].rows().0 <= row {
+                active.push(next);
+                next += 1;
+            }
+            active.retain(|&face| faces[face].rows().1 >= row);
+            let background = self.background(scene.world.ceiling_m(), row);
+            self.row.fill(background);
+            for &face in &active {
+                faces[face].fill(row, &mut self.row);
+            }
+            if !self.table.is_empty() {
+                let start = random.random_range(0..TABLE_LEN);
+                // A depth's sigma of k d^2 is a sigma of k on its inverse.
+                let noise = self.config.noise_per_m as f32;
+                for (inverse, normal) in self.row.iter_mut().zip(&self.table[start..]) {
+                    *inverse += noise * normal;
+                }
+            }
+            self.write(out);
+        }
+        self.faces = faces;
+    }
+
+    /// Inverse depth of floor or ceiling at a row, 1/metres: without roll it is the same along the row.
+    fn background(&self, ceiling_m: f64, row: usize) -> f32 {
+        let camera = &self.config.robot_from_camera;
+        let up = (self.camera.cy_px - row as f64) / self.camera.focal_px;
+        let rise = up * camera.pitch_rad.cos() - camera.pitch_rad.sin();
+        let to_floor = -rise / camera.z_m;
+        let above = ceiling_m - camera.z_m;
+        let to_ceiling = if above > 0.0 { rise / above } else { 0.0 };
+        to_floor.max(to_ceiling) as f32
+    }
+
+    /// Turns the row's inverse depths into millimetres.
+    fn write(&self, out: &mut [u16]) {
+        let (nearest, farthest) = (1.0 / self.config.range_min_m as f32, 1.0 / self.config.range_max_m as f32);
+        for (pixel, &inverse) in out.iter_mut().zip(&self.row) {
+            let seen = inverse <= nearest && inverse >= farthest;
+            let depth_mm = if seen { 1000.0 / inverse + 0.5 } else { 0.0 };
+            *pixel = depth_mm as i32 as u16;
+        }
+    }
+
+    fn view(&self, scene: &Scene<'_>) -> View {
+        let mount = &self.config.robot_from_camera;
+        let world_from_camera = scene.world_from(Pose2::new(mount.x_m, mount.y_m, mount.yaw_rad));
+        let (sin, cos) = mount.pitch_rad.sin_cos();
+        View {
+            pinhole: self.camera,
+            camera_from_world: world_from_camera.inverse(),
+            eye: Point::from(world_from_camera.translation.vector),
+            yaw_rad: world_from_camera.rotation.angle(),
+            height_m: mount.z_m,
+            pitch: (sin, cos),
+            range_max_m: self.config.range_max_m,
+        }
+    }
+}
+
+/// Where a camera stands and what it can reach.
+struct View {
+    pinhole: Pinhole,
+    /// Of the level frame at the camera's place and yaw.
+    camera_from_world: Se2,
+    eye: Point,
+    yaw_rad: f64,
+    height_m: f64,
+    pitch: (f64, f64),
+    range_max_m: f64,
+}
+
+impl View {
+    /// Gathers all faces in view.
+    fn collect(&self, scene: &Scene<'_>, faces: &mut Vec<Face>) {
+        let (half_width, half_height) =
+            (self.pinhole.cx_px / self.pinhole.focal_px, self.pinhole.cy_px / self.pinhole.focal_px);
+        // The farthest corner of the viewing pyramid, as seen from above.
+        let reach = self.range_max_m * (1.0 + half_width.powi(2) + half_height.powi(2)).sqrt();
+        let around = Vector2::repeat(reach);
+        for id in scene.world.prisms_near(self.eye - around, self.eye + around) {
+            let prism = &scene.world.prisms()[id as usize];
+            if prism.seen {
+                self.add(prism, faces);
+            }
+        }
+        for (center, radius_m) in scene.bodies() {
+            if (center - self.eye).norm() < reach + radius_m {
+                self.add(&Prism::pillar(center, radius_m.max(0.01), [0.0, PERSON_HEIGHT_M]), faces);
+            }
+        }
+        if let Some(map) = scene.world.map() {
+            // Pitched, a row's columns spread wider than at the optical axis.
+            let (sin, cos) = self.pitch;
+            let half = half_width.atan2((cos - sin.abs() * half_height).max(1e-3));
+            let sector = (self.yaw_rad - half, 2.0 * half, 2 * self.pinhole.width);
+            for (a, b) in map.visible_faces(self.eye, sector, reach) {
+                self.add_side(a, b, [0.0, scene.world.ceiling_m()], faces);
+            }
+        }
+    }
+
+    /// Adds the sides of a prism, and its top and underside where they can be seen.
+    fn add(&self, prism: &Prism, faces: &mut Vec<Face>) {
+        for (a, b) in prism.sides() {
+            // A solid's outline is counter-clockwise: its far sides turn their back.
+            if !prism.solid || (b - a).perp(&(self.eye - a)) < 0.0 {
+                self.add_side(a, b, [prism.z0_m, prism.z1_m], faces);
+            }
+        }
+        let lid = if self.height_m > prism.z1_m { prism.z1_m } else { prism.z0_m };
+        if prism.solid && !(prism.z0_m..=prism.z1_m).contains(&self.height_m) {
+            for pair in prism.outline[1..].windows(2) {
+                let fan = [prism.outline[0], pair[0], pair[1]].map(|p| self.to_camera(p, lid));
+                faces.extend(self.pinhole.project(&fan));
+            }
+        }
+    }
+
+    fn add_side(&self, a: Point, b: Point, [z0_m, z1_m]: [f64; 2], faces: &mut Vec<Face>) {
+        let quad = [(a, z0_m), (b, z0_m), (b, z1_m), (a, z1_m)].map(|(p, z_m)| self.to_camera(p, z_m));
+        faces.extend(self.pinhole.project(&quad));
+    }
+
+    /// A point of the world in the camera frame: x along the optical axis, y left, z up.
+    fn to_camera(&self, world: Point, z_m: f64) -> Point3<f64> {
+        let (level, up, (sin, cos)) = (self.camera_from_world * world, z_m - self.height_m, self.pitch);
+        Point3::new(cos * level.x - sin * up, level.y, sin * level.x + cos * up)
+    }
+}

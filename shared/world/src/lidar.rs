@@ -1,0 +1,158 @@
+//! A planar lidar.
+
+use guidance::se2::Point;
+use messages::{Header, MAX_BEAMS, Pose2, ScanHeader};
+use nalgebra::Vector2;
+use rand::RngExt;
+use rand_distr::{Distribution, StandardNormal};
+use serde::{Deserialize, Serialize};
+
+use crate::noise::{Source, generator};
+use crate::scene::{PERSON_HEIGHT_M, ray_meets_disc};
+use crate::{ConfigError, Scene};
+
+/// What a lidar is like and where it sits. The default is that of a small round lidar (RPLIDAR A1 class) on the robot's
+/// back.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LidarConfig {
+    /// Beams of a scan, 1 to [`MAX_BEAMS`].
+    pub beams: usize,
+    /// Angle of the first beam in the lidar frame, radians.
+    pub angle_min_rad: f64,
+    /// Angle from one beam to the next, radians; negative turns clockwise.
+    pub angle_increment_rad: f64,
+    /// Readings under it are unknown, metres.
+    pub range_min_m: f64,
+    /// Nothing is seen beyond it, metres.
+    pub range_max_m: f64,
+    /// One standard deviation of a reading, metres (Kim et al. 2023: +-5 cm, read as two of them).
+    pub sigma_m: f64,
+    /// Share of the beams that give no reading, 0 to 1.
+    pub drop_out: f64,
+    /// Where it is on the robot.
+    pub robot_from_lidar: Pose2,
+    /// Height of its plane above the floor, metres.
+    pub height_m: f64,
+}
+
+impl Default for LidarConfig {
+    fn default() -> Self {
+        Self {
+            beams: 360,
+            angle_min_rad: -std::f64::consts::PI,
+            angle_increment_rad: std::f64::consts::TAU / 360.0,
+            range_min_m: 0.10,
+            range_max_m: 12.0,
+            sigma_m: 0.025,
+            drop_out: 0.005,
+            robot_from_lidar: Pose2::new(0.10, 0.0, 0.0),
+            height_m: 0.40,
+        }
+    }
+}
+
+impl LidarConfig {
+    /// Refuses what no lidar is like.
+    ///
+    /// # Errors
+    /// Names the first key that is out of its bounds.
+    pub fn validate(&self) -> Result<(), ConfigError> {
+        let turn = std::f64::consts::TAU;
+        ConfigError::check_count("beams", self.beams, 1, MAX_BEAMS)?;
+        ConfigError::check("angle_min_rad", self.angle_min_rad, -turn, turn)?;
+        ConfigError::check("angle_increment_rad", self.angle_increment_rad, -turn, turn)?;
+        ConfigError::check("range_min_m", self.range_min_m, 0.0, 10.0)?;
+        ConfigError::check("range_max_m", self.range_max_m, self.range_min_m + 0.1, 300.0)?;
+        ConfigError::check("sigma_m", self.sigma_m, 0.0, 1.0)?;
+        ConfigError::check("drop_out", self.drop_out, 0.0, 1.0)?;
+        ConfigError::check("robot_from_lidar.x_m", self.robot_from_lidar.x_m, -2.0, 2.0)?;
+        ConfigError::check("robot_from_lidar.y_m", self.robot_from_lidar.y_m, -2.0, 2.0)?;
+        ConfigError::check("robot_from_lidar.yaw_rad", self.robot_from_lidar.yaw_rad, -turn, turn)?;
+        ConfigError::check("height_m", self.height_m, 0.0, 3.0)
+    }
+}
+
+/// A simulated lidar. All beams of a scan are of one moment.
+#[derive(Debug, Clone)]
+pub struct LidarSensor {
+    config: LidarConfig,
+    seed: u64,
+    incarnation: u32,
+}
+
+impl LidarSensor {
+    /// A lidar whose noise depends on `seed` and `incarnation`.
+    ///
+    /// # Errors
+    /// Where the configuration is out of its bounds.
+    pub fn new(config: LidarConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
+        config.validate()?;
+        Ok(Self { config, seed, incarnation })
+    }
+
+    /// The configuration.
+    #[must_use]
+    pub fn config(&self) -> &LidarConfig {
+        &self.config
+    }
+
+    /// What stands beside the ranges; the header is left for the publisher.
+    #[must_use]
+    pub fn scan_header(&self) -> ScanHeader {
+        ScanHeader {
+            header: Header::default(),
+            angle_min_rad: self.config.angle_min_rad,
+            angle_increment_rad: self.config.angle_increment_rad,
+            range_min_m: self.config.range_min_m,
+            range_max_m: self.config.range_max_m,
+            sigma_m: self.config.sigma_m,
+            robot_from_lidar: self.config.robot_from_lidar,
+        }
+    }
+
+    /// Writes scan number `frame` in metres: one range for each beam, as many as `ranges` has room for. Infinite where
+    /// nothing was hit, NaN where there is no reading (drop-out, or nearer than the least range).
+    pub fn scan(&self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
+        let config = &self.config;
+        let world_from_lidar = scene.world_from(config.robot_from_lidar);
+        let origin = Point::from(world_from_lidar.translation.vector);
+        let first = config.angle_min_rad + world_from_lidar.rotation.angle();
+        let mut random = generator(Source::Lidar, self.seed, self.incarnation, frame);
+        for (beam, range) in ranges.iter_mut().take(config.beams).enumerate() {
+            let angle = first + config.angle_increment_rad * beam as f64;
+            let truth = self.cast(scene, origin, Vector2::new(angle.cos(), angle.sin()));
+            // Both are drawn for every beam, so that what one beam sees changes no other beam's noise.
+            let (lost, noise): (f64, f64) = (random.random(), StandardNormal.sample(&mut random));
+            *range = match truth {
+                _ if lost < config.drop_out => f32::NAN,
+                None => f32::INFINITY,
+                Some(range_m) if range_m < config.range_min_m => f32::NAN,
+                Some(range_m) => self.reading(range_m + noise * config.sigma_m),
+            };
+        }
+    }
+
+    /// The true range of a beam, metres.
+    fn cast(&self, scene: &Scene<'_>, origin: Point, direction: Vector2<f64>) -> Option<f64> {
+        let config = &self.config;
+        let mut nearest = scene.world.cast(origin, direction, config.height_m, config.range_max_m);
+        if config.height_m > PERSON_HEIGHT_M {
+            return nearest;
+        }
+        for (center, radius_m) in scene.bodies() {
+            if let Some(range_m) = ray_meets_disc(origin, direction, center, radius_m)
+                && range_m < nearest.unwrap_or(config.range_max_m)
+            {
+                nearest = Some(range_m);
+            }
+        }
+        nearest
+    }
+
+    /// A hit stays a hit, whatever the noise on it.
+    fn reading(&self, range_m: f64) -> f32 {
+        let (min, max) = (self.config.range_min_m as f32, self.config.range_max_m as f32);
+        (range_m as f32).clamp(min.next_up(), max.next_down())
+    }
+}

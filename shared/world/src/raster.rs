@@ -1,0 +1,132 @@
+//! Flat convex faces to inverse depth, one image row at a time.
+//!
+//! Along a flat face the inverse of the depth is linear in column and row, so a row of a face is one sum and one
+//! maximum for each pixel, whatever the camera's pitch. One row at a time stays in the fastest cache and needs no
+//! image of its own.
+
+use nalgebra::Point3;
+
+/// Faces nearer than this plane are cut off at it, metres.
+const NEAR_M: f64 = 0.02;
+/// Neighbouring faces share the pixels on their common edge: no gaps, pixels.
+const EDGE_PX: f64 = 1e-6;
+
+/// A pinhole camera: pixel (column, row) looks along (1, (cx - column) / f, (cy - row) / f) in a frame with x along the
+/// optical axis, y left, z up.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Pinhole {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) focal_px: f64,
+    pub(crate) cx_px: f64,
+    pub(crate) cy_px: f64,
+}
+
+/// A face on its way to the image: inverse depth `base + by_column * column + by_row * row` between its edges.
+#[derive(Debug, Clone)]
+pub(crate) struct Face {
+    base: f64,
+    by_column: f64,
+    by_row: f64,
+    rows: (usize, usize),
+    corners: [(f64, f64); MAX_CORNERS],
+    count: usize,
+}
+
+/// The most corners that a face has here: a quad cut by the near plane. Larger outlines are cut into fans before.
+pub(crate) const MAX_CORNERS: usize = 5;
+
+impl Pinhole {
+    /// Projects a convex polygon of three or four corners, camera frame; `None` where none of it is in the image.
+    pub(crate) fn project(&self, polygon: &[Point3<f64>]) -> Option<Face> {
+        let (corners, count) = self.cut_and_project(polygon);
+        if count < 3 {
+            return None;
+        }
+        let used = &corners[..count];
+        let fold = |f: fn(f64, f64) -> f64, start, pick: fn(&(f64, f64)) -> f64| used.iter().map(pick).fold(start, f);
+        let (left, right) = (fold(f64::min, f64::MAX, |c| c.0), fold(f64::max, f64::MIN, |c| c.0));
+        let (top, bottom) = (fold(f64::min, f64::MAX, |c| c.1), fold(f64::max, f64::MIN, |c| c.1));
+        let outside = right < 0.0 || bottom < 0.0 || left > self.width as f64 - 1.0 || top > self.height as f64 - 1.0;
+        if outside {
+            return None;
+        }
+        let normal = (polygon[1] - polygon[0]).cross(&(polygon[2] - polygon[0]));
+        let offset = normal.dot(&polygon[0].coords);
+        // Seen edge-on: nothing to fill.
+        if offset.abs() <= 1e-12 * normal.norm() {
+            return None;
+        }
+        let n = normal / offset;
+        let (by_column, by_row) = (-n.y / self.focal_px, -n.z / self.focal_px);
+        let base = n.x - by_column * self.cx_px - by_row * self.cy_px;
+        let rows =
+            ((top - EDGE_PX).ceil().max(0.0) as usize, (bottom + EDGE_PX).min(self.height as f64 - 1.0) as usize);
+        (rows.0 <= rows.1).then_some(Face { base, by_column, by_row, rows, corners, count })
+    }
+
+    /// Cuts a polygon at the near plane and gives the corners that are left as (column, row).
+    fn cut_and_project(&self, polygon: &[Point3<f64>]) -> ([(f64, f64); MAX_CORNERS], usize) {
+        let (mut corners, mut count) = ([(0.0, 0.0); MAX_CORNERS], 0);
+        let mut push = |p: Point3<f64>| {
+            if count < MAX_CORNERS {
+                corners[count] = (self.cx_px - self.focal_px * p.y / p.x, self.cy_px - self.focal_px * p.z / p.x);
+                count += 1;
+            }
+        };
+        for (i, &a) in polygon.iter().enumerate() {
+            let b = polygon[(i + 1) % polygon.len()];
+            if a.x >= NEAR_M {
+                push(a);
+            }
+            if (a.x >= NEAR_M) != (b.x >= NEAR_M) {
+                push(a + (b - a) * ((NEAR_M - a.x) / (b.x - a.x)));
+            }
+        }
+        (corners, count)
+    }
+}
+
+impl Face {
+    /// First and last row.
+    pub(crate) fn rows(&self) -> (usize, usize) {
+        self.rows
+    }
+
+    /// Raises a row's inverse depths to this face's, where it covers them.
+    pub(crate) fn fill(&self, row: usize, inverse: &mut [f32]) {
+        let Some((left, right)) = self.span(row as f64) else { return };
+        let first = (left - EDGE_PX).ceil().max(0.0);
+        let last = (right + EDGE_PX).floor().min(inverse.len() as f64 - 1.0);
+        if first > last {
+            return;
+        }
+        let (from, to) = (first as usize, last as usize);
+        let start = (self.base + self.by_row * row as f64 + self.by_column * first) as f32;
+        let step = self.by_column as f32;
+        for (i, pixel) in inverse[from..=to].iter_mut().enumerate() {
+            let here = start + step * i as i32 as f32;
+            *pixel = if here > *pixel { here } else { *pixel };
+        }
+    }
+
+    /// The columns that the outline spans at a row.
+    fn span(&self, row: f64) -> Option<(f64, f64)> {
+        let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
+        for i in 0..self.count {
+            let (a, b) = (self.corners[i], self.corners[(i + 1) % self.count]);
+            let (low, high) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+            if row < low.1 - EDGE_PX || row > high.1 + EDGE_PX {
+                continue;
+            }
+            let height = high.1 - low.1;
+            if height < EDGE_PX {
+                (left, right) = (left.min(low.0.min(high.0)), right.max(low.0.max(high.0)));
+                continue;
+            }
+            let column = low.0 + (high.0 - low.0) * ((row - low.1) / height).clamp(0.0, 1.0);
+            (left, right) = (left.min(column), right.max(column));
+        }
+        (left <= right).then_some((left, right))
+    }
+}

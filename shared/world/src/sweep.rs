@@ -1,0 +1,76 @@
+//! Distances to convex things, and how far a moving disc may go before it touches one.
+
+use guidance::se2::Point;
+
+/// Halvings of the way; a tick's way of 1 cm is known to 1e-14 m after them.
+const HALVINGS: usize = 40;
+
+/// Distance from a point to a segment, metres.
+pub(crate) fn to_segment(p: Point, a: Point, b: Point) -> f64 {
+    let along = b - a;
+    let length2 = along.norm_squared();
+    let t = if length2 > 0.0 { ((p - a).dot(&along) / length2).clamp(0.0, 1.0) } else { 0.0 };
+    (p - (a + along * t)).norm()
+}
+
+/// Distance from a point to an axis-aligned box, metres; 0 inside.
+pub(crate) fn to_box(p: Point, min: Point, max: Point) -> f64 {
+    let dx = (min.x - p.x).max(p.x - max.x).max(0.0);
+    let dy = (min.y - p.y).max(p.y - max.y).max(0.0);
+    dx.hypot(dy)
+}
+
+/// The share of the way, in [0, 1], that can be gone before `distance` (to a convex thing) falls under `limit`; `None`
+/// where all of it can. What is already nearer than the limit blocks every way that leads closer, and no other.
+pub(crate) fn free_share(from: Point, to: Point, limit: f64, distance: impl Fn(Point) -> f64) -> Option<f64> {
+    let (start, way) = (distance(from), to - from);
+    if start - way.norm() >= limit {
+        return None;
+    }
+    if start < limit {
+        return (distance(to) < start - 1e-9).then_some(0.0);
+    }
+    let at = |share: f64| distance(from + way * share);
+    // The distance to a convex thing is convex along a line: the nearest point first, then the crossing before it.
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..HALVINGS {
+        let third = (high - low) / 3.0;
+        if at(low + third) <= at(high - third) { high -= third } else { low += third }
+    }
+    let nearest = if at(1.0) <= at(low) { 1.0 } else { low };
+    if at(nearest) >= limit {
+        return None;
+    }
+    let (mut free, mut blocked) = (0.0, nearest);
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (free + blocked);
+        if at(middle) >= limit { free = middle } else { blocked = middle }
+    }
+    Some(free)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{free_share, to_box, to_segment};
+    use guidance::se2::Point;
+
+    #[test]
+    fn distances_are_to_the_nearest_point() {
+        let p = |x, y| Point::new(x, y);
+        assert_eq!(to_segment(p(0.0, 2.0), p(-1.0, 0.0), p(1.0, 0.0)), 2.0);
+        assert_eq!(to_segment(p(4.0, 4.0), p(-1.0, 0.0), p(1.0, 0.0)), 5.0);
+        assert_eq!(to_box(p(4.0, 5.0), p(0.0, 0.0), p(1.0, 1.0)), 5.0);
+        assert_eq!(to_box(p(0.5, 0.5), p(0.0, 0.0), p(1.0, 1.0)), 0.0);
+    }
+
+    #[test]
+    fn a_disc_stops_at_its_radius_and_may_leave_again() {
+        let wall = |p: Point| to_segment(p, Point::new(1.0, -1.0), Point::new(1.0, 1.0));
+        let share = free_share(Point::origin(), Point::new(2.0, 0.0), 0.25, wall).unwrap();
+        assert!((share - 0.375).abs() < 1e-9);
+        assert_eq!(free_share(Point::origin(), Point::new(0.7, 0.0), 0.25, wall), None);
+        let inside = Point::new(0.9, 0.0);
+        assert_eq!(free_share(inside, Point::new(0.8, 0.0), 0.25, wall), None, "leaving is free");
+        assert_eq!(free_share(inside, Point::new(0.95, 0.0), 0.25, wall), Some(0.0));
+    }
+}

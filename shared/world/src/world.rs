@@ -1,0 +1,160 @@
+//! A world: floor, ceiling, prisms, a floor plan where there is one, and walking people.
+
+use std::path::Path;
+
+use guidance::se2::Point;
+use nalgebra::Vector2;
+
+use crate::grid_map::GridMap;
+use crate::index::SideIndex;
+use crate::people::Person;
+use crate::prism::Prism;
+use crate::sweep::{free_share, to_segment};
+use crate::{WorldError, text_file, world_file};
+
+/// Height of the ceiling where nothing else is said, metres.
+pub const DEFAULT_CEILING_M: f64 = 2.6;
+
+/// Everything that stands still, and who walks where. Walls of prisms and cells of a floor plan are asked together, so
+/// that sensors and collisions work on either or on both.
+#[derive(Debug, Clone)]
+pub struct World {
+    ceiling_m: f64,
+    prisms: Vec<Prism>,
+    index: SideIndex,
+    map: Option<GridMap>,
+    people: Vec<Person>,
+}
+
+impl World {
+    /// A world of these prisms.
+    #[must_use]
+    pub fn new(ceiling_m: f64, prisms: Vec<Prism>) -> Self {
+        let index = SideIndex::new(&prisms);
+        Self { ceiling_m, prisms, index, map: None, people: Vec::new() }
+    }
+
+    /// The same world on a floor plan.
+    #[must_use]
+    pub fn with_map(mut self, map: GridMap) -> Self {
+        self.map = Some(map);
+        self
+    }
+
+    /// The same world with these walking people, of whom at most [`messages::MAX_WALKERS`] fit into a truth.
+    #[must_use]
+    pub fn with_people(mut self, people: Vec<Person>) -> Self {
+        self.people = people;
+        self
+    }
+
+    /// The same world with more in it.
+    #[must_use]
+    pub fn with_prisms(mut self, more: impl IntoIterator<Item = Prism>) -> Self {
+        self.prisms.extend(more);
+        self.index = SideIndex::new(&self.prisms);
+        self
+    }
+
+    /// Reads a world file (TOML), or a ROS map (`.yaml`, `.yml`).
+    ///
+    /// # Errors
+    /// Where the file, or the map or image that it names, cannot be read or used; the error names file, line and key.
+    pub fn load(path: &Path) -> Result<Self, WorldError> {
+        let extension = path.extension().and_then(|extension| extension.to_str()).unwrap_or_default();
+        if matches!(extension, "yaml" | "yml") {
+            return Ok(Self::new(DEFAULT_CEILING_M, Vec::new()).with_map(GridMap::load(path)?));
+        }
+        let text = text_file::read(path)?;
+        let folder = path.parent().unwrap_or(Path::new(""));
+        world_file::parse(&path.display().to_string(), &text, folder)
+    }
+
+    /// A world from the text of a world file. `file` names it in errors; a map that it names is read from `folder`.
+    ///
+    /// # Errors
+    /// As [`World::load`].
+    pub fn from_toml(file: &str, text: &str, folder: &Path) -> Result<Self, WorldError> {
+        world_file::parse(file, text, folder)
+    }
+
+    /// Height of the ceiling, metres.
+    #[must_use]
+    pub fn ceiling_m(&self) -> f64 {
+        self.ceiling_m
+    }
+
+    /// What the world is built of, the floor plan aside.
+    #[must_use]
+    pub fn prisms(&self) -> &[Prism] {
+        &self.prisms
+    }
+
+    /// The floor plan, if there is one.
+    #[must_use]
+    pub fn map(&self) -> Option<&GridMap> {
+        self.map.as_ref()
+    }
+
+    /// Who walks in it, and how.
+    #[must_use]
+    pub fn people(&self) -> &[Person] {
+        &self.people
+    }
+
+    /// Way from `origin` along the unit vector `direction`, at height `z_m`, to the first thing that a lidar sees,
+    /// metres; `None` where there is none within `max_m`. Upper and lower edges of a face belong to it. Walking people
+    /// are not asked.
+    #[must_use]
+    pub fn cast(&self, origin: Point, direction: Vector2<f64>, z_m: f64, max_m: f64) -> Option<f64> {
+        let in_map = self.map.as_ref().and_then(|map| map.cast(origin, direction, max_m));
+        let max_m = in_map.unwrap_or(max_m);
+        let seen = |id: u32| {
+            let prism = &self.prisms[id as usize];
+            prism.seen && (prism.z0_m..=prism.z1_m).contains(&z_m)
+        };
+        self.index.cast(origin, direction, max_m, seen).or(in_map)
+    }
+
+    /// Distance from a place to the nearest thing between two heights, metres, at most `up_to_m`; 0 inside something.
+    #[must_use]
+    pub fn clearance(&self, at: Point, z: [f64; 2], up_to_m: f64) -> f64 {
+        if self.prisms.iter().any(|prism| prism.reaches(z) && prism.contains(at)) {
+            return 0.0;
+        }
+        let mut nearest = self.map.as_ref().map_or(up_to_m, |map| map.clearance(at, up_to_m));
+        let reach = Vector2::repeat(up_to_m);
+        self.index.near(at - reach, at + reach, |side| {
+            if self.prisms[side.prism as usize].reaches(z) {
+                nearest = nearest.min(to_segment(at, side.a, side.b));
+            }
+        });
+        nearest
+    }
+
+    /// The share of the straight way `from`..`to`, in [0, 1], that a disc between two heights can go before it touches
+    /// something; `None` where all of it is free. What the disc is already inside of blocks only ways that lead closer.
+    #[must_use]
+    pub fn free_share(&self, from: Point, to: Point, radius_m: f64, z: [f64; 2]) -> Option<f64> {
+        let mut share = self.map.as_ref().and_then(|map| map.free_share(from, to, radius_m));
+        let reach = Vector2::repeat(radius_m);
+        self.index.near(from.inf(&to) - reach, from.sup(&to) + reach, |side| {
+            if !self.prisms[side.prism as usize].reaches(z) {
+                return;
+            }
+            if let Some(found) = free_share(from, to, radius_m, |p| to_segment(p, side.a, side.b)) {
+                share = Some(share.map_or(found, |share| share.min(found)));
+            }
+        });
+        share
+    }
+
+    /// The prisms that have a face in a box, each once, in order.
+    pub(crate) fn prisms_near(&self, min: Point, max: Point) -> Vec<u32> {
+        let mut found = Vec::new();
+        self.index.near(min, max, |side| found.push(side.prism));
+        found.sort_unstable();
+        found.dedup();
+        found
+    }
+}

@@ -1,0 +1,292 @@
+//! The world file (TOML). Lengths in metres, angles in degrees, heights `z = [lower, upper]` above the floor.
+//!
+//! ```toml
+//! ceiling_m = 2.6                  # default 2.6
+//! map = "floor.yaml"               # a ROS map to stand in, from this file's folder; default none
+//!
+//! [[wall]]                         # thin, along a polyline
+//! points = [[0, 1.2], [40, 1.2]]
+//! z = [0, 2.6]                     # default: floor to ceiling
+//! glass = false                    # default; glass blocks, and neither lidar nor camera sees it
+//!
+//! [[arc]]                          # thin, along an arc, counter-clockwise where to_deg is the larger
+//! center = [0, 12]
+//! radius_m = 10.9
+//! from_deg = -90
+//! to_deg = 30
+//!
+//! [[box]]
+//! at = [8, 1]                      # its centre
+//! size = [0.6, 0.4]                # along its own x and y
+//! yaw_deg = 0                      # default 0
+//! z = [0, 0.8]
+//!
+//! [[pillar]]
+//! at = [6, 1.5]
+//! radius_m = 0.3
+//! z = [0, 2.6]                     # default: floor to ceiling
+//!
+//! [[curtain]]                      # thin, hangs
+//! points = [[15, 3.5], [15, 0.5]]
+//! z = [0.1, 2.2]
+//!
+//! [[person]]
+//! path = [[28, 0.75], [16, 0.75]]  # one point: stands
+//! speed_mps = 0.6                  # default 0.8
+//! radius_m = 0.25                  # default 0.25
+//! walk = "back_and_forth"          # default; or "loop", "once" (stands still at the end)
+//! yields = true                    # default: stops while robot or handler is within 1.2 m ahead
+//! start_s = 0                      # default 0: run time at which they set out
+//! ```
+
+use std::ops::Range;
+use std::path::Path;
+
+use guidance::se2::Point;
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::people::{Person, Walk};
+use crate::prism::Prism;
+use crate::text_file::TomlText;
+use crate::world::DEFAULT_CEILING_M;
+use crate::{GridMap, World, WorldError};
+
+/// No place is farther from the origin, metres: a large airport fits.
+const MAX_COORDINATE_M: f64 = 2000.0;
+/// No thing is larger, metres.
+const MAX_SIZE_M: f64 = 500.0;
+/// Things are at least this large: a face of a millimetre is a typing error, metres.
+const MIN_SIZE_M: f64 = 0.01;
+/// The lowest and the highest that anything is, metres.
+const HEIGHTS_M: (f64, f64) = (0.0, 50.0);
+/// The most corners in all, so that a slip of a generator is refused and not built.
+const MAX_CORNERS: usize = 200_000;
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    ceiling_m: Option<Spanned<f64>>,
+    map: Option<String>,
+    #[serde(default)]
+    wall: Vec<Spanned<Wall>>,
+    #[serde(default)]
+    arc: Vec<Spanned<Arc>>,
+    #[serde(default, rename = "box")]
+    cuboid: Vec<Spanned<Cuboid>>,
+    #[serde(default)]
+    pillar: Vec<Spanned<Pillar>>,
+    #[serde(default)]
+    curtain: Vec<Spanned<Curtain>>,
+    #[serde(default)]
+    person: Vec<Spanned<Somebody>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Wall {
+    points: Vec<[f64; 2]>,
+    z: Option<[f64; 2]>,
+    #[serde(default)]
+    glass: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Arc {
+    center: [f64; 2],
+    radius_m: f64,
+    from_deg: f64,
+    to_deg: f64,
+    z: Option<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Cuboid {
+    at: [f64; 2],
+    size: [f64; 2],
+    #[serde(default)]
+    yaw_deg: f64,
+    z: [f64; 2],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Pillar {
+    at: [f64; 2],
+    radius_m: f64,
+    z: Option<[f64; 2]>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Curtain {
+    points: Vec<[f64; 2]>,
+    z: [f64; 2],
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Somebody {
+    path: Vec<[f64; 2]>,
+    #[serde(default = "walking_mps")]
+    speed_mps: f64,
+    #[serde(default = "person_radius_m")]
+    radius_m: f64,
+    #[serde(default)]
+    walk: Walk,
+    #[serde(default = "yes")]
+    yields: bool,
+    #[serde(default)]
+    start_s: f64,
+}
+
+/// Walking with some care for a guide robot in the way.
+fn walking_mps() -> f64 {
+    0.8
+}
+
+fn person_radius_m() -> f64 {
+    0.25
+}
+
+fn yes() -> bool {
+    true
+}
+
+/// A world from the text of a world file.
+pub(crate) fn parse(name: &str, text: &str, folder: &Path) -> Result<World, WorldError> {
+    let toml = TomlText { file: name, text };
+    let file: File = toml.parse()?;
+    let ceiling_m = match &file.ceiling_m {
+        Some(ceiling) => {
+            toml.check(&ceiling.span(), "ceiling_m", *ceiling.get_ref(), (0.5, HEIGHTS_M.1))?;
+            *ceiling.get_ref()
+        }
+        None => DEFAULT_CEILING_M,
+    };
+    let reader = Reader { toml, ceiling_m };
+    let prisms = reader.prisms(&file)?;
+    let people = file.person.iter().map(|entry| reader.person(entry)).collect::<Result<Vec<_>, _>>()?;
+    if let Some(surplus) = file.person.get(messages::MAX_WALKERS) {
+        let what = format!("there are over {} people", messages::MAX_WALKERS);
+        return Err(reader.toml.refuse(&surplus.span(), "person", what));
+    }
+    let world = World::new(ceiling_m, prisms).with_people(people);
+    Ok(match &file.map {
+        Some(map) => world.with_map(GridMap::load(&folder.join(map))?),
+        None => world,
+    })
+}
+
+/// Checks values and builds from them.
+struct Reader<'a> {
+    toml: TomlText<'a>,
+    ceiling_m: f64,
+}
+
+impl Reader<'_> {
+    fn prisms(&self, file: &File) -> Result<Vec<Prism>, WorldError> {
+        let (mut prisms, mut corners) = (Vec::new(), 0);
+        let built = (file.wall.iter().map(|entry| (entry.span(), self.wall(entry))))
+            .chain(file.arc.iter().map(|entry| (entry.span(), self.arc(entry))))
+            .chain(file.cuboid.iter().map(|entry| (entry.span(), self.cuboid(entry))))
+            .chain(file.pillar.iter().map(|entry| (entry.span(), self.pillar(entry))))
+            .chain(file.curtain.iter().map(|entry| (entry.span(), self.curtain(entry))));
+        for (span, prism) in built {
+            let prism = prism?;
+            corners += prism.outline.len();
+            if corners > MAX_CORNERS {
+                return Err(self.toml.refuse(&span, "world", format!("there are over {MAX_CORNERS} corners")));
+            }
+            prisms.push(prism);
+        }
+        Ok(prisms)
+    }
+
+    fn wall(&self, entry: &Spanned<Wall>) -> Result<Prism, WorldError> {
+        let (span, wall) = (entry.span(), entry.get_ref());
+        let points = self.points(&span, "points", &wall.points, 2)?;
+        let mut prism = Prism::wall(points, self.heights(&span, wall.z)?);
+        prism.seen = !wall.glass;
+        Ok(prism)
+    }
+
+    fn arc(&self, entry: &Spanned<Arc>) -> Result<Prism, WorldError> {
+        let (span, arc) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "radius_m", arc.radius_m, (0.05, MAX_SIZE_M))?;
+        self.toml.check(&span, "from_deg", arc.from_deg, (-720.0, 720.0))?;
+        self.toml.check(&span, "to_deg", arc.to_deg, (arc.from_deg - 360.0, arc.from_deg + 360.0))?;
+        let angles = [arc.from_deg.to_radians(), arc.to_deg.to_radians()];
+        Ok(Prism::arc(self.point(&span, "center", arc.center)?, arc.radius_m, angles, self.heights(&span, arc.z)?))
+    }
+
+    fn cuboid(&self, entry: &Spanned<Cuboid>) -> Result<Prism, WorldError> {
+        let (span, cuboid) = (entry.span(), entry.get_ref());
+        for length in cuboid.size {
+            self.toml.check(&span, "size", length, (MIN_SIZE_M, MAX_SIZE_M))?;
+        }
+        self.toml.check(&span, "yaw_deg", cuboid.yaw_deg, (-720.0, 720.0))?;
+        let (at, z) = (self.point(&span, "at", cuboid.at)?, self.heights(&span, Some(cuboid.z))?);
+        Ok(Prism::cuboid(at, cuboid.size, cuboid.yaw_deg.to_radians(), z))
+    }
+
+    fn pillar(&self, entry: &Spanned<Pillar>) -> Result<Prism, WorldError> {
+        let (span, pillar) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "radius_m", pillar.radius_m, (MIN_SIZE_M, MAX_SIZE_M))?;
+        Ok(Prism::pillar(self.point(&span, "at", pillar.at)?, pillar.radius_m, self.heights(&span, pillar.z)?))
+    }
+
+    fn curtain(&self, entry: &Spanned<Curtain>) -> Result<Prism, WorldError> {
+        let (span, curtain) = (entry.span(), entry.get_ref());
+        let points = self.points(&span, "points", &curtain.points, 2)?;
+        Ok(Prism::wall(points, self.heights(&span, Some(curtain.z))?))
+    }
+
+    fn person(&self, entry: &Spanned<Somebody>) -> Result<Person, WorldError> {
+        let (span, person) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "speed_mps", person.speed_mps, (0.0, 3.0))?;
+        self.toml.check(&span, "radius_m", person.radius_m, (0.05, 1.0))?;
+        self.toml.check(&span, "start_s", person.start_s, (0.0, 1e6))?;
+        Ok(Person {
+            path: self.points(&span, "path", &person.path, 1)?,
+            speed_mps: person.speed_mps,
+            radius_m: person.radius_m,
+            walk: person.walk,
+            yields: person.yields,
+            start_s: person.start_s,
+        })
+    }
+
+    fn point(&self, span: &Range<usize>, key: &'static str, [x, y]: [f64; 2]) -> Result<Point, WorldError> {
+        for value in [x, y] {
+            self.toml.check(span, key, value, (-MAX_COORDINATE_M, MAX_COORDINATE_M))?;
+        }
+        Ok(Point::new(x, y))
+    }
+
+    fn points(
+        &self,
+        span: &Range<usize>,
+        key: &'static str,
+        points: &[[f64; 2]],
+        least: usize,
+    ) -> Result<Vec<Point>, WorldError> {
+        if points.len() < least {
+            return Err(self.toml.refuse(span, key, format!("{} points are too few, {least} needed", points.len())));
+        }
+        points.iter().map(|&point| self.point(span, key, point)).collect()
+    }
+
+    /// Lower and upper edge; floor to ceiling where nothing is said.
+    fn heights(&self, span: &Range<usize>, z: Option<[f64; 2]>) -> Result<[f64; 2], WorldError> {
+        let [z0_m, z1_m] = z.unwrap_or([0.0, self.ceiling_m]);
+        self.toml.check(span, "z", z0_m, HEIGHTS_M)?;
+        self.toml.check(span, "z", z1_m, HEIGHTS_M)?;
+        if z0_m >= z1_m {
+            return Err(self.toml.refuse(span, "z", format!("lower edge {z0_m} is not under upper edge {z1_m}")));
+        }
+        Ok([z0_m, z1_m])
+    }
+}
