@@ -137,8 +137,8 @@ impl GeometricEngine {
         }
     }
 
-    /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit. One-hot
-    /// on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
+    /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit.
+    /// One-hot on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
     pub fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
         match self.choose(observation) {
             Some(worth) => probabilities(&worth),

@@ -2,6 +2,8 @@
 //!
 //! `GEO_TRACE=1 cargo test -- --nocapture NAME` prints every decision.
 
+#![allow(clippy::print_stdout)]
+
 mod support;
 
 use guidance::se2::{Point, pose2, se2, wrap_angle};
@@ -304,7 +306,8 @@ impl Walk {
     fn check(&self) -> Report {
         let report = self.run();
         println!(
-            "{:<22} {} {:?} t {:5.1} s, {:5.1} m, collisions {}/{}, all unsafe {}, changed {}, room {:.2} m, slowest {:?}",
+            "{:<22} {} {:?} t {:5.1} s, {:5.1} m, collisions {}/{}, all unsafe {}, changed {}, room {:.2} m, \
+             slowest {:?}",
             self.name,
             if report.reached { "reached" } else { "NOT REACHED" },
             report.last_plan,

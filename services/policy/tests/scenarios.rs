@@ -2,6 +2,8 @@
 //!
 //! `GEO_TRACE=1 cargo test -- --nocapture NAME` prints every decision.
 
+#![allow(clippy::print_stdout)]
+
 mod support;
 
 use guidance::ActionTable;
@@ -139,8 +141,8 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64, with_depth: bool) 
 fn check(name: &str, report: &Report) {
     let at = |share: f64| report.times[((report.times.len() - 1) as f64 * share) as usize];
     println!(
-        "{name:<14} {} {:?} t {:5.1} s, {:5.1} m, at {:?}, collisions {}/{}, hit by others {}, all unsafe {}, changed {}, \
-         decision p50 {:?} p99 {:?}",
+        "{name:<14} {} {:?} t {:5.1} s, {:5.1} m, at {:?}, collisions {}/{}, hit by others {}, all unsafe {}, \
+         changed {}, decision p50 {:?} p99 {:?}",
         if report.reached { "reached" } else { "NOT REACHED" },
         report.plan,
         report.time_s,

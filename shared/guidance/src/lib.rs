@@ -3,7 +3,20 @@
 //! No I/O, no clock, no thread, no randomness of its own: same input, same output, to the bit.
 
 pub mod action;
+pub mod cue;
+pub mod depth;
+pub mod handler;
+pub mod hull;
+pub mod interaction;
+pub mod scan;
 pub mod se2;
+pub mod shield;
 
 pub use action::{Action, ActionTable};
+pub use depth::DepthView;
+pub use handler::{HandlerEstimate, HandlerLimits};
+pub use hull::{Disc, Hull};
+pub use interaction::{DelayedHarness, HarnessError};
+pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
+pub use shield::{Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};

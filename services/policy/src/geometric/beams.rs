@@ -78,8 +78,8 @@ impl Beams {
         })
     }
 
-    /// How far the place (robot frame) lies before the nearer end of the two beams beside it, metres: positive where both
-    /// beams pass it by that much.
+    /// How far the place (robot frame) lies before the nearer end of the two beams beside it, metres: positive where
+    /// both beams pass it by that much.
     pub fn passed_by_m(&self, place: Point) -> f64 {
         let seen = self.lidar_from_robot * place;
         let turn = (seen.y.atan2(seen.x) - self.angle_min_rad) * self.increment_rad.signum();

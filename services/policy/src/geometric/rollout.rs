@@ -62,7 +62,8 @@ struct Way {
 }
 
 impl Scene<'_> {
-    /// For each action, the cost of the best way that begins with it, metres; `None` where it leaves no room, and for stop.
+    /// For each action, the cost of the best way that begins with it, metres; `None` where it leaves no room, and for
+    /// stop.
     pub fn worth(&self, robot: &Se2, robot_from_handler: &Se2) -> Vec<Option<f64>> {
         let room_m = self.team.room_m(self.window, &self.team.discs(robot, robot_from_handler));
         let start = Way { robot: *robot, robot_from_handler: *robot_from_handler, room_m, spent_m: 0.0, total_m: 0.0 };

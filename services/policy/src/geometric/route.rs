@@ -22,8 +22,8 @@ const COMMIT_M: f64 = 2.0;
 /// A cue may come this late: the opening's end and middle behind the place of the cue, metres.
 const LATE_END_M: f64 = 0.5;
 const LATE_MIDDLE_M: f64 = 1.6;
-/// How far beyond the wall the goal in an opening begins and ends, metres. With the team's clearance it is at least 1.3 m
-/// deep.
+/// How far beyond the wall the goal in an opening begins and ends, metres. With the team's clearance it is at
+/// least 1.3 m deep.
 const INTO_M: (f64, f64) = (0.8, 3.0);
 /// An opening may lead away at a slant: its goal widens by this much each metre beyond the wall.
 const SLANT: f64 = 0.5;
@@ -177,7 +177,7 @@ impl Route {
             }
             self.branch = Some(branch(view, side, &opening, Plan::Bend));
         }
-        self.into_branch(view)
+        self.seek_branch(view)
     }
 
     /// Into the next opening of that side, once it is near.
@@ -204,10 +204,10 @@ impl Route {
                 self.branch = Some(found);
             }
         }
-        self.into_branch(view)
+        self.seek_branch(view)
     }
 
-    fn into_branch(&mut self, view: &View) -> Option<Goal> {
+    fn seek_branch(&mut self, view: &View) -> Option<Goal> {
         let branch = self.branch.as_mut()?;
         let far_m = branch.wall_m + INTO_M.1;
         let seeds: Vec<_> = view.inside(branch).map(|(cell, deep_m)| (cell, far_m - deep_m)).collect();

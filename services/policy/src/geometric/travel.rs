@@ -94,8 +94,8 @@ fn wall_direction(hits: &[Option<Point>], centre_rad: f64, search_rad: f64) -> O
     (weights > 0.0).then(|| (sum / weights, weights))
 }
 
-/// A piece of wall of 0.4 m or more that begins at beam `i`: its direction as a turn from `centre_rad` in (-pi/2, pi/2],
-/// the wall that this beam stands for (metres), and its middle.
+/// A piece of wall of 0.4 m or more that begins at beam `i`: its direction as a turn from `centre_rad`, in
+/// (-pi/2, pi/2], the wall that this beam stands for (metres), and its middle.
 fn piece(hits: &[Option<Point>], i: usize, centre_rad: f64) -> Option<(f64, f64, Point)> {
     let first = hits[i]?;
     if first.coords.norm() > 6.0 {

@@ -1,0 +1,283 @@
+//! The shield's estimate of where the handler is: predicted by the delayed harness along the robot's own motion,
+//! corrected by what the lidar sees near it.
+
+use crate::interaction::{DelayedHarness, place};
+use crate::scan::{BeamKind, Beams};
+use crate::se2::{Point, Se2};
+
+/// Share of a correction that one scan makes.
+const GAIN: f64 = 0.4;
+/// One scan moves the estimate by at most this, metres.
+const CORRECTION_MAX_M: f64 = 0.10;
+/// Hits on the handler that a correction needs.
+const HITS_MIN: usize = 3;
+/// Hits on the front of a disc lie, on average, this share of the radius before its centre: pi / 4.
+const FRONT_SHARE: f64 = std::f64::consts::FRAC_PI_4;
+/// Beams through the middle of the handler's disc of which so large a share passes say that nobody is there.
+const PASSING_SHARE: f64 = 0.8;
+/// The estimate strays from the default offset by at most this beyond the model's largest lag, metres.
+const STRAY_MAX_M: f64 = 0.30;
+
+/// What the estimate is held to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandlerLimits {
+    /// Radius of the disc that stands for the handler, metres.
+    pub radius_m: f64,
+    /// The fastest that the robot goes, for the model's largest lag, metres per second.
+    pub speed_max_mps: f64,
+    /// Nobody where the handler should be, where visible, for this long is `handler_not_seen`, nanoseconds.
+    pub not_seen_ns: u64,
+}
+
+/// What a scan said of the handler.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sighting {
+    /// Somebody is there.
+    Seen,
+    /// Beams pass through where the handler should be.
+    Absent,
+    /// Outside the field of view, hidden, or too few beams: nothing can be said.
+    NotVisible,
+}
+
+/// The handler's estimate, in the robot frame.
+#[derive(Debug, Clone)]
+pub struct HandlerEstimate {
+    harness: DelayedHarness,
+    limits: HandlerLimits,
+    /// At the beginning of the running step.
+    start_robot_from_handler: Se2,
+    /// The robot then, in the odometry frame.
+    odom_from_start: Se2,
+    robot_from_handler: Se2,
+    /// By how much the radius is widened for what is not known, metres.
+    widening_m: f64,
+    absent_since_ns: Option<u64>,
+}
+
+impl HandlerEstimate {
+    /// An estimate that knows nothing yet: the default offset, widened by the model's largest lag.
+    #[must_use]
+    pub fn new(harness: DelayedHarness, limits: HandlerLimits) -> Self {
+        let default = *harness.robot_from_default();
+        let mut estimate = Self {
+            harness,
+            limits,
+            start_robot_from_handler: default,
+            odom_from_start: Se2::identity(),
+            robot_from_handler: default,
+            widening_m: 0.0,
+            absent_since_ns: None,
+        };
+        estimate.widening_m = estimate.largest_lag_m();
+        estimate
+    }
+
+    fn largest_lag_m(&self) -> f64 {
+        self.harness.lag_m(self.limits.speed_max_mps)
+    }
+
+    /// After a gap, a restart or a new odometry frame: nothing is known any more.
+    pub fn reset(&mut self, odom_from_robot: &Se2) {
+        *self = Self::new(self.harness.clone(), self.limits.clone());
+        self.odom_from_start = *odom_from_robot;
+    }
+
+    /// The harness.
+    #[must_use]
+    pub fn harness(&self) -> &DelayedHarness {
+        &self.harness
+    }
+
+    /// Where the handler is now, robot frame.
+    #[must_use]
+    pub fn robot_from_handler(&self) -> &Se2 {
+        &self.robot_from_handler
+    }
+
+    /// Radius that holds the handler for all that is known, metres.
+    #[must_use]
+    pub fn radius_m(&self) -> f64 {
+        self.limits.radius_m + self.widening_m
+    }
+
+    /// A decision begins: the step is made once per decision.
+    pub fn begin_step(&mut self, odom_from_robot: &Se2) {
+        self.start_robot_from_handler = self.robot_from_handler;
+        self.odom_from_start = *odom_from_robot;
+        self.widening_m *= self.harness.alpha();
+        if self.widening_m < 1e-3 {
+            self.widening_m = 0.0;
+        }
+    }
+
+    /// Where the handler is when the share `fraction` of the step has passed: along the motion that the robot really
+    /// made, so that a robot that was stopped in the middle of an action does not lose its handler.
+    pub fn predict(&mut self, odom_from_robot: &Se2, fraction: f64) {
+        let moved = self.odom_from_start.inverse() * odom_from_robot;
+        self.robot_from_handler = self.harness.follow(&self.start_robot_from_handler, &moved, fraction);
+    }
+
+    /// Where the handler will be after the further motion `now_from_then`, at the share `fraction` of the step.
+    #[must_use]
+    pub fn ahead(&self, odom_from_robot: &Se2, now_from_then: &Se2, fraction: f64) -> Se2 {
+        let moved = self.odom_from_start.inverse() * odom_from_robot * now_from_then;
+        self.harness.follow(&self.start_robot_from_handler, &moved, fraction)
+    }
+
+    /// Whether a beam that ends there ends on the handler: within the handler's radius and three sigma, never wider.
+    #[must_use]
+    pub fn masks(&self, end: Point, sigma_m: f64) -> bool {
+        (end - place(&self.robot_from_handler)).norm() <= self.limits.radius_m + 3.0 * sigma_m
+    }
+
+    /// Takes in what the lidar sees there.
+    pub fn correct(&mut self, beams: &Beams, now_ns: u64) -> Sighting {
+        let center = place(&self.robot_from_handler);
+        let gate_m = self.radius_m() + 3.0 * beams.sigma_m();
+        let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
+        let (mut sum, mut count) = (nalgebra::Vector2::zeros(), 0usize);
+        for beam in hits {
+            sum += beam.end.coords;
+            count += 1;
+        }
+        if count >= HITS_MIN {
+            self.absent_since_ns = None;
+            self.draw_towards(Point::from(sum / count as f64), beams.origin());
+            return Sighting::Seen;
+        }
+        if self.is_passed(beams, center) {
+            self.absent_since_ns.get_or_insert(now_ns);
+            return Sighting::Absent;
+        }
+        self.absent_since_ns = None;
+        Sighting::NotVisible
+    }
+
+    fn draw_towards(&mut self, seen: Point, lidar: Point) {
+        let away = (seen - lidar).try_normalize(1e-9).unwrap_or_else(nalgebra::Vector2::zeros);
+        let center = seen + away * (FRONT_SHARE * self.limits.radius_m);
+        let error = center - place(&self.robot_from_handler);
+        let step = (error * GAIN).cap_magnitude(CORRECTION_MAX_M);
+        let moved = self.robot_from_handler.translation.vector + step;
+        let default = self.harness.robot_from_default().translation.vector;
+        let bounded = default + (moved - default).cap_magnitude(self.largest_lag_m() + STRAY_MAX_M);
+        let correction = bounded - self.robot_from_handler.translation.vector;
+        self.robot_from_handler.translation.vector = bounded;
+        // The step goes on from where the handler must have been to be here now.
+        self.start_robot_from_handler.translation.vector += correction;
+        self.widening_m = 0.0;
+    }
+
+    /// Whether the beams that would have to end on the handler pass through.
+    fn is_passed(&self, beams: &Beams, center: Point) -> bool {
+        let to_center = center - beams.origin();
+        let distance = to_center.norm();
+        let inner_m = self.limits.radius_m / 2.0;
+        if distance <= self.limits.radius_m {
+            return false;
+        }
+        let (mut through, mut passing) = (0usize, 0usize);
+        for beam in beams.beams() {
+            let beside = beam.direction.perp(&to_center).abs();
+            if beam.direction.dot(&to_center) > 0.0 && beside <= inner_m && beam.kind != BeamKind::Unknown {
+                through += 1;
+                passing += usize::from(beam.reading_m > distance + self.radius_m());
+            }
+        }
+        through >= HITS_MIN && passing as f64 >= PASSING_SHARE * through as f64
+    }
+
+    /// Whether nobody has been where the handler should be for too long.
+    #[must_use]
+    pub fn is_lost(&self, now_ns: u64) -> bool {
+        self.absent_since_ns.is_some_and(|since| now_ns.saturating_sub(since) >= self.limits.not_seen_ns)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HandlerEstimate, HandlerLimits, Sighting};
+    use crate::interaction::DelayedHarness;
+    use crate::scan::Beams;
+    use crate::scan::tests::header;
+    use crate::se2::{Point, Se2, se2};
+    use messages::Pose2;
+
+    fn estimate() -> HandlerEstimate {
+        let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
+        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        HandlerEstimate::new(harness, limits)
+    }
+
+    /// What a lidar at the robot's origin sees of a round handler in the open.
+    fn scan_of(center: Option<Point>) -> Beams {
+        let header = header();
+        let ranges: Vec<f32> = (0..360)
+            .map(|i| {
+                let angle = header.angle_min_rad + f64::from(i) * header.angle_increment_rad;
+                let direction = nalgebra::Vector2::new(angle.cos(), angle.sin());
+                let hit = center.and_then(|center| {
+                    let along = center.coords.dot(&direction);
+                    let root = along * along - (center.coords.norm_squared() - 0.25 * 0.25);
+                    (root >= 0.0 && along > 0.0).then(|| along - root.sqrt())
+                });
+                hit.unwrap_or(f64::INFINITY) as f32
+            })
+            .collect();
+        let mut beams = Beams::default();
+        beams.fill(&header, &ranges).expect("usable");
+        beams
+    }
+
+    #[test]
+    fn a_handler_who_walks_a_little_elsewhere_is_found() {
+        let truth = Point::new(-0.85, -0.25);
+        let mut estimate = estimate();
+        for i in 0..30 {
+            assert_eq!(estimate.correct(&scan_of(Some(truth)), i), Sighting::Seen);
+        }
+        let error = (estimate.robot_from_handler().translation.vector - truth.coords).norm();
+        assert!(error < 0.04, "{error}");
+        assert!((estimate.radius_m() - 0.25).abs() < 1e-12, "a sighting ends the widening");
+    }
+
+    #[test]
+    fn nobody_there_for_a_second_is_handler_not_seen() {
+        let mut estimate = estimate();
+        assert_eq!(estimate.correct(&scan_of(None), 0), Sighting::Absent);
+        assert!(!estimate.is_lost(999_999_999) && estimate.is_lost(1_000_000_000));
+        estimate.correct(&scan_of(Some(Point::new(-0.75, -0.35))), 1_000_000_000);
+        assert!(!estimate.is_lost(1_000_000_000));
+    }
+
+    #[test]
+    fn what_the_field_of_view_does_not_hold_is_predicted_and_never_lost() {
+        let mut front = header();
+        front.angle_min_rad = -std::f64::consts::FRAC_PI_2;
+        front.angle_increment_rad = std::f64::consts::PI / 180.0;
+        let mut beams = Beams::default();
+        beams.fill(&front, &[5.0; 181]).expect("usable");
+        let mut estimate = estimate();
+        assert_eq!(estimate.correct(&beams, 0), Sighting::NotVisible);
+        assert!(!estimate.is_lost(u64::MAX));
+    }
+
+    #[test]
+    fn the_widening_decays_by_alpha_at_standstill_too() {
+        let mut estimate = estimate();
+        let lag = 0.4 / 0.6 * 0.25;
+        assert!((estimate.radius_m() - 0.25 - lag).abs() < 1e-9);
+        estimate.begin_step(&Se2::identity());
+        assert!((estimate.radius_m() - 0.25 - 0.4 * lag).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_stopped_robot_keeps_its_handler() {
+        let mut estimate = estimate();
+        estimate.begin_step(&Se2::identity());
+        // Half of the forward action, then a stop: the handler is where the half leads to.
+        estimate.predict(&se2(Pose2::new(0.125, 0.0, 0.0)), 1.0);
+        assert!((estimate.robot_from_handler().translation.x - (-0.75 - 0.4 * 0.125)).abs() < 1e-9);
+    }
+}

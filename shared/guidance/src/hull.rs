@@ -1,0 +1,210 @@
+//! The shielding zone: the convex hull of discs (Kim et al. 2023, alg. 1 lines 6-7), exactly.
+//!
+//! The boundary of the hull consists of arcs of the discs and of outer tangents of two discs. Every arc and every such
+//! tangent, on the boundary or not, lies within the hull; so the last of them that a ray meets is where it leaves.
+
+use nalgebra::Vector2;
+
+use crate::se2::Point;
+
+/// A disc.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Disc {
+    /// Centre, metres.
+    pub center: Point,
+    /// Radius, metres.
+    pub radius_m: f64,
+}
+
+/// An outer tangent of two discs: both tangent points and the outward normal.
+#[derive(Debug, Clone, Copy)]
+struct Tangent {
+    from: Point,
+    along: Vector2<f64>,
+    normal: Vector2<f64>,
+}
+
+/// The convex hull of four discs: robot and handler, now and at the end.
+#[derive(Debug, Clone)]
+pub struct Hull {
+    discs: [Disc; 4],
+    tangents: [Option<Tangent>; 12],
+}
+
+impl Hull {
+    /// The hull of these discs.
+    #[must_use]
+    pub fn new(discs: [Disc; 4]) -> Self {
+        let mut tangents = [None; 12];
+        let mut slot = 0;
+        for i in 0..4 {
+            for j in i + 1..4 {
+                for side in [1.0, -1.0] {
+                    tangents[slot] = tangent(&discs[i], &discs[j], side);
+                    slot += 1;
+                }
+            }
+        }
+        Self { discs, tangents }
+    }
+
+    /// Distance from `origin` to where the ray along the unit vector `direction` leaves the hull for good; 0 where it
+    /// never meets it (Kim et al. 2023, alg. 1 line 7).
+    #[must_use]
+    pub fn threshold_m(&self, origin: Point, direction: Vector2<f64>) -> f64 {
+        let arcs = self.discs.iter().filter_map(|disc| leaves_disc(disc, origin, direction));
+        let tangents = self.tangents.iter().flatten().filter_map(|tangent| tangent.meets(origin, direction));
+        arcs.chain(tangents).fold(0.0, f64::max)
+    }
+
+    /// Distance of a point to the boundary, metres; negative inside.
+    #[must_use]
+    pub fn signed_distance_m(&self, point: Point) -> f64 {
+        // The distance is the greatest over all directions u of the smallest over all discs of u.(p - c) - r. It is
+        // reached where u points from a centre to the point, or is normal to a tangent.
+        let gap = |u: Vector2<f64>| {
+            let gaps = self.discs.iter().map(|disc| u.dot(&(point - disc.center)) - disc.radius_m);
+            gaps.fold(f64::INFINITY, f64::min)
+        };
+        let from_centers = self.discs.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
+        let normals = self.tangents.iter().flatten().map(|tangent| tangent.normal);
+        from_centers.chain(normals).map(gap).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Whether a point is strictly inside.
+    #[must_use]
+    pub fn contains(&self, point: Point) -> bool {
+        self.signed_distance_m(point) < 0.0
+    }
+}
+
+/// The outer tangent of two discs on one side; none where one disc holds the other.
+fn tangent(a: &Disc, b: &Disc, side: f64) -> Option<Tangent> {
+    let between = b.center - a.center;
+    let distance = between.norm();
+    if distance <= (a.radius_m - b.radius_m).abs() || distance < 1e-12 {
+        return None;
+    }
+    let u = between / distance;
+    let cos = (a.radius_m - b.radius_m) / distance;
+    let normal = u * cos + Vector2::new(-u.y, u.x) * (side * (1.0 - cos * cos).sqrt());
+    let from = a.center + normal * a.radius_m;
+    Some(Tangent { from, along: b.center + normal * b.radius_m - from, normal })
+}
+
+impl Tangent {
+    /// Distance along the ray to where it crosses the tangent between its two points.
+    fn meets(&self, origin: Point, direction: Vector2<f64>) -> Option<f64> {
+        let denominator = direction.perp(&self.along);
+        if denominator.abs() < 1e-15 {
+            // Parallel: the ray then leaves through an arc.
+            return None;
+        }
+        let to_from = self.from - origin;
+        let t = to_from.perp(&self.along) / denominator;
+        let share = to_from.perp(&direction) / denominator;
+        (t > 0.0 && (0.0..=1.0).contains(&share)).then_some(t)
+    }
+}
+
+/// Distance along the ray to where it leaves a disc.
+fn leaves_disc(disc: &Disc, origin: Point, direction: Vector2<f64>) -> Option<f64> {
+    let to_center = disc.center - origin;
+    let along = to_center.dot(&direction);
+    let root = along * along - (to_center.norm_squared() - disc.radius_m * disc.radius_m);
+    if root < 0.0 {
+        return None;
+    }
+    let t = along + root.sqrt();
+    (t > 0.0).then_some(t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Disc, Hull};
+    use crate::se2::Point;
+    use nalgebra::Vector2;
+    use proptest::prelude::*;
+
+    fn disc(x: f64, y: f64, radius_m: f64) -> Disc {
+        Disc { center: Point::new(x, y), radius_m }
+    }
+
+    /// The independent truth: parry's convex hull of the discs, finely sampled.
+    fn sampled(discs: &[Disc; 4]) -> Vec<Point> {
+        let points: Vec<_> = discs
+            .iter()
+            .flat_map(|d| {
+                (0..720).map(move |i| {
+                    let a = f64::from(i).to_radians() / 2.0;
+                    parry2d_f64::math::Vector::new(d.center.x + d.radius_m * a.cos(), d.center.y + d.radius_m * a.sin())
+                })
+            })
+            .collect();
+        parry2d_f64::transformation::convex_hull(&points).iter().map(|p| Point::new(p.x, p.y)).collect()
+    }
+
+    fn polygon_contains(polygon: &[Point], p: Point) -> bool {
+        (0..polygon.len()).all(|i| {
+            let (a, b) = (polygon[i], polygon[(i + 1) % polygon.len()]);
+            (b - a).perp(&(p - a)) >= 0.0
+        })
+    }
+
+    fn any_disc() -> impl Strategy<Value = Disc> {
+        (-1.5..1.5f64, -1.5..1.5f64, 0.05..0.5f64).prop_map(|(x, y, r)| disc(x, y, r))
+    }
+
+    proptest! {
+        #[test]
+        fn inside_and_outside_are_as_in_the_sampled_hull(
+            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(), x in -2.5..2.5f64, y in -2.5..2.5f64,
+        ) {
+            let discs = [a, b, c, d];
+            let (hull, point) = (Hull::new(discs), Point::new(x, y));
+            let distance = hull.signed_distance_m(point);
+            // The sampled hull lies within the true one, by at most r (1 - cos(0.25 deg)), under 10 um.
+            if distance.abs() > 1e-4 {
+                prop_assert_eq!(polygon_contains(&sampled(&discs), point), distance < 0.0, "distance {}", distance);
+            }
+        }
+
+        #[test]
+        fn the_threshold_is_where_a_marched_ray_leaves(
+            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(),
+            x in -3.0..3.0f64, y in -3.0..3.0f64, angle in 0.0..std::f64::consts::TAU,
+        ) {
+            let (hull, origin) = (Hull::new([a, b, c, d]), Point::new(x, y));
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            let threshold = hull.threshold_m(origin, direction);
+            let step = 0.002;
+            let last = (0..4000).rev().map(|i| f64::from(i) * step).find(|t| hull.contains(origin + direction * *t));
+            match last {
+                Some(t) => prop_assert!((threshold - t).abs() < 2.0 * step, "{} marched {}", threshold, t),
+                // A ray that only grazes may be missed by the march.
+                None => prop_assert!(threshold == 0.0
+                    || hull.signed_distance_m(origin + direction * (threshold - step)) > -0.01),
+            }
+        }
+
+        #[test]
+        fn turning_everything_changes_nothing(
+            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(), turn in -3.0..3.0f64, angle in 0.0..6.0f64,
+        ) {
+            let rotation = nalgebra::Rotation2::new(turn);
+            let turned = [a, b, c, d].map(|disc| Disc { center: rotation * disc.center, ..disc });
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            let before = Hull::new([a, b, c, d]).threshold_m(Point::origin(), direction);
+            let after = Hull::new(turned).threshold_m(Point::origin(), rotation * direction);
+            prop_assert!((before - after).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_ray_that_misses_has_threshold_zero_and_one_from_outside_leaves_at_the_far_side() {
+        let hull = Hull::new([disc(0.0, 0.0, 0.3), disc(1.0, 0.0, 0.3), disc(0.0, 0.0, 0.3), disc(1.0, 0.0, 0.3)]);
+        assert_eq!(hull.threshold_m(Point::new(-2.0, 1.0), Vector2::x()), 0.0);
+        assert!((hull.threshold_m(Point::new(-2.0, 0.0), Vector2::x()) - 3.3).abs() < 1e-12);
+        assert!((hull.threshold_m(Point::new(0.5, -2.0), Vector2::y()) - 2.3).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,204 @@
+//! A scan in the robot frame, beam by beam.
+
+use messages::{MAX_BEAMS, ScanHeader};
+use nalgebra::Vector2;
+
+use crate::se2::{Point, Se2, pose2, se2};
+
+/// What a beam says.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum BeamKind {
+    /// It ended on something.
+    Hit,
+    /// It hit nothing up to the lidar's range.
+    Free,
+    /// It says nothing, and what it did not see is never taken as free.
+    Unknown,
+}
+
+/// One beam.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Beam {
+    /// What it says.
+    pub kind: BeamKind,
+    /// Metres from the lidar; the lidar's range where it hit nothing, 0 where it is unknown.
+    pub reading_m: f64,
+    /// Unit vector, robot frame.
+    pub direction: Vector2<f64>,
+    /// Where it ends, robot frame.
+    pub end: Point,
+}
+
+/// Why a scan cannot be used. The driver, or whoever recorded it, is at fault.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ScanError {
+    /// No beams, or more than the topic table has room for.
+    #[error("a scan of {0} beams, not 1 to {MAX_BEAMS}")]
+    Count(usize),
+    /// Angles, ranges or the mounting pose are not finite, or make no sense.
+    #[error("the scan's {0} is not usable")]
+    Geometry(&'static str),
+    /// No beam says anything.
+    #[error("all {0} beams are unknown")]
+    AllUnknown(usize),
+}
+
+/// A scan taken to the robot frame. Reused from scan to scan, so that a steady state allocates nothing.
+#[derive(Debug, Clone, Default)]
+pub struct Beams {
+    beams: Vec<Beam>,
+    origin: Vector2<f64>,
+    increment_rad: f64,
+    sigma_m: f64,
+    whole_turn: bool,
+}
+
+impl Beams {
+    /// Takes in a scan.
+    ///
+    /// # Errors
+    /// Where the scan cannot be used; the beams are then empty.
+    pub fn fill(&mut self, header: &ScanHeader, ranges_m: &[f32]) -> Result<(), ScanError> {
+        self.beams.clear();
+        check(header, ranges_m.len())?;
+        let robot_from_lidar: Se2 = se2(header.robot_from_lidar);
+        self.origin = robot_from_lidar.translation.vector;
+        self.increment_rad = header.angle_increment_rad.abs();
+        self.sigma_m = header.sigma_m;
+        self.whole_turn = self.increment_rad * (ranges_m.len() as f64 + 0.5) >= std::f64::consts::TAU;
+        let yaw = pose2(&robot_from_lidar).yaw_rad;
+        for (i, range) in ranges_m.iter().enumerate() {
+            let angle = yaw + header.angle_min_rad + i as f64 * header.angle_increment_rad;
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            let (kind, reading_m) = classify(f64::from(*range), header);
+            self.beams.push(Beam { kind, reading_m, direction, end: Point::from(self.origin + direction * reading_m) });
+        }
+        if self.beams.iter().all(|beam| beam.kind == BeamKind::Unknown) {
+            let count = self.beams.len();
+            self.beams.clear();
+            return Err(ScanError::AllUnknown(count));
+        }
+        Ok(())
+    }
+
+    /// The beams, in the order of their angles.
+    #[must_use]
+    pub fn beams(&self) -> &[Beam] {
+        &self.beams
+    }
+
+    /// Where the lidar is, robot frame.
+    #[must_use]
+    pub fn origin(&self) -> Point {
+        Point::from(self.origin)
+    }
+
+    /// Angle from one beam to the next, radians, positive.
+    #[must_use]
+    pub fn increment_rad(&self) -> f64 {
+        self.increment_rad
+    }
+
+    /// One standard deviation of a reading, metres.
+    #[must_use]
+    pub fn sigma_m(&self) -> f64 {
+        self.sigma_m
+    }
+
+    /// Whether the last beam is the neighbour of the first.
+    #[must_use]
+    pub fn is_whole_turn(&self) -> bool {
+        self.whole_turn
+    }
+}
+
+fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
+    if count == 0 || count > MAX_BEAMS {
+        return Err(ScanError::Count(count));
+    }
+    let increment = header.angle_increment_rad;
+    if !header.angle_min_rad.is_finite() || !increment.is_finite() || increment == 0.0 {
+        return Err(ScanError::Geometry("angles"));
+    }
+    // Half a beam over a whole turn is rounding; more would be seen twice.
+    if increment.abs() * (count as f64 - 1.5) > std::f64::consts::TAU {
+        return Err(ScanError::Geometry("field of view"));
+    }
+    let (min, max) = (header.range_min_m, header.range_max_m);
+    if !(min.is_finite() && max.is_finite() && min >= 0.0 && min < max) {
+        return Err(ScanError::Geometry("range"));
+    }
+    if !header.sigma_m.is_finite() || !(0.0..=1.0).contains(&header.sigma_m) {
+        return Err(ScanError::Geometry("sigma"));
+    }
+    if !header.robot_from_lidar.is_finite() {
+        return Err(ScanError::Geometry("mounting pose"));
+    }
+    Ok(())
+}
+
+fn classify(range_m: f64, header: &ScanHeader) -> (BeamKind, f64) {
+    if range_m.is_nan() || range_m < header.range_min_m {
+        (BeamKind::Unknown, 0.0)
+    } else if range_m >= header.range_max_m {
+        (BeamKind::Free, header.range_max_m)
+    } else {
+        (BeamKind::Hit, range_m)
+    }
+}
+
+#[cfg(test)]
+pub(crate) mod tests {
+    use super::{BeamKind, Beams, ScanError};
+    use messages::{Pose2, ScanHeader};
+
+    /// A lidar of 360 beams at the robot's origin that reads 0.1 to 10 m.
+    pub(crate) fn header() -> ScanHeader {
+        ScanHeader {
+            angle_min_rad: -std::f64::consts::PI,
+            angle_increment_rad: std::f64::consts::TAU / 360.0,
+            range_min_m: 0.1,
+            range_max_m: 10.0,
+            sigma_m: 0.01,
+            ..ScanHeader::default()
+        }
+    }
+
+    #[test]
+    fn readings_are_hit_free_or_unknown() {
+        let mut ranges = [5.0f32; 360];
+        (ranges[0], ranges[1], ranges[2], ranges[3], ranges[4]) = (f32::NAN, -1.0, 0.05, f32::INFINITY, 10.0);
+        let mut beams = Beams::default();
+        beams.fill(&header(), &ranges).expect("usable");
+        let kinds: Vec<_> = beams.beams()[..6].iter().map(|beam| beam.kind).collect();
+        use BeamKind::{Free, Hit, Unknown};
+        assert_eq!(kinds, [Unknown, Unknown, Unknown, Free, Free, Hit]);
+        assert!(beams.is_whole_turn());
+    }
+
+    #[test]
+    fn a_mounting_pose_moves_the_ends() {
+        let mut header = header();
+        header.robot_from_lidar = Pose2::new(0.2, 0.1, std::f64::consts::FRAC_PI_2);
+        let mut beams = Beams::default();
+        beams.fill(&header, &[2.0; 360]).expect("usable");
+        // Beam 180 looks along the lidar's x axis, which is the robot's y axis.
+        let end = beams.beams()[180].end;
+        assert!((end.x - 0.2).abs() < 1e-9 && (end.y - 2.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_scan_that_cannot_be_used_is_refused() {
+        let mut beams = Beams::default();
+        assert_eq!(beams.fill(&header(), &[]), Err(ScanError::Count(0)));
+        assert_eq!(beams.fill(&header(), &[f32::NAN; 360]), Err(ScanError::AllUnknown(360)));
+        let mut bad = header();
+        bad.angle_increment_rad = 0.0;
+        assert_eq!(beams.fill(&bad, &[1.0; 360]), Err(ScanError::Geometry("angles")));
+        assert_eq!(beams.fill(&header(), &[1.0; 400]), Err(ScanError::Geometry("field of view")));
+        let mut bad = header();
+        bad.range_min_m = f64::NAN;
+        assert_eq!(beams.fill(&bad, &[1.0; 360]), Err(ScanError::Geometry("range")));
+        assert!(beams.beams().is_empty());
+    }
+}

@@ -1,0 +1,194 @@
+use super::{Draw, Judgement, Shield, ShieldConfig, choose, suppress};
+use crate::action::ActionTable;
+use crate::handler::{HandlerEstimate, HandlerLimits};
+use crate::interaction::DelayedHarness;
+use crate::scan::Beams;
+use crate::scan::tests::header;
+use crate::se2::Point;
+use messages::{Pose2, ScanHeader};
+use proptest::prelude::*;
+
+fn config(escape: bool) -> ShieldConfig {
+    ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape, unseen_limit_m2: None }
+}
+
+fn handler() -> HandlerEstimate {
+    let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
+    let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+    let mut handler = HandlerEstimate::new(harness, limits);
+    for _ in 0..20 {
+        handler.begin_step(&crate::Se2::identity());
+    }
+    handler
+}
+
+/// A scan in the open with a small thing at each point.
+fn scan(header: &ScanHeader, count: usize, points: &[Point]) -> Beams {
+    let mut ranges = vec![f32::INFINITY; count];
+    for point in points {
+        let angle = point.y.atan2(point.x) - header.angle_min_rad;
+        let i = (angle / header.angle_increment_rad).round() as usize % count;
+        ranges[i] = ranges[i].min(point.coords.norm() as f32);
+    }
+    let mut beams = Beams::default();
+    beams.fill(header, &ranges).expect("usable");
+    beams
+}
+
+fn judge(beams: &Beams, escape: bool) -> (u32, Vec<Judgement>) {
+    let mut judgements = Vec::new();
+    let table = ActionTable::eight();
+    let mask = Shield::new(config(escape)).judge_actions(&table, beams, None, &handler(), &mut judgements);
+    (mask, judgements)
+}
+
+#[test]
+fn in_the_open_everything_is_safe() {
+    let (mask, judgements) = judge(&scan(&header(), 360, &[]), true);
+    assert_eq!(mask, 0);
+    assert!(judgements.iter().all(|j| j.unseen_area_m2 < 1e-9));
+}
+
+#[test]
+fn something_ahead_forbids_forward_and_says_by_which_beam() {
+    let (mask, judgements) = judge(&scan(&header(), 360, &[Point::new(0.5, 0.0)]), true);
+    assert_eq!(mask & 0b10, 0b10, "forward");
+    assert_eq!(mask & 0b1, 0, "stop");
+    let forward = judgements[1];
+    assert_eq!(forward.beam, Some(180));
+    assert!((forward.threshold_m - 0.55).abs() < 1e-6 && (forward.margin_m + 0.05).abs() < 1e-6, "{forward:?}");
+}
+
+#[test]
+fn the_space_between_robot_and_handler_must_be_free() {
+    let between = Point::new(-0.35, -0.16);
+    let (mask, _) = judge(&scan(&header(), 360, &[between]), false);
+    assert_eq!(mask, 0xff, "the paper's algorithm: a point in the present hull makes every action unsafe");
+}
+
+#[test]
+fn with_the_escape_rule_only_getting_closer_is_unsafe() {
+    // Ahead of the robot and within its disc: only what does not come closer is left.
+    let (mask, _) = judge(&scan(&header(), 360, &[Point::new(0.28, 0.0)]), true);
+    assert_eq!(mask & 0b10, 0b10, "forward comes closer");
+    assert_eq!(mask & 0b1, 0, "stop does not");
+}
+
+#[test]
+fn beams_on_the_handler_are_masked_and_others_are_not() {
+    let on_handler = Point::new(-0.75 + 0.15, -0.35 + 0.12);
+    assert_eq!(judge(&scan(&header(), 360, &[on_handler]), false).0, 0);
+    let (_, judgements) = judge(&scan(&header(), 360, &[on_handler]), false);
+    assert!(judgements[1].unseen_area_m2 > 0.0, "what is behind the handler is blind");
+}
+
+#[test]
+fn a_wide_run_of_unknown_beams_ahead_is_unsafe_and_one_beam_is_not() {
+    for (unknown, expected) in [(1usize, false), (40, true)] {
+        let mut ranges = vec![9.0f32; 360];
+        ranges[180 - unknown / 2..=180 + (unknown - 1) / 2].fill(f32::NAN);
+        let mut beams = Beams::default();
+        beams.fill(&header(), &ranges).expect("usable");
+        let (mask, _) = judge(&beams, true);
+        assert_eq!(mask & 0b10 != 0, expected, "{unknown} unknown beams ahead, forward");
+        assert_eq!(mask & 0b1, 0, "stop needs nothing beyond the present hull");
+    }
+}
+
+#[test]
+fn a_run_of_unknown_beams_goes_on_over_the_end_of_a_whole_turn() {
+    let mut header = header();
+    header.angle_min_rad = 0.0;
+    let mut ranges = vec![9.0f32; 360];
+    ranges[..8].fill(f32::NAN);
+    ranges[352..].fill(f32::NAN);
+    let mut beams = Beams::default();
+    beams.fill(&header, &ranges).expect("usable");
+    // Eight beams make 2 x 0.55 sin(4 deg) = 0.077 m, sixteen 0.153 m.
+    assert_eq!(judge(&beams, true).0 & 0b10, 0b10);
+}
+
+#[test]
+fn what_the_field_of_view_lacks_is_unseen_and_not_unsafe() {
+    let mut front = header();
+    front.angle_min_rad = -std::f64::consts::FRAC_PI_2;
+    front.angle_increment_rad = std::f64::consts::PI / 180.0;
+    let mut beams = Beams::default();
+    beams.fill(&front, &[5.0; 181]).expect("usable");
+    let (mask, judgements) = judge(&beams, true);
+    assert_eq!(mask, 0);
+    assert!(judgements[0].unseen_area_m2 > 0.3, "half the robot and all of the handler");
+}
+
+#[test]
+fn a_lidar_outside_the_hull_takes_what_occludes_it_as_unsafe() {
+    let mut outside = header();
+    outside.robot_from_lidar = Pose2::new(2.0, 0.0, 0.0);
+    let mut ranges = vec![9.0f32; 360];
+    assert_eq!(judge_ranges(&outside, &ranges) & 0b10, 0);
+    // Beam 0 looks back at the robot from 2 m ahead; something 1 m before it hides the way.
+    ranges[0] = 1.0;
+    assert_eq!(judge_ranges(&outside, &ranges) & 0b10, 0b10);
+}
+
+fn judge_ranges(header: &ScanHeader, ranges: &[f32]) -> u32 {
+    let mut beams = Beams::default();
+    beams.fill(header, ranges).expect("usable");
+    judge(&beams, true).0
+}
+
+#[test]
+fn suppression_normalises_and_holds_when_all_is_unsafe() {
+    let p = [0.2, 0.6, 0.2];
+    let soft = suppress(&p, 0b010, 0.5);
+    assert!((soft.probabilities[1] - 0.3 / 0.7).abs() < 1e-12 && !soft.all_unsafe);
+    let hard = suppress(&p, 0b010, 0.0);
+    assert_eq!(hard.probabilities[1], 0.0);
+    assert!((hard.probabilities.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+    let hold = suppress(&p, 0b111, 0.0);
+    assert!(hold.all_unsafe && hold.probabilities[ActionTable::STOP] == 1.0);
+    let plain = suppress(&p, 0b111, 0.5);
+    assert!(plain.all_unsafe && (plain.probabilities[1] - 0.6).abs() < 1e-12);
+}
+
+#[test]
+fn drawing_follows_the_probabilities_and_never_takes_a_zero() {
+    let p = [0.1, 0.0, 0.9];
+    let mut counts = [0u32; 3];
+    for n in 0..10_000 {
+        counts[choose(&p, Draw::Seeded(7), n)] += 1;
+    }
+    assert_eq!(counts[1], 0);
+    assert!((900..1100).contains(&counts[0]), "{counts:?}");
+    assert_eq!(choose(&p, Draw::Seeded(7), 3), choose(&p, Draw::Seeded(7), 3));
+    assert_eq!(choose(&p, Draw::ArgMax, 0), 2);
+}
+
+proptest! {
+    /// With the lidar inside the hull: no seen point strictly inside is judged free, none over 1 mm outside unsafe.
+    #[test]
+    fn a_point_is_unsafe_exactly_inside_the_hull(angle_deg in 0usize..360, range in 0.11..3.0f64, action in 0usize..8) {
+        let header = header();
+        let angle = header.angle_min_rad + angle_deg as f64 * header.angle_increment_rad;
+        let point = Point::new(range * angle.cos(), range * angle.sin());
+        let handler = handler();
+        prop_assume!(!handler.masks(point, 0.01));
+        let motion = Shield::predict(&handler, &ActionTable::eight().actions()[action].start_from_end());
+        let disc = |pose: &crate::Se2, radius_m| {
+            crate::Disc { center: crate::interaction::place(pose), radius_m }
+        };
+        let hull = crate::Hull::new([
+            disc(&crate::Se2::identity(), 0.3), disc(handler.robot_from_handler(), handler.radius_m()),
+            disc(&motion.robot, 0.3), disc(&motion.handler, handler.radius_m()),
+        ]);
+        let beams = scan(&header, 360, &[point]);
+        let judgement = Shield::new(config(false)).judge(&motion, &beams, None, &handler);
+        let distance = hull.signed_distance_m(point);
+        // Readings are f32.
+        if distance < -1e-6 {
+            prop_assert!(!judgement.safe, "inside by {}", -distance);
+        } else if distance > 1e-3 {
+            prop_assert!(judgement.safe, "outside by {}", distance);
+        }
+    }
+}
