@@ -1,15 +1,18 @@
-//! The geometric engine through the built-in scenarios: simulated lidar with noise, depth camera and physics.
+//! The geometric engine through the built-in scenarios: simulated lidar with noise, depth camera, physics, shield.
 //!
 //! `GEO_TRACE=1 cargo test -- --nocapture NAME` prints every decision.
 
 #![allow(clippy::print_stdout)]
 
-mod support;
-
-use guidance::ActionTable;
-use guidance::se2::{Point, pose2, se2, wrap_angle};
+use guidance::depth::DepthView;
+use guidance::handler::{HandlerEstimate, HandlerLimits};
+use guidance::interaction::DelayedHarness;
+use guidance::scan::Beams;
+use guidance::se2::{pose2, se2, wrap_angle};
+use guidance::shield::{Draw, Judgement, Shield, ShieldConfig, choose, suppress};
+use guidance::{ActionTable, Se2};
 use guidedog_policy::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
-use messages::{CueKind, DepthHeader, Pose2, Twist2};
+use messages::{CueKind, Pose2, ScanHeader, Twist2};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::path::Path;
 use std::sync::Arc;
@@ -33,27 +36,46 @@ struct Report {
     truth: messages::WorldTruth,
 }
 
-/// Obstacle points (robot frame) of a depth frame: what is higher than 0.06 m and lower than 1.9 m, every 8th pixel.
-fn obstacles(header: &DepthHeader, pixels: &[u16]) -> Vec<Point> {
-    let camera = header.robot_from_camera;
-    let (sin, cos) = camera.pitch_rad.sin_cos();
-    let robot_from_camera = se2(Pose2::new(camera.x_m, camera.y_m, camera.yaw_rad));
-    let mut places = Vec::new();
-    for row in (0..header.height as usize).step_by(8) {
-        for column in (0..header.width as usize).step_by(8) {
-            let depth_m = f64::from(pixels[row * header.width as usize + column]) / 1000.0;
-            let right = (column as f64 - header.cx_px) / header.fx_px * depth_m;
-            let down = (row as f64 - header.cy_px) / header.fy_px * depth_m;
-            let height_m = camera.z_m - down * cos - depth_m * sin;
-            if depth_m > 0.0 && depth_m < 5.0 && (0.06..1.9).contains(&height_m) {
-                places.push(robot_from_camera * Point::new(depth_m * cos - down * sin, -right));
-            }
-        }
-    }
-    places
+/// The shield as on the robot: one per walk, judged once per decision.
+struct Guard {
+    shield: Shield,
+    estimate: HandlerEstimate,
+    beams: Beams,
+    depth: DepthView,
+    judgements: Vec<Judgement>,
 }
 
-fn walk(world: World, start: Pose2, route: &Route, seed: u64, with_depth: bool) -> Report {
+impl Guard {
+    fn new() -> Self {
+        let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("the default harness");
+        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        let shield = Shield::new(ShieldConfig {
+            robot_radius_m: 0.30,
+            margin_m: 0.0,
+            unknown_gap_m: 0.10,
+            escape: true,
+            unseen_limit_m2: None,
+        });
+        Self {
+            shield,
+            estimate: HandlerEstimate::new(harness, limits),
+            beams: Beams::default(),
+            depth: DepthView::default(),
+            judgements: Vec::new(),
+        }
+    }
+
+    /// The actions that are unsafe, as a mask.
+    fn judge(&mut self, table: &ActionTable, robot: &Se2, scan: (&ScanHeader, &[f32]), now_ns: u64) -> u32 {
+        self.beams.fill(scan.0, scan.1).expect("a good scan");
+        self.estimate.predict(robot, 1.0);
+        self.estimate.correct(&self.beams, now_ns);
+        self.estimate.begin_step(robot);
+        self.shield.judge_actions(table, &self.beams, Some(&self.depth), &self.estimate, &mut self.judgements)
+    }
+}
+
+fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
     let world = Arc::new(world);
     let table = ActionTable::eight();
     let mut physics = Physics::new(Arc::clone(&world), PhysicsConfig::default(), start).expect("a free start");
@@ -61,6 +83,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64, with_depth: bool) 
     let depth_config = DepthConfig { width: 320, height: 240, ..DepthConfig::default() };
     let mut depth = DepthSensor::new(depth_config, seed, 1).expect("the default camera");
     let mut engine = GeometricEngine::new(GeometricConfig::default(), table.clone());
+    let mut guard = Guard::new();
     let mut cues = CueSequence::new(route);
     let (mut cue, mut cue_start) = (CueKind::Stop, se2(start));
     let (mut ranges, mut pixels) = (vec![0.0; lidar.config().beams], vec![0; depth.pixels()]);
@@ -80,21 +103,18 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64, with_depth: bool) 
         let axis = [0.0, 0.0, FRAC_PI_2, -FRAC_PI_2][cue as usize];
         if axis != 0.0 && wrap_angle((cue_start.inverse() * robot).rotation.angle()) * axis.signum() > FRAC_PI_4 {
             let yaw = cue_start.rotation.angle() + axis;
-            (cue, cue_start, new) = (CueKind::Forward, guidance::Se2::new(robot.translation.vector, yaw), true);
+            (cue, cue_start, new) = (CueKind::Forward, Se2::new(robot.translation.vector, yaw), true);
         }
         let scene = Scene::from_truth(&world, &truth);
         lidar.scan(&scene, decision, &mut ranges);
-        let mut places = Vec::new();
-        if with_depth {
-            depth.render(&scene, decision, &mut pixels);
-            places = obstacles(&depth.depth_header(), &pixels);
-        }
+        depth.render(&scene, decision, &mut pixels);
+        guard.depth.fill(&depth.depth_header(), &pixels).expect("a good frame");
         let header = lidar.scan_header();
         let begun = Instant::now();
         let shares = engine.decide(&Observation {
             scan: &header,
             ranges: &ranges,
-            obstacles: &places,
+            obstacles: guard.depth.points(),
             odom_from_robot: truth.world_from_robot,
             odometry_incarnation: 1,
             start_from_robot: pose2(&(cue_start.inverse() * robot)),
@@ -102,18 +122,19 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64, with_depth: bool) 
             cue_is_new: new,
         });
         times.push(begun.elapsed());
-        let ranked = |a: &usize, b: &usize| shares[*a].total_cmp(&shares[*b]).then(b.cmp(a));
-        let best = (0..table.len()).max_by(ranked).unwrap_or(0);
-        let mut action = best;
-        if best != ActionTable::STOP {
-            let handler = robot.inverse() * se2(truth.world_from_handler);
-            let mut hits = support::hits(&header, &ranges, &handler);
-            hits.extend(places.iter().filter(|place| place.coords.norm() < 2.5));
-            let allowed = support::allowed(&hits, &handler, &table).into_iter().max_by(ranked);
-            all_unsafe += u32::from(allowed.is_none());
-            changed += u32::from(allowed.is_some_and(|action| action != best));
-            action = allowed.unwrap_or(ActionTable::STOP);
-        }
+        let wanted: Vec<f64> = shares[..table.len()].iter().map(|share| f64::from(*share)).collect();
+        let best = choose(&wanted, Draw::ArgMax, decision);
+        let unsafe_mask = guard.judge(&table, &robot, (&header, &ranges), decision * 500_000_000);
+        let suppressed = suppress(&wanted, unsafe_mask, 0.0);
+        let action = if best == ActionTable::STOP {
+            best
+        } else {
+            let moving = unsafe_mask | 1 << ActionTable::STOP;
+            all_unsafe += u32::from(moving.count_ones() as usize == table.len());
+            let action = choose(&suppressed.probabilities[..table.len()], Draw::ArgMax, decision);
+            changed += u32::from(action != best);
+            action
+        };
         if std::env::var_os("GEO_TRACE").is_some() {
             let pose = truth.world_from_robot;
             println!(
@@ -164,7 +185,7 @@ fn scenario(name: &str) {
     let mut good = true;
     for seed in 1..=2 {
         let world = scenario.load_world().expect("its world");
-        let report = walk(world, scenario.start, &scenario.route, seed, true);
+        let report = walk(world, scenario.start, &scenario.route, seed);
         check(name, &report);
         good &= report.reached && (report.truth.robot_collisions, report.truth.handler_collisions) == (0, 0);
     }
@@ -213,7 +234,7 @@ fn real_floor() {
     let mut good = true;
     for (start, route) in [(Pose2::new(-46.4, -11.5, 0.0), SOUTH), (Pose2::new(-8.0, 23.8, 0.2), NORTH)] {
         let route = Route::from_toml("real floor", route).expect("a route");
-        let report = walk(World::load(&path).expect("the floor plan"), start, &route, 1, true);
+        let report = walk(World::load(&path).expect("the floor plan"), start, &route, 1);
         check("real floor", &report);
         good &= report.reached && (report.truth.robot_collisions, report.truth.handler_collisions) == (0, 0);
     }

@@ -1,1 +1,114 @@
-//! Skeleton.
+//! The shield service: draws each decision once, judges it on the newest scan, and renews the permit for the running
+//! action at every new scan. [`Core`] judges; this file takes the inputs and publishes.
+
+mod core;
+mod digest;
+
+use guidance::{ActionTable, DelayedHarness};
+use messages::{
+    DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PermitCause, PolicyAction,
+};
+use settings::{ActionTableName, Settings, Source};
+use transport::{FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
+
+pub use crate::core::{Core, CoreConfig};
+use digest::Digest;
+
+/// The service.
+pub struct ShieldService {
+    core: Core,
+    scans: FrameSubscriber<LidarScan>,
+    depth: Option<FrameSubscriber<DepthFrame>>,
+    odometry: Subscriber<Odometry>,
+    modes: Subscriber<Mode>,
+    actions: Subscriber<PolicyAction>,
+    permits: Publisher<Permit>,
+    digest: Digest,
+    scan_latency: LatencyHistogram,
+    depth_latency: LatencyHistogram,
+}
+
+impl ShieldService {
+    /// Opens the ports.
+    ///
+    /// # Errors
+    /// Where the settings make no harness or a port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let core = Core::new(config_of(&settings)?);
+        let has_depth = settings.depth.source != Source::Absent;
+        Ok(Self {
+            core,
+            scans: io.frame_subscriber()?,
+            depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
+            odometry: io.subscriber()?,
+            modes: io.subscriber()?,
+            actions: io.subscriber()?,
+            permits: io.publisher()?,
+            digest: Digest::default(),
+            scan_latency: LatencyHistogram { what: Latency::ScanToPermit, ..LatencyHistogram::default() },
+            depth_latency: LatencyHistogram { what: Latency::DepthToConsumer, ..LatencyHistogram::default() },
+        })
+    }
+
+    fn take_inputs(&mut self, io: &Io) -> Result<(), TransportError> {
+        while let Some(mode) = self.modes.take()? {
+            self.core.take_mode(&mode);
+        }
+        while let Some(odometry) = self.odometry.take()? {
+            self.core.take_odometry(&odometry);
+        }
+        if let Some(frames) = &mut self.depth {
+            while let Some(frame) = frames.take()? {
+                self.depth_latency.record(io.now_ns().saturating_sub(frame.meta().header.published_ns));
+                self.core.take_depth(frame.meta(), frame.data());
+            }
+        }
+        Ok(())
+    }
+
+    fn publish(&mut self, io: &Io, permit: Permit) -> Result<(), TransportError> {
+        let stamp_ns = io.now_ns();
+        let sent = self.permits.publish(stamp_ns, permit)?;
+        self.digest.permit(&sent);
+        if permit.cause == PermitCause::Scan {
+            self.scan_latency.record(stamp_ns.saturating_sub(permit.scan_stamp_ns));
+        }
+        Ok(())
+    }
+}
+
+fn config_of(settings: &Settings) -> Result<CoreConfig, TransportError> {
+    let handler = &settings.handler;
+    let harness = DelayedHarness::new(handler.robot_from_handler, handler.alpha.get(), settings.policy.dt.s())
+        .map_err(|error| TransportError::Service(format!("[handler]: {error}")))?;
+    let table = match settings.policy.actions {
+        ActionTableName::Eight => ActionTable::eight(),
+        ActionTableName::Ten => ActionTable::ten(),
+    };
+    Ok(CoreConfig::of(settings, harness, table))
+}
+
+impl Service for ShieldService {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.take_inputs(io)?;
+        // Every scan gets a verdict; then the decisions are judged on the newest of them.
+        while let Some(scan) = self.scans.take()? {
+            let permit = self.core.on_scan(io.now_ns(), scan.meta(), scan.data());
+            self.publish(io, permit)?;
+        }
+        while let Some(action) = self.actions.take()? {
+            self.digest.action(&action);
+            if let Some(permit) = self.core.on_action(io.now_ns(), &action) {
+                self.publish(io, permit)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn fill_health(&self, health: &mut Health) {
+        self.core.fill_health(health);
+        health.digest = self.digest.value();
+        health.latencies = [self.scan_latency, self.depth_latency];
+    }
+}

@@ -84,6 +84,7 @@ impl Supervisor {
         for action in self.machine.take_actions() {
             match action {
                 Action::StopLine => self.children.tell(ServiceId::Locomotion, &transport::ToChild::Stop),
+                Action::Begin => self.children.tell(ServiceId::Replay, &transport::ToChild::Begin),
                 Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
                 Action::Spawn(service, incarnation) => self.spawn(service, incarnation, io),
                 Action::Note(text) => self.figures.note(io.now_ns(), text),

@@ -57,6 +57,8 @@ pub enum Action {
     Kill(ServiceId, u32),
     /// Tell locomotion over its line that the robot is to stand.
     StopLine,
+    /// Everything is up for the first time.
+    Begin,
     /// Tell the operator.
     Note(String),
     /// The run cannot go on.
@@ -143,6 +145,7 @@ pub struct Machine {
     grace_until_ns: u64,
     stuck_states: u32,
     ending: bool,
+    begun: bool,
     /// What stopped the robot, and when.
     pub stops: StopLog,
 }
@@ -164,6 +167,7 @@ impl Machine {
             grace_until_ns: 0,
             stuck_states: 0,
             ending: false,
+            begun: false,
             stops: StopLog::default(),
         };
         machine.enter(ModeClass::Fault, StopReason::of(StopKind::Boot), 0);
@@ -225,6 +229,7 @@ impl Machine {
                 if let Some(s) = self.find(service, incarnation) {
                     s.armed = true;
                 }
+                self.update_roster(now);
             }
             Event::Died(service, incarnation, why) => self.on_died(service, incarnation, &why, now),
             Event::Beat(health) => self.on_beat(health, now),
@@ -270,7 +275,8 @@ impl Machine {
             match s.phase {
                 Phase::Down { start_at_ns } if now.wall_ns >= start_at_ns && below_ready => {
                     s.incarnation += 1;
-                    s.armed = !s.plan.critical || s.plan.service == ServiceId::Locomotion;
+                    // The simulator has no line to locomotion; locomotion's own goes to the brake.
+                    s.armed = matches!(s.plan.service, ServiceId::Simulator | ServiceId::Locomotion);
                     s.joined = false;
                     s.progress.iter_mut().for_each(|p| *p = Progress::default());
                     s.phase = Phase::Starting { ready_by_ns: now.wall_ns + self.limits.ready_ns };
@@ -542,11 +548,15 @@ impl Machine {
 
     /// Stepped time: who takes part from the next step on.
     fn update_roster(&mut self, now: Now) {
+        let all_up = self.services.iter().all(|s| s.phase == Phase::Ready && s.armed);
+        if all_up && !self.begun {
+            self.begun = true;
+            self.actions.push(Action::Begin);
+        }
         if !self.limits.stepped {
             return;
         }
         let begun = self.roster_version > 0;
-        let all_up = self.services.iter().all(|s| s.phase == Phase::Ready && s.armed);
         for s in &mut self.services {
             let joins = s.phase == Phase::Ready && s.armed && if begun { now.run_ns >= s.joins_at_ns } else { all_up };
             if joins && !s.joined {

@@ -16,6 +16,8 @@ pub struct Header {
     /// The clock step in which the message was published; 0 in real time. A reader in stepped time takes a message
     /// only in a later step, so nothing depends on scheduling.
     pub step: u64,
+    /// Run time at which the message was published, in nanoseconds.
+    pub published_ns: u64,
     /// Which life of the sending service this is, from 1. Old lives are fenced by it.
     pub incarnation: u32,
     /// Keeps the layout free of implicit padding.

@@ -110,7 +110,7 @@ impl From<Header> for HeaderJson {
 
 impl From<HeaderJson> for Header {
     fn from(h: HeaderJson) -> Self {
-        Self { stamp_ns: h.stamp_ns, seq: h.seq, step: h.step, incarnation: h.incarnation, reserved: 0 }
+        Self { stamp_ns: h.stamp_ns, seq: h.seq, step: h.step, incarnation: h.incarnation, ..Self::default() }
     }
 }
 

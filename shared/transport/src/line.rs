@@ -38,6 +38,8 @@ pub enum ToChild {
     Leave,
     /// The figures are taken: exit.
     Exit,
+    /// Every service is up for the first time: the recording may begin (replay).
+    Begin,
     /// The robot is to stand from now on, whatever `mode` says (locomotion).
     Stop,
     /// A lifeline of a critical service comes with this (locomotion).

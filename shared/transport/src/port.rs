@@ -145,7 +145,14 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
 }
 
 fn next_header(shared: &Shared, stamp_ns: u64, seq: u64) -> Header {
-    Header { stamp_ns, seq, step: shared.clock.step(), incarnation: shared.identity.incarnation, reserved: 0 }
+    Header {
+        stamp_ns,
+        seq,
+        step: shared.clock.step(),
+        published_ns: shared.clock.now_ns(),
+        incarnation: shared.identity.incarnation,
+        reserved: 0,
+    }
 }
 
 /// Reads messages of fixed size.

@@ -13,6 +13,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 const GOAL_M: f64 = 7.0;
 /// Way ahead under which the corridor may be about to bend or end, metres.
 const NEAR_END_M: f64 = 2.5;
+/// The corridor goes on round a bend where an opening ends within this of its end, metres.
+const AT_END_M: f64 = 1.0;
 /// Way ahead under which the corridor is at its end, metres.
 const END_M: f64 = 0.4;
 /// Way ahead over which an end was none after all, metres.
@@ -143,7 +145,7 @@ impl Route {
         self.ended = view.ahead_m < end_m;
         let facing_rad = self.line.yaw_rad;
         if self.ended {
-            let ways = [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side).is_some());
+            let ways = [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, NEAR_END_M).is_some());
             let plan = if cue == CueKind::Forward && ways == [true; 2] { Plan::Junction } else { Plan::End };
             return Goal { plan, seeds: Vec::new(), facing_rad };
         }
@@ -163,15 +165,15 @@ impl Route {
                 return None;
             }
         } else if view.ahead_m < NEAR_END_M {
-            let found = [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side));
-            let (side, opening) = match found {
-                [Some(opening), None] => (Side::Left, opening),
-                [None, Some(opening)] => (Side::Right, opening),
+            let find = |slack_m| [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, slack_m));
+            let (side, opening) = match (find(AT_END_M), find(NEAR_END_M)) {
+                ([Some(opening), None], [_, None]) => (Side::Left, opening),
+                ([None, Some(opening)], [None, _]) => (Side::Right, opening),
                 _ => return None,
             };
             let other = side.other();
             let wall_m = self.wall_m[other as usize];
-            let shut = view.profiles[other as usize].closed(opening.begin_m.max(-0.3), opening.end_m, wall_m);
+            let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + TEAM_CLEARANCE_M, wall_m);
             if !shut && view.ahead_m >= END_M {
                 return None;
             }
@@ -219,11 +221,13 @@ impl Route {
         (!goal.seeds.is_empty()).then_some(goal)
     }
 
-    /// The opening of that side at the corridor's end, if there is one that the team can get into.
-    fn opening_at_end(&self, view: &View, side: Side) -> Option<Opening> {
+    /// The opening of that side that ends within `slack_m` of the corridor's end, if there is one that the team can get
+    /// into.
+    fn opening_at_end(&self, view: &View, side: Side, slack_m: f64) -> Option<Opening> {
         let end_m = view.ahead_m + TEAM_CLEARANCE_M;
-        let at_end =
-            |opening: &Opening| opening.end_m > end_m - 1.0 && opening.begin_m < COMMIT_M && opening.middle_m() > -1.0;
+        let at_end = |opening: &Opening| {
+            opening.end_m > end_m - slack_m && opening.begin_m < COMMIT_M && opening.middle_m() > -1.0
+        };
         let openings = view.profiles[side as usize].openings(self.wall_m[side as usize]);
         openings.into_iter().rev().find(|opening| at_end(opening) && view.reaches(side, opening))
     }

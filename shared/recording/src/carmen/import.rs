@@ -120,7 +120,7 @@ fn write_all(
         while let Some(odometry) = odometry.next_if(|odometry| odometry.header.stamp_ns < stamp_ns) {
             writer.write(&Record::Odometry(*odometry))?;
         }
-        let header = Header { stamp_ns, seq, step: 0, incarnation: 1, reserved: 0 };
+        let header = Header { stamp_ns, seq, step: 0, published_ns: 0, incarnation: 1, reserved: 0 };
         writer.write(&scan(survey, header, std::mem::take(&mut readings_m)))?;
     }
     for odometry in odometry {

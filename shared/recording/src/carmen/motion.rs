@@ -41,7 +41,7 @@ pub fn odometry(entries: &[Entry], stamps_ns: &[u64]) -> (Vec<Odometry>, u64) {
     odom.append(&mut scans);
     odom.sort_by_key(|fix| fix.stamp_ns);
     let record = |(fix, seq): (Fix, u64)| Odometry {
-        header: Header { stamp_ns: fix.stamp_ns, seq, step: 0, incarnation: 1, reserved: 0 },
+        header: Header { stamp_ns: fix.stamp_ns, seq, step: 0, published_ns: 0, incarnation: 1, reserved: 0 },
         odom_from_robot: fix.pose,
         twist: fix.twist,
         sigma: [0.0; 3],

@@ -1,0 +1,419 @@
+//! What the shield decides: pure, times come in with the inputs.
+
+use guidance::handler::{HandlerLimits, Sighting};
+use guidance::se2::{pose2, se2};
+use guidance::shield::{choose, suppress};
+use guidance::{
+    ActionTable, Beams, DelayedHarness, DepthView, Draw, HandlerEstimate, Judgement, Se2, Shield, ShieldConfig,
+};
+use messages::{
+    DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction, ScanHeader,
+    TopicId, Twist2, s_from_ns,
+};
+use settings::{Choice, Settings, Source};
+
+/// Nobody where the handler should be, where visible, for this long.
+const NOT_SEEN_NS: u64 = NS_PER_S;
+/// Without a scan for this long, the handler's estimate is worth nothing.
+const GAP_NS: u64 = NS_PER_S;
+/// A pose may be off by this much beyond what the robot can walk, metres.
+const JUMP_M: f64 = 0.30;
+/// And its yaw by this much, radians.
+const JUMP_RAD: f64 = 0.60;
+/// After a jump the poses must go on without one for this long.
+const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
+
+/// What the core needs to know.
+#[derive(Debug, Clone)]
+pub struct CoreConfig {
+    table: ActionTable,
+    harness: DelayedHarness,
+    limits: HandlerLimits,
+    shield: ShieldConfig,
+    draw: Draw,
+    dt_ns: u64,
+    scan_period_ns: u64,
+    scan_max_age_ns: u64,
+    depth_max_age_ns: u64,
+    odometry_max_age_ns: u64,
+    mode_max_age_ns: u64,
+    permit_life_ns: u64,
+    depth_needed: bool,
+    speed_max_mps: f64,
+    turn_max_radps: f64,
+    absent_streams: u32,
+}
+
+impl CoreConfig {
+    /// The configuration of a run.
+    #[must_use]
+    pub fn of(settings: &Settings, harness: DelayedHarness, table: ActionTable) -> Self {
+        let speed_max_mps = settings.locomotion.limits.speed_mps.get();
+        let forward_mps =
+            table.actions().iter().map(|a| a.velocity(settings.policy.dt.s()).speed_mps()).fold(0.0, f64::max);
+        let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
+        let shield = &settings.shield;
+        Self {
+            harness,
+            table,
+            limits: HandlerLimits {
+                radius_m: settings.handler.radius_m.get(),
+                speed_max_mps: forward_mps,
+                not_seen_ns: NOT_SEEN_NS,
+            },
+            shield: ShieldConfig {
+                robot_radius_m: settings.robot.radius_m.get(),
+                margin_m: shield.margin_m,
+                unknown_gap_m: shield.unknown_gap_m.get(),
+                escape: shield.escape,
+                unseen_limit_m2: shield.unseen_limit_m2,
+            },
+            draw: match shield.choice {
+                Choice::ArgMax => Draw::ArgMax,
+                Choice::Draw => Draw::Seeded(shield.seed),
+            },
+            dt_ns: settings.policy.dt.ns(),
+            scan_period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64,
+            scan_max_age_ns: settings.max_age.scan.ns(),
+            depth_max_age_ns: settings.max_age.depth.ns(),
+            odometry_max_age_ns: settings.max_age.odometry.ns(),
+            mode_max_age_ns: settings.max_age.mode.ns(),
+            permit_life_ns: settings.locomotion.permit_life.ns(),
+            depth_needed: settings.depth.needed,
+            speed_max_mps,
+            turn_max_radps: settings.locomotion.limits.turn_radps.get(),
+            absent_streams: absent,
+        }
+    }
+}
+
+/// A decision that was drawn.
+#[derive(Debug, Clone, Copy)]
+struct Running {
+    action: PolicyAction,
+    index: usize,
+    velocity: Twist2,
+    unsafe_mask: u32,
+    /// What the draw came to: [`Outcome::Granted`], stop, all unsafe, or why there was none.
+    drawn: Outcome,
+    begin_ns: u64,
+    end_ns: u64,
+}
+
+/// The shield's state.
+#[derive(Debug)]
+pub struct Core {
+    config: CoreConfig,
+    shield: Shield,
+    handler: HandlerEstimate,
+    beams: Beams,
+    scan: Option<ScanHeader>,
+    scan_usable: bool,
+    scan_period_ns: u64,
+    depth: DepthView,
+    depth_header: Option<DepthHeader>,
+    depth_usable: bool,
+    odometry: Option<Odometry>,
+    odom_from_robot: Se2,
+    jumped_at_ns: Option<u64>,
+    mode: Option<Mode>,
+    running: Option<Running>,
+    last_decision: Option<u64>,
+    judgements: Vec<Judgement>,
+    decisions: u64,
+    missed: u64,
+    invalid_inputs: u64,
+    outcomes: [u64; Outcome::ALL.len()],
+}
+
+impl Core {
+    /// A core that has seen nothing.
+    #[must_use]
+    pub fn new(config: CoreConfig) -> Self {
+        Self {
+            shield: Shield::new(config.shield.clone()),
+            handler: HandlerEstimate::new(config.harness.clone(), config.limits.clone()),
+            beams: Beams::default(),
+            scan: None,
+            scan_usable: false,
+            scan_period_ns: config.scan_period_ns,
+            depth: DepthView::default(),
+            depth_header: None,
+            depth_usable: false,
+            odometry: None,
+            odom_from_robot: Se2::identity(),
+            jumped_at_ns: None,
+            mode: None,
+            running: None,
+            last_decision: None,
+            judgements: Vec::new(),
+            decisions: 0,
+            missed: 0,
+            invalid_inputs: 0,
+            outcomes: [0; Outcome::ALL.len()],
+            config,
+        }
+    }
+
+    /// The newest mode.
+    pub fn take_mode(&mut self, mode: &Mode) {
+        if self.mode.is_none_or(|old| mode.epoch >= old.epoch) {
+            self.mode = Some(*mode);
+        }
+    }
+
+    /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
+    pub fn take_odometry(&mut self, odometry: &Odometry) {
+        if !odometry.odom_from_robot.is_finite() || !odometry.twist.is_finite() {
+            self.invalid_inputs += 1;
+            return;
+        }
+        let pose = se2(odometry.odom_from_robot);
+        let new_frame = self.odometry.is_none_or(|old| old.header.incarnation != odometry.header.incarnation);
+        if new_frame {
+            self.handler.reset(&pose);
+        } else if let Some(old) = self.odometry {
+            let dt_s = s_from_ns(odometry.header.stamp_ns.saturating_sub(old.header.stamp_ns));
+            let moved = self.odom_from_robot.inverse() * pose;
+            if moved.translation.vector.norm() > self.config.speed_max_mps.max(2.0) * dt_s + JUMP_M
+                || moved.rotation.angle().abs() > self.config.turn_max_radps.max(2.5) * dt_s + JUMP_RAD
+            {
+                self.invalid_inputs += 1;
+                self.jumped_at_ns = Some(odometry.header.stamp_ns);
+                self.handler.reset(&pose);
+            }
+        }
+        self.odometry = Some(*odometry);
+        self.odom_from_robot = pose;
+    }
+
+    /// The newest depth frame.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
+        self.depth_usable = self.depth.fill(header, pixels_mm).is_ok();
+        self.invalid_inputs += u64::from(!self.depth_usable);
+        self.depth_header = Some(*header);
+    }
+
+    /// A new scan: the verdict on the running action.
+    pub fn on_scan(&mut self, now_ns: u64, header: &ScanHeader, ranges_m: &[f32]) -> Permit {
+        if let Some(last) = self.scan {
+            let period = header.header.stamp_ns.saturating_sub(last.header.stamp_ns);
+            if period > GAP_NS || header.header.incarnation != last.header.incarnation {
+                self.handler.reset(&self.odom_from_robot);
+            } else {
+                self.scan_period_ns = period.clamp(self.config.scan_period_ns / 2, self.config.scan_max_age_ns);
+            }
+        }
+        self.scan_usable = self.beams.fill(header, ranges_m).is_ok();
+        self.invalid_inputs += u64::from(!self.scan_usable);
+        self.scan = Some(*header);
+        self.predict_handler(now_ns);
+        if self.scan_usable {
+            let _: Sighting = self.handler.correct(&self.beams, now_ns);
+        }
+        let permit = self.verdict(now_ns, PermitCause::Scan);
+        self.outcomes[permit.outcome as usize] += 1;
+        permit
+    }
+
+    /// A decision: drawn once, of the active policy only, and judged at once.
+    pub fn on_action(&mut self, now_ns: u64, action: &PolicyAction) -> Option<Permit> {
+        let active = self.mode.map_or(0, |mode| mode.active_policy);
+        if action.header.incarnation != active || self.last_decision.is_some_and(|last| action.decision <= last) {
+            return None;
+        }
+        if let Some(last) = self.last_decision {
+            self.missed += action.decision - last - 1;
+        }
+        self.last_decision = Some(action.decision);
+        self.decisions += 1;
+        self.predict_handler(now_ns);
+        self.handler.begin_step(&self.odom_from_robot);
+        self.running = Some(self.draw(now_ns, action));
+        Some(self.verdict(now_ns, PermitCause::Decision))
+    }
+
+    fn draw(&mut self, now_ns: u64, action: &PolicyAction) -> Running {
+        let mut running = Running {
+            action: *action,
+            index: ActionTable::STOP,
+            velocity: Twist2::ZERO,
+            unsafe_mask: 0,
+            drawn: Outcome::InvalidAction,
+            begin_ns: now_ns,
+            end_ns: (action.decision + 1) * self.config.dt_ns,
+        };
+        let count = self.config.table.len();
+        if action.action_table_id != self.config.table.id()
+            || action.action_count as usize != count
+            || !are_probabilities(&action.probabilities[..count])
+        {
+            self.invalid_inputs += 1;
+            return running;
+        }
+        if let Some(why) = self.unusable_input(now_ns) {
+            running.drawn = why;
+            return running;
+        }
+        let depth = self.depth_usable.then_some(&self.depth);
+        running.unsafe_mask = self.shield.judge_actions(
+            &self.config.table,
+            &self.beams,
+            depth,
+            &self.handler,
+            &mut self.judgements,
+        );
+        let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
+        // Beta 0: on the robot an unsafe action is never drawn.
+        let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
+        running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
+        running.drawn = if suppressed.all_unsafe {
+            Outcome::AllUnsafe
+        } else if running.index == ActionTable::STOP {
+            Outcome::Stop
+        } else {
+            Outcome::Granted
+        };
+        running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
+        running
+    }
+
+    fn predict_handler(&mut self, now_ns: u64) {
+        let begin = self.running.map_or(now_ns, |running| running.begin_ns);
+        let fraction = now_ns.saturating_sub(begin) as f64 / self.config.dt_ns as f64;
+        self.handler.predict(&self.odom_from_robot, fraction);
+    }
+
+    /// Why nothing can be judged now, if so.
+    fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
+        let age = |stamp_ns: u64| now_ns.saturating_sub(stamp_ns);
+        let Some(scan) = self.scan.filter(|_| self.scan_usable) else { return Some(Outcome::InvalidScan) };
+        if age(scan.header.stamp_ns) > self.config.scan_max_age_ns {
+            return Some(Outcome::StaleScan);
+        }
+        let Some(odometry) = self.odometry else { return Some(Outcome::StaleOdometry) };
+        let jumped = self.jumped_at_ns.is_some_and(|at| odometry.header.stamp_ns < at + JUMP_HOLD_NS);
+        if age(odometry.header.stamp_ns) > self.config.odometry_max_age_ns || jumped {
+            return Some(Outcome::StaleOdometry);
+        }
+        let depth_fresh = self.depth_usable
+            && self.depth_header.is_some_and(|depth| age(depth.header.stamp_ns) <= self.config.depth_max_age_ns);
+        if self.config.depth_needed && !depth_fresh {
+            return Some(Outcome::StaleDepth);
+        }
+        self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
+    }
+
+    fn verdict(&mut self, now_ns: u64, cause: PermitCause) -> Permit {
+        let mut permit = self.blank(cause);
+        permit.outcome = self.judge(now_ns, &mut permit);
+        permit
+    }
+
+    fn judge(&mut self, now_ns: u64, permit: &mut Permit) -> Outcome {
+        if let Some(why) = self.unusable_input(now_ns) {
+            return why;
+        }
+        let mode = match &self.mode {
+            Some(mode) if mode.class == ModeClass::Run => mode,
+            _ => return Outcome::NotInRun,
+        };
+        if now_ns.saturating_sub(mode.header.stamp_ns) > self.config.mode_max_age_ns {
+            return Outcome::NotInRun;
+        }
+        let Some(running) = self.running else { return Outcome::NoAction };
+        let wanted = if mode.cue.valid { mode.cue.cue.header } else { messages::Header::default() };
+        if (running.action.cue_incarnation, running.action.cue_seq) != (wanted.incarnation, wanted.seq) {
+            return Outcome::CueMismatch;
+        }
+        if running.action.header.incarnation != mode.active_policy {
+            return Outcome::NoAction;
+        }
+        if now_ns >= running.end_ns + self.scan_period_ns {
+            return Outcome::ActionEnded;
+        }
+        match running.drawn {
+            Outcome::Granted => self.judge_remainder(now_ns, &running, permit),
+            other => other,
+        }
+    }
+
+    /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with it.
+    fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
+        let depth = self.depth_usable.then_some(&self.depth);
+        for end_ns in [running.end_ns + self.scan_period_ns, running.end_ns] {
+            if end_ns <= now_ns {
+                break;
+            }
+            let left_s = s_from_ns(end_ns - now_ns);
+            let motion =
+                Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s, 1.0);
+            let judgement = self.shield.judge(&motion, &self.beams, depth, &self.handler);
+            permit.margin_m = judgement.margin_m;
+            permit.unseen_area_m2 = judgement.unseen_area_m2;
+            if judgement.safe {
+                permit.velocity = running.velocity;
+                permit.expiry_ns = self.expiry_ns(now_ns, end_ns);
+                return Outcome::Granted;
+            }
+        }
+        Outcome::RemainderUnsafe
+    }
+
+    /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.
+    /// Odometry is held to its own age by locomotion, at every tick.
+    fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
+        let scan = self.scan.map_or(0, |scan| scan.header.stamp_ns + self.config.scan_max_age_ns);
+        let depth = match (self.config.depth_needed, &self.depth_header) {
+            (true, Some(depth)) => depth.header.stamp_ns + self.config.depth_max_age_ns,
+            _ => u64::MAX,
+        };
+        hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
+    }
+
+    fn blank(&self, cause: PermitCause) -> Permit {
+        let mode = self.mode.unwrap_or_default();
+        let scan = self.scan.map(|scan| scan.header).unwrap_or_default();
+        let depth = self.depth_header.map(|depth| depth.header).unwrap_or_default();
+        let odometry = self.odometry.map(|odometry| odometry.header).unwrap_or_default();
+        let mut permit = Permit {
+            cause,
+            absent_streams: self.config.absent_streams,
+            epoch: mode.epoch,
+            odometry_incarnation: odometry.incarnation,
+            lidar_incarnation: scan.incarnation,
+            scan_seq: scan.seq,
+            scan_stamp_ns: scan.stamp_ns,
+            depth_seq: depth.seq,
+            depth_stamp_ns: depth.stamp_ns,
+            odometry_seq: odometry.seq,
+            odometry_stamp_ns: odometry.stamp_ns,
+            robot_from_handler: pose2(self.handler.robot_from_handler()),
+            ..Permit::default()
+        };
+        if let Some(running) = &self.running {
+            permit.decision = running.action.decision;
+            permit.action = running.index as u32;
+            permit.unsafe_mask = running.unsafe_mask;
+            permit.all_unsafe = running.drawn == Outcome::AllUnsafe;
+            permit.action_end_ns = running.end_ns;
+            permit.policy_incarnation = running.action.header.incarnation;
+            permit.cue_incarnation = running.action.cue_incarnation;
+            permit.cue_seq = running.action.cue_seq;
+        }
+        permit
+    }
+
+    /// Adds the shield's figures to its beat.
+    pub fn fill_health(&self, health: &mut Health) {
+        health.decisions = self.decisions;
+        health.missed_decisions = self.missed;
+        health.outcomes = self.outcomes;
+        health.invalid_inputs = self.invalid_inputs;
+    }
+}
+
+/// Whether the numbers are probabilities that sum to 1.
+fn are_probabilities(p: &[f32]) -> bool {
+    p.iter().all(|p| p.is_finite() && (0.0..=1.0).contains(p)) && (p.iter().sum::<f32>() - 1.0).abs() < 1e-3
+}
