@@ -4,12 +4,15 @@
 
 mod script;
 
+use std::path::{Path, PathBuf};
+
+
 use guidance::se2::{pose2, se2};
 use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
 use settings::Settings;
 use transport::{Io, Publisher, Service, Subscriber, TransportError};
 
-pub use script::{Script, Situation};
+pub use script::{Memory, Script, Situation};
 
 /// The service.
 pub struct CueService {
@@ -22,6 +25,9 @@ pub struct CueService {
     pose: Option<Odometry>,
     mode: Option<Mode>,
     truth: Option<WorldTruth>,
+    /// The scripted handler's memory as last written, and where.
+    remembered: Memory,
+    memory_path: PathBuf,
     /// The turn for which "forward" was given already: (incarnation, seq) of its cue.
     turned: Option<(u32, u64)>,
 }
@@ -33,8 +39,14 @@ impl CueService {
     /// Where the route is wrong or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let mut script = script_of(&settings)?;
+        let memory_path = io.domain.dir.path().join("handler.json");
+        let remembered = recall(&memory_path)?;
+        script.recall(remembered);
         Ok(Self {
-            script: script_of(&settings)?,
+            script,
+            remembered,
+            memory_path,
             requests: io.subscriber()?,
             odometry: io.subscriber()?,
             modes: io.subscriber()?,
@@ -45,6 +57,19 @@ impl CueService {
             truth: None,
             turned: None,
         })
+    }
+
+    /// Writes down what the scripted handler remembers: a handler does not forget when this process dies.
+    fn remember(&mut self) -> Result<(), TransportError> {
+        let memory = self.script.memory();
+        if memory != self.remembered {
+            let text = serde_json::to_string(&memory).map_err(TransportError::service)?;
+            let beside = self.memory_path.with_extension("new");
+            std::fs::write(&beside, text).map_err(TransportError::service)?;
+            std::fs::rename(&beside, &self.memory_path).map_err(TransportError::service)?;
+            self.remembered = memory;
+        }
+        Ok(())
     }
 
     fn take_inputs(&mut self) -> Result<(), TransportError> {
@@ -108,6 +133,15 @@ impl CueService {
     }
 }
 
+/// What the scripted handler remembers from before; nothing at the run's beginning.
+fn recall(path: &Path) -> Result<Memory, TransportError> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => serde_json::from_str(&text).map_err(TransportError::service),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Memory::default()),
+        Err(error) => Err(TransportError::Service(format!("{}: {error}", path.display()))),
+    }
+}
+
 fn script_of(settings: &Settings) -> Result<Script, TransportError> {
     if settings.cue.forward_when_ready {
         return Ok(Script::forward_when_ready());
@@ -141,7 +175,7 @@ impl Service for CueService {
         if let Some((kind, source)) = self.script.due(&situation) {
             self.give(io, kind, source, 0)?;
         }
-        Ok(())
+        self.remember()
     }
 
     fn next_timer_ns(&self) -> Option<u64> {

@@ -1,6 +1,7 @@
 //! The scripted handler: gives the cues of a route, and the one in force again after a fault. Pure.
 
 use messages::{CueKind, CueSource, Mode, ModeClass, Pose2, s_from_ns};
+use serde::{Deserialize, Serialize};
 use world::{CueSequence, Route};
 
 /// The scripted handler collects themself for this long after the robot is ready again.
@@ -21,6 +22,15 @@ pub struct Situation<'a> {
     pub mode: Option<&'a Mode>,
     /// Whether odometry has come: a cue has a start frame.
     pub pose_known: bool,
+}
+
+/// What a handler remembers, whatever becomes of the process that speaks for them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Memory {
+    /// Cues of the route that were given.
+    pub given: usize,
+    /// The cue that the handler wants in force.
+    pub wanted: Option<CueKind>,
 }
 
 /// A handler by script.
@@ -52,6 +62,20 @@ impl Script {
     #[must_use]
     pub fn forward_when_ready() -> Self {
         Self { forward_when_ready: true, ..Self::default() }
+    }
+
+    /// What the handler remembers.
+    #[must_use]
+    pub fn memory(&self) -> Memory {
+        Memory { given: self.route.as_ref().map_or(0, CueSequence::given), wanted: self.wanted }
+    }
+
+    /// The handler goes on from what they remember.
+    pub fn recall(&mut self, memory: Memory) {
+        self.wanted = memory.wanted;
+        if let Some(route) = &mut self.route {
+            route.skip(memory.given);
+        }
     }
 
     /// Run time of the next look, for who says anything at all.

@@ -12,7 +12,7 @@ use guidance::se2::{pose2, se2, wrap_angle};
 use guidance::shield::{Draw, Judgement, Shield, ShieldConfig, choose, suppress};
 use guidance::{ActionTable, Se2};
 use guidedog_policy::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
-use messages::{CueKind, Pose2, ScanHeader, Twist2};
+use messages::{CueKind, Pose2, ScanHeader, Twist2, WorldTruth};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::path::Path;
 use std::sync::Arc;
@@ -33,7 +33,7 @@ struct Report {
     changed: u32,
     times: Vec<Duration>,
     plan: Plan,
-    truth: messages::WorldTruth,
+    truth: WorldTruth,
 }
 
 /// The shield as on the robot: one per walk, judged once per decision.
@@ -135,28 +135,30 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             changed += u32::from(action != best);
             action
         };
-        if std::env::var_os("GEO_TRACE").is_some() {
-            let pose = truth.world_from_robot;
-            println!(
-                "{:6.1} ({:6.2} {:6.2} {:6.1}) {:<8} {:?} {} ({}) coll {}/{}",
-                decision as f64 * 0.5,
-                pose.x_m,
-                pose.y_m,
-                pose.yaw_rad.to_degrees(),
-                cue.name(),
-                engine.plan(),
-                table.actions()[action].name,
-                table.actions()[best].name,
-                truth.robot_collisions,
-                truth.handler_collisions,
-            );
-        }
+        trace(decision, &truth, cue, engine.plan(), [&table.actions()[action].name, &table.actions()[best].name]);
         let velocity = if action == 0 { Twist2::ZERO } else { table.actions()[action].velocity(0.5) };
         (0..TICKS).for_each(|_| physics.step(velocity));
     }
     times.sort();
     let time_s = physics.ticks() as f64 * world::TICK_S;
     Report { reached, time_s, all_unsafe, changed, times, plan: engine.plan(), truth: physics.truth() }
+}
+
+fn trace(decision: u64, truth: &WorldTruth, cue: CueKind, plan: Plan, [done, wanted]: [&str; 2]) {
+    if std::env::var_os("GEO_TRACE").is_none() {
+        return;
+    }
+    let pose = truth.world_from_robot;
+    println!(
+        "{:6.1} ({:6.2} {:6.2} {:6.1}) {:<8} {plan:?} {done} ({wanted}) collisions {}/{}",
+        decision as f64 * 0.5,
+        pose.x_m,
+        pose.y_m,
+        pose.yaw_rad.to_degrees(),
+        cue.name(),
+        truth.robot_collisions,
+        truth.handler_collisions,
+    );
 }
 
 fn check(name: &str, report: &Report) {

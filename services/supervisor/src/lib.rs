@@ -106,6 +106,7 @@ impl Supervisor {
         match self.children.spawn(service, incarnation, &log, io) {
             Ok(pid) => self.machine.started(service, incarnation, pid),
             Err(error) => {
+                self.figures.note(io.now_ns(), error.to_string());
                 let died = Event::Died(service, incarnation, error.to_string());
                 self.machine.handle(died, Self::now(io));
             }

@@ -354,7 +354,6 @@ impl Machine {
         s.phase = if spent { Phase::Spent } else { Phase::Down { start_at_ns: now.wall_ns + pause } };
         s.joins_at_ns = now.run_ns + limits.restart_time_ns;
         s.restarts += u32::from(!spent);
-        self.actions.push(Action::Note(format!("{service} (incarnation {incarnation}) died: {why}")));
         if !restartable {
             self.actions.push(Action::EndRun(format!("{service} died: {why}")));
         }

@@ -1,6 +1,6 @@
 //! What stopped the robot, why, when and for how long.
 
-use messages::{LocomotionState, Mode, ModeClass, StopKind, StopReason};
+use messages::{LocomotionState, Mode, ModeClass, StopReason};
 
 /// The most stops kept; more than that are counted only.
 const MAX_STOPS: usize = 1000;
@@ -77,7 +77,8 @@ impl StopLog {
             let hold = self.hold.take();
             self.end(hold, now_ns);
         }
-        if stands && self.hold.is_none() && !matches!(kind, StopKind::None | StopKind::NoCue) {
+        // A state that was on its way when run began still tells of the stop before.
+        if stands && self.hold.is_none() && kind.is_hold() {
             self.hold = self.begin("hold", state.limited_by, now_ns);
         }
         if stands {

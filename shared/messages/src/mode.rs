@@ -99,6 +99,26 @@ pub enum StopKind {
 }
 
 impl StopKind {
+    /// Whether it is a hold: a stop within run, that ends by itself.
+    #[must_use]
+    pub const fn is_hold(self) -> bool {
+        matches!(
+            self,
+            Self::StopCue
+                | Self::PolicyStop
+                | Self::NoPermit
+                | Self::PermitExpired
+                | Self::PermitInvalid
+                | Self::AllUnsafe
+                | Self::RemainderUnsafe
+                | Self::HandlerNotSeen
+                | Self::InputUnusable
+                | Self::OdometryStale
+                | Self::ModeStale
+                | Self::LifelineClosed
+        )
+    }
+
     /// The name, as in reports: snake case.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -112,6 +112,17 @@ impl CueSequence {
         due.then_some(cue.kind)
     }
 
+    /// How many cues have been given.
+    #[must_use]
+    pub fn given(&self) -> usize {
+        self.next
+    }
+
+    /// Takes the first `count` cues as given.
+    pub fn skip(&mut self, count: usize) {
+        self.next = count.min(self.cues.len());
+    }
+
     /// Whether all cues have been given.
     #[must_use]
     pub fn is_done(&self) -> bool {
