@@ -1,2 +1,5 @@
-//! Skeleton.
-fn main() {}
+//! `guidedog`: the operator's command.
+
+fn main() -> std::process::ExitCode {
+    guidedog_cli::main()
+}

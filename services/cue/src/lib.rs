@@ -6,7 +6,6 @@ mod script;
 
 use std::path::{Path, PathBuf};
 
-
 use guidance::se2::{pose2, se2};
 use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
 use settings::Settings;
@@ -92,11 +91,9 @@ impl CueService {
             return Ok(());
         }
         let odom_from_start = match (source, self.turn_in_force()) {
-            (CueSource::TurnDone, Some(turn)) => guidance::cue::start_after_turn(
-                turn.kind,
-                &se2(turn.odom_from_start),
-                &se2(pose.odom_from_robot),
-            ),
+            (CueSource::TurnDone, Some(turn)) => {
+                guidance::cue::start_after_turn(turn.kind, &se2(turn.odom_from_start), &se2(pose.odom_from_robot))
+            }
             _ => se2(pose.odom_from_robot),
         };
         let cue = Cue {

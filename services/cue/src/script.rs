@@ -117,8 +117,7 @@ impl Script {
             self.wanted = Some(CueKind::Forward);
             return Some((CueKind::Forward, CueSource::Script));
         }
-        if let Some(kind) =
-            self.route.as_mut().and_then(|route| route.due(s_from_ns(now.now_ns), now.world_from_robot))
+        if let Some(kind) = self.route.as_mut().and_then(|route| route.due(s_from_ns(now.now_ns), now.world_from_robot))
         {
             self.wanted = Some(kind);
             return Some((kind, CueSource::Script));

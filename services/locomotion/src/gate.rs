@@ -245,8 +245,7 @@ impl Gate {
         let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
         if permit.epoch != mode.epoch
             || permit.policy_incarnation != mode.active_policy
-            || (permit.cue_incarnation, permit.cue_seq)
-                != (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq)
+            || (permit.cue_incarnation, permit.cue_seq) != (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq)
         {
             return sudden(StopKind::NoPermit);
         }

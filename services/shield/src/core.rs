@@ -256,13 +256,8 @@ impl Core {
             return running;
         }
         let depth = self.depth_usable.then_some(&self.depth);
-        running.unsafe_mask = self.shield.judge_actions(
-            &self.config.table,
-            &self.beams,
-            depth,
-            &self.handler,
-            &mut self.judgements,
-        );
+        running.unsafe_mask =
+            self.shield.judge_actions(&self.config.table, &self.beams, depth, &self.handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
@@ -346,8 +341,7 @@ impl Core {
                 break;
             }
             let left_s = s_from_ns(end_ns - now_ns);
-            let motion =
-                Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s, 1.0);
+            let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s, 1.0);
             let judgement = self.shield.judge(&motion, &self.beams, depth, &self.handler);
             permit.margin_m = judgement.margin_m;
             permit.unseen_area_m2 = judgement.unseen_area_m2;

@@ -95,11 +95,7 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn run(
-    arguments: &Arguments,
-    settings: &Settings,
-    dir: &RunDir,
-) -> Result<(Value, Option<String>), TransportError> {
+fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Value, Option<String>), TransportError> {
     let text = toml::to_string(settings).map_err(TransportError::service)?;
     std::fs::write(dir.settings(), text).map_err(TransportError::service)?;
     dir.write_info(&RunInfo {
@@ -139,12 +135,7 @@ fn signals() -> Result<OwnedFd, TransportError> {
 }
 
 impl Supervisor {
-    fn open(
-        settings: &Settings,
-        clock: ClockKind,
-        signals: OwnedFd,
-        io: &mut Io,
-    ) -> Result<Self, TransportError> {
+    fn open(settings: &Settings, clock: ClockKind, signals: OwnedFd, io: &mut Io) -> Result<Self, TransportError> {
         let plan = Plan::of(settings, clock);
         let health = plan.services.iter().map(|s| io.health_of(s.service)).collect::<Result<_, _>>()?;
         io.watch(signals.as_fd(), TOKEN_SIGNAL)?;

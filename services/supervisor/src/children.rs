@@ -80,13 +80,7 @@ impl Children {
     ///
     /// # Errors
     /// Where the executable is missing or the kernel refuses.
-    pub fn spawn(
-        &mut self,
-        service: ServiceId,
-        incarnation: u32,
-        log: &Path,
-        io: &Io,
-    ) -> Result<u32, TransportError> {
+    pub fn spawn(&mut self, service: ServiceId, incarnation: u32, log: &Path, io: &Io) -> Result<u32, TransportError> {
         let (control, control_child) = Line::pair()?;
         let (far_end, life_child) = Line::pair()?;
         let path = self.executables.join(format!("guidedog-{service}"));
@@ -101,8 +95,7 @@ impl Children {
             .stdout(log.try_clone().map_err(TransportError::service)?)
             .stderr(log)
             .process_group(0);
-        let life_variable =
-            if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
+        let life_variable = if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
         prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
         let child = command

@@ -14,9 +14,7 @@ pub mod plan;
 pub mod report;
 pub mod stops;
 
-use messages::{
-    Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns,
-};
+use messages::{Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns};
 use serde_json::{Value, json};
 use transport::{FromChild, Io, Publisher, Received, RunDir, Service, Subscriber, TransportError, monotonic_ns};
 

@@ -463,7 +463,11 @@ impl Machine {
     fn may_accept(&self, cue: &Cue, now: Now) -> Result<(), String> {
         let age = now.run_ns.saturating_sub(cue.header.stamp_ns);
         if age > self.limits.cue_max_age_ns {
-            return Err(format!("it is {} ms old, limit {} ms", age / 1_000_000, self.limits.cue_max_age_ns / 1_000_000));
+            return Err(format!(
+                "it is {} ms old, limit {} ms",
+                age / 1_000_000,
+                self.limits.cue_max_age_ns / 1_000_000
+            ));
         }
         match self.mode.class {
             ModeClass::Lock => Err(format!("the run is locked: {}", self.mode.reason)),

@@ -95,10 +95,8 @@ impl Plan {
             cue_max_age_ns: settings.max_age.cue.ns(),
         };
         let replayed = settings.lidar.source == Source::Replayed;
-        let mut services = vec![
-            plan(ServiceId::Locomotion, 0, &limits, vec![]),
-            plan(ServiceId::Brake, 0, &limits, vec![]),
-        ];
+        let mut services =
+            vec![plan(ServiceId::Locomotion, 0, &limits, vec![]), plan(ServiceId::Brake, 0, &limits, vec![])];
         if replayed {
             services.push(world(ServiceId::Replay, replay_streams(settings)));
         } else {
@@ -150,10 +148,7 @@ fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
         hang_ns: 2 * max_age,
         max_age_ns: settings.depth.needed.then_some(max_age),
     };
-    ServicePlan {
-        critical: settings.depth.needed,
-        ..plan(ServiceId::Depth, 2, limits, vec![stream])
-    }
+    ServicePlan { critical: settings.depth.needed, ..plan(ServiceId::Depth, 2, limits, vec![stream]) }
 }
 
 /// Inputs at `from_hz` for one output at `to_hz`, rounded up.

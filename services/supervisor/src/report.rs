@@ -110,9 +110,8 @@ impl Figures {
         let sum = |of: fn(&Health) -> u64| self.of(ServiceId::Shield).map(of).sum::<u64>();
         map.insert("decisions".to_owned(), json!(sum(|life| life.decisions)));
         map.insert("missed_decisions".to_owned(), json!(sum(|life| life.missed_decisions)));
-        let count = |outcome: Outcome| -> u64 {
-            self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]).sum()
-        };
+        let count =
+            |outcome: Outcome| -> u64 { self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]).sum() };
         let verdicts = Outcome::ALL.into_iter().filter(|o| o.is_verdict());
         let refusals = Outcome::ALL.into_iter().filter(|o| !o.is_verdict());
         let by_name = |outcomes: Vec<Outcome>| -> BTreeMap<&str, u64> {
@@ -202,9 +201,10 @@ pub fn reason_json(reason: &StopReason) -> Value {
 /// The mode as reported.
 #[must_use]
 pub fn mode_json(mode: &Mode) -> Value {
-    let cue = mode.cue.valid.then(|| {
-        json!({ "kind": mode.cue.cue.kind.name(), "since_s": s_from_ns(mode.cue.cue.header.stamp_ns) })
-    });
+    let cue = mode
+        .cue
+        .valid
+        .then(|| json!({ "kind": mode.cue.cue.kind.name(), "since_s": s_from_ns(mode.cue.cue.header.stamp_ns) }));
     let reason = if mode.class == ModeClass::Run { Value::Null } else { reason_json(&mode.reason) };
     json!({
         "class": mode.class.name(),

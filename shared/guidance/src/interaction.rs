@@ -162,7 +162,10 @@ mod tests {
         let (from, motion) = (se2(Pose2::new(-0.9, -0.3, 0.1)), se2(Pose2::new(0.2, 0.1, 0.3)));
         let whole = harness(0.4).step(&from, &motion);
         assert_eq!(harness(0.4).follow(&from, &motion, 1.0), whole);
-        assert!((harness(0.4).follow(&from, &Se2::identity(), 0.0).translation.vector - from.translation.vector).norm() < 1e-12);
+        assert!(
+            (harness(0.4).follow(&from, &Se2::identity(), 0.0).translation.vector - from.translation.vector).norm()
+                < 1e-12
+        );
     }
 
     #[test]

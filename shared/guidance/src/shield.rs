@@ -177,18 +177,10 @@ impl Shield {
         judgement
     }
 
-    fn present<'a>(
-        &self,
-        beams: &'a Beams,
-        depth: Option<&'a DepthView>,
-        handler: &'a HandlerEstimate,
-    ) -> Present<'a> {
-        let robot_disc =
-            Disc { center: Point::origin(), radius_m: self.config.robot_radius_m + self.config.margin_m };
-        let handler_disc = Disc {
-            center: place(handler.robot_from_handler()),
-            radius_m: handler.radius_m() + self.config.margin_m,
-        };
+    fn present<'a>(&self, beams: &'a Beams, depth: Option<&'a DepthView>, handler: &'a HandlerEstimate) -> Present<'a> {
+        let robot_disc = Disc { center: Point::origin(), radius_m: self.config.robot_radius_m + self.config.margin_m };
+        let handler_disc =
+            Disc { center: place(handler.robot_from_handler()), radius_m: handler.radius_m() + self.config.margin_m };
         let hull = Hull::new([robot_disc, handler_disc, robot_disc, handler_disc]);
         Present { beams, depth, handler, robot_disc, handler_disc, hull }
     }

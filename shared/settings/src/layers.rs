@@ -93,8 +93,7 @@ fn read(path: &Path) -> Result<String, SettingsError> {
 
 /// Checks one layer by itself, so that an error names its line.
 fn parse(path: &Path, text: &str) -> Result<toml::Table, SettingsError> {
-    let fail =
-        |error: toml::de::Error| SettingsError::Parse { path: path.to_owned(), reason: error.to_string() };
+    let fail = |error: toml::de::Error| SettingsError::Parse { path: path.to_owned(), reason: error.to_string() };
     toml::from_str::<Settings>(text).map_err(fail)?;
     toml::from_str(text).map_err(fail)
 }
@@ -149,7 +148,7 @@ fn check(settings: &Settings) -> Result<(), String> {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
     let dt_ns = settings.policy.dt.ns();
-    if dt_ns < 50_000_000 || dt_ns % messages::QUANTUM_NS != 0 {
+    if dt_ns < 50_000_000 || !dt_ns.is_multiple_of(messages::QUANTUM_NS) {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
     if settings.supervision.restart_budget == 0 {

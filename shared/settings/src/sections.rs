@@ -69,11 +69,7 @@ pub struct Handler {
 
 impl Default for Handler {
     fn default() -> Self {
-        Self {
-            radius_m: Positive::of(0.25),
-            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            alpha: Share::of(0.4),
-        }
+        Self { radius_m: Positive::of(0.25), robot_from_handler: Pose2::new(-0.75, -0.35, 0.0), alpha: Share::of(0.4) }
     }
 }
 

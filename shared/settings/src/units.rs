@@ -35,7 +35,11 @@ impl Positive {
 impl TryFrom<f64> for Positive {
     type Error = String;
     fn try_from(value: f64) -> Result<Self, String> {
-        if value.is_finite() && value > 0.0 { Ok(Self(value)) } else { Err(format!("{value} is not over 0 and finite")) }
+        if value.is_finite() && value > 0.0 {
+            Ok(Self(value))
+        } else {
+            Err(format!("{value} is not over 0 and finite"))
+        }
     }
 }
 

@@ -16,6 +16,9 @@ const MAX_NODES: usize = 40;
 /// Ends of an event: no more than nodes.
 const MAX_EVENT_ENDS: usize = 32;
 
+/// The topic of a frame, as iceoryx2 has it.
+type FrameTopic<F> = publish_subscribe::PortFactory<ipc::Service, [<F as Frame>::Element], <F as Frame>::Meta>;
+
 /// One process's access to a run's shared memory.
 #[derive(Debug)]
 pub struct Domain {
@@ -159,7 +162,7 @@ impl Domain {
     pub(crate) fn frames<F: Frame>(
         &self,
         create: bool,
-    ) -> Result<publish_subscribe::PortFactory<ipc::Service, [F::Element], F::Meta>, TransportError>
+    ) -> Result<FrameTopic<F>, TransportError>
     where
         F::Element: ZeroCopySend,
         F::Meta: ZeroCopySend,

@@ -7,15 +7,19 @@
 mod clock;
 mod domain;
 mod error;
+mod io;
 mod line;
+mod master;
 mod port;
 mod run_dir;
 mod service;
+mod wait_loop;
 
 pub use clock::{Clock, ClockKind, monotonic_ns};
 pub use domain::{Domain, Holder, PoolSize, pool_sizes};
 pub use error::TransportError;
+pub use io::Io;
 pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
 pub use run_dir::{RunDir, RunInfo, live_runs, runs_root, sweep};
-pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Io, Service, run, run_supervisor, service_main};
+pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, run, run_supervisor, service_main};

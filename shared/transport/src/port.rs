@@ -84,10 +84,9 @@ impl Waker {
             return Ok(Self(None));
         }
         let notifier = domain.event(topic, false)?.notifier_builder().create();
-        notifier.map(|n| Self(Some(n))).map_err(|e| TransportError::Open {
-            topic: topic.name().to_owned(),
-            reason: format!("{e:?}"),
-        })
+        notifier
+            .map(|n| Self(Some(n)))
+            .map_err(|e| TransportError::Open { topic: topic.name().to_owned(), reason: format!("{e:?}") })
     }
 
     fn wake(&self) {
@@ -100,10 +99,11 @@ impl Waker {
 
 /// The event of a topic, for the wait loop.
 pub(crate) fn listener(domain: &Domain, topic: TopicId) -> Result<Listener<ipc::Service>, TransportError> {
-    domain.event(topic, false)?.listener_builder().create().map_err(|e| TransportError::Open {
-        topic: topic.name().to_owned(),
-        reason: format!("{e:?}"),
-    })
+    domain
+        .event(topic, false)?
+        .listener_builder()
+        .create()
+        .map_err(|e| TransportError::Open { topic: topic.name().to_owned(), reason: format!("{e:?}") })
 }
 
 /// Writes messages of fixed size.
@@ -401,7 +401,9 @@ where
     pub fn take(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
         let sample = if self.shared.clock.is_stepped() {
             // One frame a step is the most that a driver sends: one that may be seen, and an early one.
-            if self.pending.len() < 2 && let Some(sample) = self.receive()? {
+            if self.pending.len() < 2
+                && let Some(sample) = self.receive()?
+            {
                 self.pending.push_back(sample);
                 self.pending.make_contiguous().sort_by_key(|sample| sort_key(sample.meta().header()));
             }

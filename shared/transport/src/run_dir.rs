@@ -46,10 +46,8 @@ fn fail(path: &Path, reason: impl std::fmt::Display) -> TransportError {
 /// Where runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
 #[must_use]
 pub fn runs_root() -> PathBuf {
-    std::env::var_os("GUIDEDOG_RUNS").map_or_else(
-        || PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())),
-        PathBuf::from,
-    )
+    std::env::var_os("GUIDEDOG_RUNS")
+        .map_or_else(|| PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())), PathBuf::from)
 }
 
 impl RunDir {
@@ -188,12 +186,8 @@ impl RunDir {
 /// Takes the lock of a run directory; `None` while another process holds it.
 fn take_lock(dir: &Path) -> Result<Option<File>, TransportError> {
     let path = dir.join("lock");
-    let file = OpenOptions::new()
-        .create(true)
-        .truncate(false)
-        .write(true)
-        .open(&path)
-        .map_err(|error| fail(&path, error))?;
+    let file =
+        OpenOptions::new().create(true).truncate(false).write(true).open(&path).map_err(|error| fail(&path, error))?;
     match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) => Ok(Some(file)),
         Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),

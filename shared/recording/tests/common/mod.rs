@@ -8,7 +8,7 @@ use guidedog_recording::{About, Existing, Reader, Record, Writer};
 use messages::{Header, Odometry, Pose2, ScanHeader, Twist2};
 
 pub fn header(stamp_ns: u64, seq: u64) -> Header {
-    Header { stamp_ns, seq, step: 3, incarnation: 2, reserved: 0 }
+    Header { stamp_ns, seq, step: 3, published_ns: 0, incarnation: 2, reserved: 0 }
 }
 
 pub fn scan(stamp_ns: u64, seq: u64, ranges_m: Vec<f32>) -> Record {

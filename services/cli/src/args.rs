@@ -1,0 +1,325 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use messages::{CueKind, Pose2};
+use settings::Millis;
+
+use crate::exit::EXIT_CODES_HELP;
+
+/// Runs and operates the guide robot's stack of processes.
+#[derive(Debug, Parser)]
+#[command(name = "guidedog", version, after_help = EXIT_CODES_HELP, max_term_width = 100)]
+pub struct Cli {
+    /// One JSON object on stdout and nothing else there, on failure too: {"error": "..."}
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: Verb,
+}
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Verb {
+    /// Start the stack and leave it to the operator; becomes the supervisor
+    #[command(after_help = UP_EXAMPLES)]
+    Up(WorldArgs),
+    /// A simulated guided walk of the whole stack, with a summary at its end
+    #[command(after_help = WALK_EXAMPLES)]
+    Walk(WalkArgs),
+    /// Mode, services and streams of a live run
+    Status(RunArg),
+    /// Why the robot stands, and the last stops with their evidence
+    Why(RunArg),
+    /// Give a cue, as the handler would
+    #[command(after_help = "Example:\n  guidedog cue left")]
+    Cue(CueArgs),
+    /// Stop the robot and lock the run until `guidedog resume`
+    Stop(RunArg),
+    /// End a lock; the robot still waits for a cue
+    Resume(RunArg),
+    /// Check what a run needs of this machine, and say how to mend what is missing
+    Doctor(DoctorArgs),
+    /// Import other people's logs into recordings
+    Import(ImportArgs),
+    /// Run a recording's scans and odometry through policy, shield and locomotion
+    #[command(after_help = REPLAY_EXAMPLES)]
+    Replay(ReplayArgs),
+    /// Measure
+    Bench(BenchArgs),
+    /// The other end of `bench transport`
+    #[command(hide = true)]
+    BenchReceiver(ReceiverArgs),
+}
+
+const UP_EXAMPLES: &str = "\
+Examples:
+  guidedog up                                  the built-in corridor, no scripted handler: cues are yours
+  guidedog up --scenario left-at-tee           with the scenario's own cues, goal and time limit
+  guidedog up --map floor.yaml --start 1,2,0   a ROS map_server map";
+
+const WALK_EXAMPLES: &str = "\
+Examples:
+  guidedog walk                                          the built-in corridor, in real time
+  guidedog walk --scenario left-at-tee --speed 10        at most 10 times faster than real
+  guidedog walk --scenario curve --speed 0 --json        as fast as it goes; the report on stdout
+  guidedog walk --map floor.yaml --start 3,1.5,90deg --cues route.toml
+
+A walk ends at its goal or its time limit. Where neither route nor configuration sets a limit it is 600 s of run
+time, or 120 s where there is no goal: such a walk is well (exit code 0) when it lasts that long without a collision.";
+
+const REPLAY_EXAMPLES: &str = "\
+Examples:
+  guidedog import carmen fr079.clf.bz2 -o fr079.mcap
+  guidedog replay fr079.mcap --duration 60s
+  guidedog replay fr079.mcap --speed 10 --json";
+
+/// Which run.
+#[derive(Debug, Args)]
+pub struct RunArg {
+    /// Name of the run; without it, the only live one
+    #[arg(long, value_name = "NAME")]
+    pub run: Option<String>,
+}
+
+/// `guidedog cue`.
+#[derive(Debug, Args)]
+pub struct CueArgs {
+    /// Which
+    #[arg(value_parser = cue)]
+    pub cue: CueKind,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
+
+/// How run time passes and what the run is called.
+#[derive(Debug, Args)]
+pub struct PaceArgs {
+    /// Configuration file, laid over the defaults; its relative paths start at its own folder
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Stepped time, at most K times faster than real; 0 = as fast as it goes; absent = real time
+    #[arg(long, value_name = "K", value_parser = speed)]
+    pub speed: Option<f64>,
+    /// Name of the run
+    #[arg(long, value_name = "RUN")]
+    pub name: Option<String>,
+}
+
+/// Where the robot walks.
+#[derive(Debug, Args)]
+pub struct WorldArgs {
+    /// A scenario's name (config/scenarios/NAME.toml) or file
+    #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["map", "start"])]
+    pub scenario: Option<String>,
+    /// A ROS map_server map (.yaml) or a world file (.toml) in place of a scenario
+    #[arg(long, value_name = "YAML", requires = "start")]
+    pub map: Option<PathBuf>,
+    /// Start in the map: metres, metres, radians (or 90deg)
+    #[arg(long, value_name = "x,y,yaw", requires = "map", allow_hyphen_values = true, value_parser = start)]
+    pub start: Option<Pose2>,
+    /// A route file: cues, and a goal and a time limit if it has them, in place of the scenario's
+    #[arg(long, value_name = "FILE")]
+    pub cues: Option<PathBuf>,
+    /// Pace and name.
+    #[command(flatten)]
+    pub pace: PaceArgs,
+}
+
+/// `guidedog walk`.
+#[derive(Debug, Args)]
+pub struct WalkArgs {
+    /// Where.
+    #[command(flatten)]
+    pub world: WorldArgs,
+    /// Seed of everything random in world, sensors and shield
+    #[arg(long, value_name = "N")]
+    pub seed: Option<u64>,
+    /// The walk ends after this much run time, such as 120s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub time_limit: Option<Millis>,
+}
+
+/// `guidedog doctor`.
+#[derive(Debug, Args)]
+pub struct DoctorArgs {
+    /// The configuration whose depth frames are to fit
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// `guidedog import`.
+#[derive(Debug, Args)]
+pub struct ImportArgs {
+    /// Which format.
+    #[command(subcommand)]
+    pub format: ImportFormat,
+}
+
+/// What can be imported.
+#[derive(Debug, Subcommand)]
+pub enum ImportFormat {
+    /// A CARMEN log (.clf, also .bz2 or .gz), as in the Radish repository
+    #[command(after_help = "Example:\n  guidedog import carmen fr079.clf.bz2 -o fr079.mcap")]
+    Carmen {
+        /// The log
+        log: PathBuf,
+        /// The recording to write (.mcap)
+        #[arg(short, long, value_name = "RECORDING")]
+        output: PathBuf,
+        /// Replace a recording that is there
+        #[arg(long)]
+        force: bool,
+        /// Take a truncated log as far as it goes
+        #[arg(long)]
+        allow_truncated: bool,
+    },
+}
+
+/// `guidedog replay`.
+#[derive(Debug, Args)]
+pub struct ReplayArgs {
+    /// The recording (.mcap)
+    pub recording: PathBuf,
+    /// Only the first part of it, such as 60s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub duration: Option<Millis>,
+    /// Pace and name.
+    #[command(flatten)]
+    pub pace: PaceArgs,
+}
+
+/// `guidedog bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub what: Bench,
+}
+
+/// What can be measured.
+#[derive(Debug, Clone, Copy, Subcommand)]
+pub enum Bench {
+    /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
+    Transport {
+        /// How long, seconds
+        #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(4..=3600))]
+        seconds: u32,
+    },
+    /// CPU and memory of the whole stack standing still, by service
+    Idle {
+        /// How long, seconds
+        #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=3600))]
+        seconds: u32,
+    },
+}
+
+/// Which program of `bench transport`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Program {
+    /// Over guidedog's transport.
+    Ours,
+    /// Over iceoryx2 alone.
+    Plain,
+}
+
+/// The other end of `bench transport`.
+#[derive(Debug, Args)]
+pub struct ReceiverArgs {
+    /// Which program.
+    pub program: Program,
+    /// The bench's run directory.
+    pub dir: PathBuf,
+}
+
+fn cue(text: &str) -> Result<CueKind, String> {
+    CueKind::from_name(text).ok_or_else(|| "a cue is forward, left, right or stop".to_owned())
+}
+
+fn speed(text: &str) -> Result<f64, String> {
+    let speed: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
+    if speed.is_finite() && speed >= 0.0 { Ok(speed) } else { Err("not 0 (as fast as it goes) or more".to_owned()) }
+}
+
+fn duration(text: &str) -> Result<Millis, String> {
+    Millis::try_from(text.to_owned())
+}
+
+/// `x,y,yaw`: metres, metres, and radians or, with "deg" behind it, degrees.
+fn start(text: &str) -> Result<Pose2, String> {
+    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
+    let [x, y, yaw] = parts[..] else { return Err("a start is x,y,yaw, such as 3,1.5,0".to_owned()) };
+    let number = |what: &str, text: &str| -> Result<f64, String> {
+        text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| format!("{what} \"{text}\" is not a number"))
+    };
+    let yaw_rad = match yaw.strip_suffix("deg") {
+        Some(degrees) => number("yaw", degrees.trim_end())?.to_radians(),
+        None => number("yaw", yaw)?,
+    };
+    if yaw_rad.abs() > std::f64::consts::TAU {
+        return Err(format!("yaw {yaw} is over a whole turn; it is in radians, or say {yaw}deg"));
+    }
+    Ok(Pose2::new(number("x", x)?, number("y", y)?, guidance::se2::wrap_angle(yaw_rad)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Cli, Verb, start};
+    use clap::{CommandFactory, Parser};
+
+    fn parse(line: &str) -> Result<Cli, clap::Error> {
+        Cli::try_parse_from(line.split_whitespace())
+    }
+
+    #[test]
+    fn the_definition_holds() {
+        Cli::command().debug_assert();
+    }
+
+    #[test]
+    fn usage_errors_end_with_the_code_of_bad_input() {
+        for line in [
+            "guidedog",
+            "guidedog fly",
+            "guidedog walk --speed -1",
+            "guidedog walk --speed nan",
+            "guidedog walk --map m.yaml",
+            "guidedog walk --start 1,2,3",
+            "guidedog walk --scenario a --map m.yaml --start 0,0,0",
+            "guidedog walk --time-limit 0s",
+            "guidedog walk --time-limit 5",
+            "guidedog cue up",
+            "guidedog import carmen a.clf",
+            "guidedog bench transport --seconds 0",
+        ] {
+            assert_eq!(parse(line).expect_err(line).exit_code(), i32::from(crate::exit::EXIT_BAD_INPUT), "{line}");
+        }
+    }
+
+    #[test]
+    fn json_may_stand_anywhere() {
+        for line in ["guidedog --json status", "guidedog status --json", "guidedog bench idle --json"] {
+            assert!(parse(line).expect(line).json, "{line}");
+        }
+    }
+
+    #[test]
+    fn a_start_may_be_negative_and_in_degrees() {
+        let cli = parse("guidedog walk --map m.yaml --start -3,-1.5,-90deg").expect("it is right");
+        let Verb::Walk(walk) = cli.verb else { panic!("it is a walk") };
+        let pose = walk.world.start.expect("it was given");
+        assert_eq!((pose.x_m, pose.y_m), (-3.0, -1.5));
+        assert!((pose.yaw_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_wrong_start_says_what_is_wrong() {
+        for (text, what) in [("1,2", "x,y,yaw"), ("1,2,3,4", "x,y,yaw"), ("a,2,0", "x \"a\""), ("1,inf,0", "y \"inf\"")] {
+            assert!(start(text).expect_err(text).contains(what), "{text}");
+        }
+        assert!(start("1,2,90").expect_err("over a turn").contains("90deg"));
+    }
+}

@@ -1,0 +1,75 @@
+//! What goes out: one JSON object on stdout, or plain lines for people on stderr. A closed pipe is nobody's fault.
+
+use std::io::Write;
+
+use serde_json::Value;
+
+/// One line for people.
+pub fn say(line: impl AsRef<str>) {
+    // Whoever closed stderr does not want to hear it.
+    let _ = writeln!(std::io::stderr().lock(), "{}", line.as_ref());
+}
+
+/// The one JSON object of a verb with `--json`.
+pub fn json(value: &Value) {
+    raw(&value.to_string());
+}
+
+/// A line on stdout.
+pub fn raw(line: &str) {
+    let mut out = std::io::stdout().lock();
+    // The reader may be gone; the exit code says the rest.
+    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+}
+
+/// The text at a path of keys, or nothing.
+pub fn text<'a>(value: &'a Value, path: &str) -> &'a str {
+    value.pointer(path).and_then(Value::as_str).unwrap_or_default()
+}
+
+/// The number at a path of keys, or 0.
+pub fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_default()
+}
+
+/// The whole number at a path of keys, or 0.
+pub fn count(value: &Value, path: &str) -> u64 {
+    value.pointer(path).and_then(Value::as_u64).unwrap_or_default()
+}
+
+/// The entries of an object, or of none.
+pub fn entries<'a>(value: &'a Value, path: &str) -> impl Iterator<Item = (&'a str, &'a Value)> {
+    let map = value.pointer(path).and_then(Value::as_object);
+    map.into_iter().flatten().map(|(key, value)| (key.as_str(), value))
+}
+
+/// The elements of a list, or of none.
+pub fn elements<'a>(value: &'a Value, path: &str) -> &'a [Value] {
+    value.pointer(path).and_then(Value::as_array).map_or(&[], Vec::as_slice)
+}
+
+/// Rows under their headings, each column as wide as it must be; numbers are the caller's to align.
+pub fn table(headings: &[&str], rows: &[Vec<String>]) -> Vec<String> {
+    let width = |column: usize| {
+        let cells = rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count());
+        cells.chain([headings[column].len()]).max().unwrap_or(0)
+    };
+    let widths: Vec<usize> = (0..headings.len()).map(width).collect();
+    let line = |cells: Vec<&str>| {
+        let padded = cells.iter().zip(&widths).map(|(cell, width)| format!("{cell:<width$}"));
+        padded.collect::<Vec<_>>().join("  ").trim_end().to_owned()
+    };
+    let head = line(headings.to_vec());
+    std::iter::once(head).chain(rows.iter().map(|row| line(row.iter().map(String::as_str).collect()))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::table;
+
+    #[test]
+    fn columns_are_aligned() {
+        let rows = [vec!["lidar".to_owned(), "1".to_owned()], vec!["x".to_owned(), "22".to_owned()]];
+        assert_eq!(table(&["name", "n"], &rows), ["name   n", "lidar  1", "x      22"]);
+    }
+}
