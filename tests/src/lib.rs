@@ -1,1 +1,209 @@
-//! Black-box tests of the built programs.
+//! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
+
+use std::fs;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// No wait of a test takes longer on any machine.
+pub const WATCHDOG: Duration = Duration::from_secs(120);
+
+/// The project's folder.
+#[must_use]
+pub fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+}
+
+/// Where the built programs lie: beside the test's own executable.
+#[must_use]
+pub fn programs() -> PathBuf {
+    let own = std::env::current_exe().expect("a test has an executable");
+    let dir = own.ancestors().nth(2).expect("it lies in deps").to_owned();
+    assert!(dir.join("guidedog").exists(), "cargo build --workspace --bins comes first (scripts/test does it)");
+    dir
+}
+
+/// Real inputs, which lie beside the project; `None` where they are missing, which CI does not forgive.
+#[must_use]
+pub fn data(path: &str) -> Option<PathBuf> {
+    let root = std::env::var_os("GUIDEDOG_DATA").map_or_else(|| project().join("../shared/data"), PathBuf::from);
+    let path = root.join(path);
+    if path.exists() {
+        return Some(path);
+    }
+    assert!(std::env::var_os("CI").is_none(), "{} is missing", path.display());
+    eprintln!("skipped: {} is missing", path.display());
+    None
+}
+
+/// A folder for runs that no other test shares, short enough for socket names.
+#[derive(Debug)]
+pub struct Place(tempfile::TempDir);
+
+impl Default for Place {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Place {
+    /// A new place.
+    #[must_use]
+    pub fn new() -> Self {
+        Self(tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder in /tmp"))
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        self.0.path()
+    }
+
+    /// `guidedog` with these arguments, at this place.
+    #[must_use]
+    pub fn command(&self, args: &[&str]) -> Command {
+        let mut command = Command::new(programs().join("guidedog"));
+        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.0.path().join("r"));
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        command
+    }
+
+    /// Runs `guidedog` to its end.
+    #[must_use]
+    pub fn guidedog(&self, args: &[&str]) -> Output {
+        self.command(args).output().expect("guidedog starts")
+    }
+
+    /// Runs `guidedog` to its end; what it printed as JSON, and its exit code.
+    #[must_use]
+    pub fn json(&self, args: &[&str]) -> (Value, i32) {
+        let output = self.guidedog(args);
+        let text = String::from_utf8_lossy(&output.stdout);
+        let value = serde_json::from_str(&text).unwrap_or_else(|error| {
+            panic!("{args:?} printed no JSON ({error}): {text}{}", String::from_utf8_lossy(&output.stderr))
+        });
+        (value, output.status.code().unwrap_or(-1))
+    }
+
+    /// Nothing of a run is left: no folder, no shared memory.
+    pub fn assert_empty(&self) {
+        let runs = self.0.path().join("r");
+        let left: Vec<_> = fs::read_dir(&runs).map(|entries| entries.flatten().collect()).unwrap_or_default();
+        assert!(left.is_empty(), "left behind: {left:?}");
+    }
+}
+
+/// A run that goes on while the test looks at it.
+#[derive(Debug)]
+pub struct Live<'a> {
+    place: &'a Place,
+    /// Its name.
+    pub name: String,
+    child: Child,
+}
+
+impl<'a> Live<'a> {
+    /// `guidedog up --json` with these arguments besides.
+    #[must_use]
+    pub fn up(place: &'a Place, name: &str, args: &[&str]) -> Self {
+        let mut all = vec!["up", "--json", "--name", name];
+        all.extend(args);
+        let child = place.command(&all).spawn().expect("guidedog starts");
+        Self { place, name: name.to_owned(), child }
+    }
+
+    /// What `guidedog status --json` says; null while it says nothing.
+    #[must_use]
+    pub fn status(&self) -> Value {
+        let output = self.place.guidedog(&["status", "--json", "--run", &self.name]);
+        serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
+    }
+
+    /// Waits until the status is as wanted.
+    pub fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+        let since = Instant::now();
+        loop {
+            let status = self.status();
+            if wanted(&status) {
+                return status;
+            }
+            if let Some(exit) = self.child.try_wait().expect("the run is ours") {
+                let mut text = String::new();
+                if let Some(stderr) = &mut self.child.stderr {
+                    let _ = stderr.read_to_string(&mut text);
+                }
+                panic!("the run ended ({exit}) before: {what}: {text}");
+            }
+            assert!(since.elapsed() < WATCHDOG, "never: {what}: {status:#}");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    /// Waits until the robot walks.
+    pub fn wait_walking(&mut self) -> Value {
+        self.wait("the robot walks", |status| {
+            status["mode"]["class"] == "run"
+                && status["locomotion"]["velocity"][0].as_f64().is_some_and(|vx| vx.abs() > 0.2)
+        })
+    }
+
+    /// Process id of the supervisor.
+    #[must_use]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Ends the run as Ctrl-C does: its report and exit code.
+    #[must_use]
+    pub fn end(self) -> (Value, i32) {
+        signal(self.child.id(), "INT");
+        self.finish()
+    }
+
+    /// Waits for the run's own end: its report and exit code.
+    #[must_use]
+    pub fn finish(mut self) -> (Value, i32) {
+        let child = std::mem::replace(&mut self.child, Command::new("true").spawn().expect("true"));
+        let output = child.wait_with_output().expect("the run is ours");
+        (serde_json::from_slice(&output.stdout).unwrap_or(Value::Null), output.status.code().unwrap_or(-1))
+    }
+}
+
+impl Drop for Live<'_> {
+    fn drop(&mut self) {
+        // A test that failed must not leave a robot walking.
+        if matches!(self.child.try_wait(), Ok(None)) {
+            signal(self.child.id(), "TERM");
+            let _ = self.child.wait();
+        }
+    }
+}
+
+/// Sends a signal by name.
+pub fn signal(pid: u32, name: &str) {
+    let status = Command::new("kill").args([&format!("-{name}"), &pid.to_string()]).status();
+    assert!(status.is_ok_and(|status| status.success()), "kill -{name} {pid}");
+}
+
+/// The service of that name in a status.
+#[must_use]
+pub fn service<'a>(status: &'a Value, name: &str) -> &'a Value {
+    let services = status["services"].as_array().expect("a status has services");
+    services.iter().find(|service| service["name"] == name).unwrap_or_else(|| panic!("no {name} in {status:#}"))
+}
+
+/// Process id of a service.
+#[must_use]
+pub fn pid_of(status: &Value, name: &str) -> u32 {
+    service(status, name)["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok()).expect("a process id")
+}
+
+/// Whether a process is alive (a zombie is not).
+#[must_use]
+pub fn is_alive(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/stat"))
+        .is_ok_and(|stat| stat.rsplit(')').next().is_some_and(|rest| !rest.trim_start().starts_with('Z')))
+}

@@ -22,13 +22,23 @@ pub struct Watch {
     /// The last incarnation that the brake engaged for; zero is commanded until a newer one has written zero itself.
     engaged_for: Option<u32>,
     fenced: u32,
+    /// Locomotion leaves by plan.
+    released: bool,
 }
 
 impl Watch {
     /// A watch over nobody yet.
     #[must_use]
     pub fn new(limit_ns: u64) -> Self {
-        Self { limit_ns, incarnation: 0, last_beat_ns: None, last_tick_ns: None, engaged_for: None, fenced: 0 }
+        Self {
+            limit_ns,
+            incarnation: 0,
+            last_beat_ns: None,
+            last_tick_ns: None,
+            engaged_for: None,
+            fenced: 0,
+            released: false,
+        }
     }
 
     /// Watches a new incarnation from now on. An engagement goes on until that one has written zero.
@@ -39,6 +49,9 @@ impl Watch {
 
     /// A beat has come, and with it whether that incarnation has itself written zero.
     pub fn beat(&mut self, now_ns: u64, wrote_zero: bool) {
+        if self.released {
+            return;
+        }
         self.last_beat_ns = Some(now_ns);
         if wrote_zero && self.engaged_for.is_some_and(|engaged| self.incarnation > engaged) {
             self.engaged_for = None;
@@ -76,6 +89,7 @@ impl Watch {
     /// Locomotion leaves by plan: nothing to watch.
     pub fn release(&mut self) {
         self.last_beat_ns = None;
+        self.released = true;
     }
 
     /// Whether zero has to be commanded now.
@@ -139,6 +153,7 @@ mod tests {
     fn a_planned_leave_engages_nothing() {
         let mut watch = watching();
         watch.release();
+        watch.beat(10 * MS, true);
         assert_eq!(watch.closed(), None);
         assert_eq!(watch.tick(500 * MS), (None, false));
     }

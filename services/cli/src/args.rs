@@ -102,7 +102,7 @@ pub struct PaceArgs {
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
     /// Stepped time, at most K times faster than real; 0 = as fast as it goes; absent = real time
-    #[arg(long, value_name = "K", value_parser = speed)]
+    #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = speed)]
     pub speed: Option<f64>,
     /// Name of the run
     #[arg(long, value_name = "RUN")]
@@ -317,7 +317,8 @@ mod tests {
 
     #[test]
     fn a_wrong_start_says_what_is_wrong() {
-        for (text, what) in [("1,2", "x,y,yaw"), ("1,2,3,4", "x,y,yaw"), ("a,2,0", "x \"a\""), ("1,inf,0", "y \"inf\"")] {
+        for (text, what) in [("1,2", "x,y,yaw"), ("1,2,3,4", "x,y,yaw"), ("a,2,0", "x \"a\""), ("1,inf,0", "y \"inf\"")]
+        {
             assert!(start(text).expect_err(text).contains(what), "{text}");
         }
         assert!(start("1,2,90").expect_err("over a turn").contains("90deg"));

@@ -84,7 +84,7 @@ pub fn chain(error: &dyn Error) -> String {
 pub fn one_line(text: &str) -> String {
     let quoted = |line: &&str| line.split('|').next().is_some_and(|l| l.trim().chars().all(|c| c.is_ascii_digit()));
     let lines: Vec<&str> =
-        text.lines().map(str::trim).filter(|line| !line.is_empty() && !(line.contains('|') && quoted(line))).collect();
+        text.lines().map(str::trim).filter(|line| !(line.is_empty() || line.contains('|') && quoted(line))).collect();
     lines.join(": ")
 }
 
@@ -105,7 +105,8 @@ mod tests {
 
     #[test]
     fn a_toml_error_becomes_one_line_that_names_its_line() {
-        let text = "x.toml: TOML parse error at line 2, column 1\n  |\n2 | beems = 3\n  | ^^^^^\nunknown field `beems`\n";
+        let text =
+            "x.toml: TOML parse error at line 2, column 1\n  |\n2 | beems = 3\n  | ^^^^^\nunknown field `beems`\n";
         assert_eq!(one_line(text), "x.toml: TOML parse error at line 2, column 1: unknown field `beems`");
     }
 

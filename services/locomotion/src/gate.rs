@@ -242,6 +242,7 @@ impl Gate {
 
     fn check_permit(&self, now_ns: u64, mode: &Mode) -> Result<Twist2, (StopReason, bool)> {
         let sudden = |kind| Err((StopReason::of(kind), false));
+        let unusable = |topic| Err((StopReason { topic, ..StopReason::of(StopKind::InputUnusable) }, false));
         let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
         if permit.epoch != mode.epoch
             || permit.policy_incarnation != mode.active_policy
@@ -256,11 +257,10 @@ impl Gate {
             Outcome::RemainderUnsafe => return sudden(StopKind::RemainderUnsafe),
             Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),
             Outcome::NoAction | Outcome::NotInRun | Outcome::CueMismatch => return sudden(StopKind::NoPermit),
-            Outcome::InvalidScan
-            | Outcome::StaleScan
-            | Outcome::StaleOdometry
-            | Outcome::StaleDepth
-            | Outcome::InvalidAction => return sudden(StopKind::InputUnusable),
+            Outcome::InvalidScan | Outcome::StaleScan => return unusable(TopicId::LidarScan),
+            Outcome::StaleOdometry => return unusable(TopicId::Odometry),
+            Outcome::StaleDepth => return unusable(TopicId::DepthFrame),
+            Outcome::InvalidAction => return unusable(TopicId::PolicyAction),
         }
         if now_ns > permit.expiry_ns {
             let age = now_ns - permit.header.stamp_ns.min(now_ns);

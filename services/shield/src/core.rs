@@ -411,3 +411,6 @@ impl Core {
 fn are_probabilities(p: &[f32]) -> bool {
     p.iter().all(|p| p.is_finite() && (0.0..=1.0).contains(p)) && (p.iter().sum::<f32>() - 1.0).abs() < 1e-3
 }
+
+#[cfg(test)]
+mod tests;

@@ -159,10 +159,7 @@ impl Domain {
     }
 
     /// The topic of a frame.
-    pub(crate) fn frames<F: Frame>(
-        &self,
-        create: bool,
-    ) -> Result<FrameTopic<F>, TransportError>
+    pub(crate) fn frames<F: Frame>(&self, create: bool) -> Result<FrameTopic<F>, TransportError>
     where
         F::Element: ZeroCopySend,
         F::Meta: ZeroCopySend,

@@ -1,0 +1,180 @@
+//! `bench idle`: what the whole stack costs while the robot stands, by service.
+
+use std::io::Write;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+
+use crate::args::{PaceArgs, WalkArgs, WorldArgs};
+use crate::control::{Client, free_name, socket};
+use crate::exit::Failure;
+use crate::launch::{Launch, Running};
+use crate::out::{self, count, elements, number, say, table, text};
+use crate::prepare;
+
+/// All services are ready within this time.
+const READY_WITHIN: Duration = Duration::from_secs(30);
+/// What happens at the start only is over after this.
+const SETTLE: Duration = Duration::from_secs(3);
+/// Those whose cost is supervision's.
+const SUPERVISION: [&str; 2] = ["supervisor", "brake"];
+
+/// What one process has used so far.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Usage {
+    cpu_s: f64,
+    rss_kib: u64,
+    shmem_kib: u64,
+}
+
+/// `guidedog bench idle`
+///
+/// # Errors
+/// Where the stack cannot be started or fails.
+pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
+    let mut route = tempfile::NamedTempFile::new().map_err(Failure::of_run)?;
+    writeln!(route, "# No cues, no goal: the robot stands.").map_err(Failure::of_run)?;
+    let pace = PaceArgs { config: None, speed: None, name: None };
+    let scenario = Some(prepare::DEFAULT_SCENARIO.to_owned());
+    let world = WorldArgs { scenario, map: None, start: None, cues: Some(route.path().to_owned()), pace };
+    let mut prepared = prepare::walk(&WalkArgs { world, seed: None, time_limit: None })?;
+    // Ended by us, long before.
+    prepared.settings.walk.time_limit = settings::Millis::try_from("1h".to_owned()).ok();
+    let launch = Launch { settings: &prepared.settings, name: free_name("idle"), speed: None };
+    let mut running = launch.spawn()?;
+    let measured = measure(&mut running, Duration::from_secs(u64::from(seconds)));
+    running.end();
+    let ended = running.wait(|| {});
+    let report = match (measured, ended) {
+        // Why a run ended says more than that it no longer answers.
+        (Err(_), Err(failure)) => return Err(failure),
+        (measured, _) => measured?,
+    };
+    if as_json {
+        out::json(&report)
+    } else {
+        tell(&report)
+    }
+    Ok(())
+}
+
+fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
+    let mut client = connect(running)?;
+    let processes = processes(&client_status(&mut client)?);
+    sleep(running, SETTLE)?;
+    let started = Instant::now();
+    let before: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
+    sleep(running, span)?;
+    let after: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
+    let seconds = started.elapsed().as_secs_f64();
+    let percent = |cpu_s: f64| (cpu_s / seconds * 10_000.0).round() / 100.0;
+    let mut rows = Vec::new();
+    let (mut total, mut supervision) = (0.0, 0.0);
+    for (((name, pid), before), after) in processes.iter().zip(before).zip(after) {
+        let (Some(before), Some(after)) = (before, after) else {
+            return Err(Failure::run(format!("{name} (process {pid}) ended while it was measured")));
+        };
+        let cpu = percent(after.cpu_s - before.cpu_s);
+        total += cpu;
+        supervision += if SUPERVISION.contains(&name.as_str()) { cpu } else { 0.0 };
+        rows.push(json!({
+            "name": name, "pid": pid, "cpu_percent": cpu, "rss_kib": after.rss_kib, "rss_shmem_kib": after.shmem_kib,
+        }));
+    }
+    let mode = client_status(&mut client)?["mode"].clone();
+    let round = |percent: f64| (percent * 100.0).round() / 100.0;
+    Ok(json!({
+        "seconds": seconds, "services": rows, "cpu_percent": round(total),
+        "supervision_cpu_percent": round(supervision), "supervision": SUPERVISION, "mode": mode,
+    }))
+}
+
+/// Waits until every service is ready.
+fn connect(running: &mut Running) -> Result<Client, Failure> {
+    let until = Instant::now() + READY_WITHIN;
+    let mut last = "the supervisor does not answer".to_owned();
+    while Instant::now() < until {
+        sleep(running, Duration::from_millis(100))?;
+        let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
+        let Ok(status) = client.ask(&json!({ "verb": "status" })) else { continue };
+        let services = elements(&status, "/services");
+        let late: Vec<&str> =
+            services.iter().filter(|s| text(s, "/state") != "ready").map(|s| text(s, "/name")).collect();
+        if late.is_empty() && !services.is_empty() {
+            return Ok(client);
+        }
+        last = format!("not ready: {}", late.join(", "));
+    }
+    Err(Failure::run(format!("the stack did not come up within {} s; {last}", READY_WITHIN.as_secs())))
+}
+
+fn client_status(client: &mut Client) -> Result<Value, Failure> {
+    client.ask(&json!({ "verb": "status" })).map_err(|error| Failure::run(format!("the supervisor: {error}")))
+}
+
+fn processes(status: &Value) -> Vec<(String, u64)> {
+    let supervisor = ("supervisor".to_owned(), count(status, "/supervisor_pid"));
+    let services = elements(status, "/services").iter().map(|s| (text(s, "/name").to_owned(), count(s, "/pid")));
+    std::iter::once(supervisor).chain(services).collect()
+}
+
+fn sleep(running: &mut Running, span: Duration) -> Result<(), Failure> {
+    let until = Instant::now() + span;
+    while Instant::now() < until {
+        if running.interrupted() || running.has_ended() {
+            return Err(Failure::run("the run ended early"));
+        }
+        std::thread::sleep((until - Instant::now().min(until)).min(Duration::from_millis(100)));
+    }
+    Ok(())
+}
+
+fn usage(pid: u64) -> Option<Usage> {
+    let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
+    parse_usage(&read("stat")?, &read("status")?, rustix::param::clock_ticks_per_second())
+}
+
+/// Fields 14 and 15 of `stat` are user and system time; its second, in brackets, may hold anything.
+fn parse_usage(stat: &str, status: &str, ticks_per_second: u64) -> Option<Usage> {
+    let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
+    let ticks = fields.get(11)?.parse::<u64>().ok()? + fields.get(12)?.parse::<u64>().ok()?;
+    let kib = |key: &str| {
+        let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
+        line.split_whitespace().next()?.parse().ok()
+    };
+    Some(Usage { cpu_s: ticks as f64 / ticks_per_second as f64, rss_kib: kib("VmRSS")?, shmem_kib: kib("RssShmem")? })
+}
+
+fn tell(report: &Value) {
+    say(format!("standing still for {:.0} s; CPU as share of one core:", number(report, "/seconds")));
+    let row = |service: &Value| {
+        let mib = |path: &str| format!("{:.1} MiB", number(service, path) / 1024.0);
+        vec![
+            text(service, "/name").to_owned(),
+            format!("{:.2} %", number(service, "/cpu_percent")),
+            mib("/rss_kib"),
+            mib("/rss_shmem_kib"),
+        ]
+    };
+    let rows: Vec<Vec<String>> = elements(report, "/services").iter().map(row).collect();
+    table(&["service", "CPU", "resident", "of it shared"], &rows).iter().for_each(say);
+    say(format!(
+        "in all {:.2} %, supervision ({}) {:.2} %",
+        number(report, "/cpu_percent"),
+        SUPERVISION.join(" + "),
+        number(report, "/supervision_cpu_percent")
+    ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Usage, parse_usage};
+
+    #[test]
+    fn usage_is_read_past_a_name_with_brackets() {
+        let stat = "7 (a) b) S 1 7 7 0 -1 4194560 100 0 0 0 150 50 0 0 20 0 1 0 100 1000 200";
+        let status = "Name:\ta) b\nVmRSS:\t    2048 kB\nRssShmem:\t 512 kB\n";
+        assert_eq!(parse_usage(stat, status, 100), Some(Usage { cpu_s: 2.0, rss_kib: 2048, shmem_kib: 512 }));
+        assert_eq!(parse_usage("7", status, 100), None);
+    }
+}

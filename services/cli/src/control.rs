@@ -1,0 +1,123 @@
+//! Finding a run and asking its supervisor: JSON lines over the Unix socket in the run directory.
+
+use std::io::{self, BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use serde_json::Value;
+use transport::{RunDir, live_runs, runs_root};
+
+use crate::exit::Failure;
+
+/// The supervisor answers at its next wake-up; one that takes longer than this is stopped or dead.
+const ANSWER_WITHIN: Duration = Duration::from_secs(3);
+/// Longest answer, bytes.
+const MAX_ANSWER: u64 = 16 << 20;
+
+/// A connection to a supervisor.
+#[derive(Debug)]
+pub struct Client {
+    stream: BufReader<UnixStream>,
+}
+
+impl Client {
+    /// Connects to the socket at `path`.
+    ///
+    /// # Errors
+    /// Where nobody listens there.
+    pub fn connect(path: &Path) -> io::Result<Self> {
+        let stream = UnixStream::connect(path)?;
+        stream.set_read_timeout(Some(ANSWER_WITHIN))?;
+        stream.set_write_timeout(Some(ANSWER_WITHIN))?;
+        Ok(Self { stream: BufReader::new(stream) })
+    }
+
+    /// Asks, and waits for the answer.
+    ///
+    /// # Errors
+    /// Where the supervisor does not answer, or not with JSON.
+    pub fn ask(&mut self, request: &Value) -> io::Result<Value> {
+        self.stream.get_mut().write_all(format!("{request}\n").as_bytes())?;
+        let mut line = Vec::new();
+        io::Read::take(&mut self.stream, MAX_ANSWER).read_until(b'\n', &mut line)?;
+        if line.is_empty() {
+            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the supervisor closed the connection"));
+        }
+        Ok(serde_json::from_slice(&line)?)
+    }
+}
+
+/// Asks the supervisor of a run, which is the only live one where none is named.
+///
+/// # Errors
+/// Where there is no such run, it does not answer, or it refuses.
+pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
+    // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
+    let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
+    let name = choose(&live, run)?;
+    let failed = |error: io::Error| Failure::run(format!("run {name}: its supervisor does not answer: {error}"));
+    let mut client = Client::connect(&socket(&name)).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
+        _ => failed(error),
+    })?;
+    let answer = client.ask(request).map_err(failed)?;
+    match answer.get("error").and_then(Value::as_str) {
+        Some(why) => Err(Failure::refused(format!("run {name}: {why}"))),
+        None => Ok(answer),
+    }
+}
+
+/// Where the supervisor of a run listens.
+pub fn socket(name: &str) -> PathBuf {
+    RunDir::open(&runs_root().join(name)).control_socket()
+}
+
+/// The run that is meant.
+fn choose(live: &[String], named: Option<&str>) -> Result<String, Failure> {
+    let list = || if live.is_empty() { "none is".to_owned() } else { format!("these are: {}", live.join(", ")) };
+    match (named, live) {
+        (Some(name), _) if live.iter().any(|run| run == name) => Ok(name.to_owned()),
+        (Some(name), _) => Err(Failure::no_run(format!("no run {name} is alive; {}", list()))),
+        (None, [only]) => Ok(only.clone()),
+        (None, []) => Err(Failure::no_run("no run is alive; start one with `guidedog walk` or `guidedog up`")),
+        (None, _) => Err(Failure::no_run(format!("several runs are alive: {}; name one with --run", live.join(", ")))),
+    }
+}
+
+/// A name that no live run has: `base`, else `base-2` and so on.
+pub fn free_name(base: &str) -> String {
+    let live = live_runs();
+    let names = std::iter::once(base.to_owned()).chain((2..1000).map(|n| format!("{base}-{n}")));
+    names.into_iter().find(|name| !live.contains(name)).unwrap_or_else(|| base.to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::choose;
+    use crate::exit::EXIT_NO_RUN;
+
+    fn live(names: &[&str]) -> Vec<String> {
+        names.iter().map(|&name| name.to_owned()).collect()
+    }
+
+    #[test]
+    fn the_only_live_run_is_meant_where_none_is_named() {
+        assert_eq!(choose(&live(&["a"]), None), Ok("a".to_owned()));
+        assert_eq!(choose(&live(&["a", "b"]), Some("b")), Ok("b".to_owned()));
+    }
+
+    #[test]
+    fn the_message_says_which_runs_are_alive() {
+        for (names, named, what) in [
+            (&[][..], None, "no run is alive"),
+            (&["a", "b"][..], None, "several runs are alive: a, b"),
+            (&["a", "b"][..], Some("c"), "no run c is alive; these are: a, b"),
+            (&[][..], Some("c"), "no run c is alive; none is"),
+        ] {
+            let error = choose(&live(names), named).expect_err("nothing can be chosen");
+            assert_eq!(error.code, EXIT_NO_RUN);
+            assert!(error.message.contains(what), "{}", error.message);
+        }
+    }
+}

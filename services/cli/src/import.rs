@@ -1,0 +1,63 @@
+//! `import`: other people's logs into recordings.
+
+use recording::Existing;
+use recording::carmen::{ImportOptions, ImportReport, import as import_carmen};
+use serde_json::{Value, json};
+
+use crate::args::{ImportArgs, ImportFormat};
+use crate::exit::Failure;
+use crate::out::{self, say};
+
+/// `guidedog import`
+///
+/// # Errors
+/// Where the log is wrong or the recording cannot be written.
+pub fn import(args: &ImportArgs, as_json: bool) -> Result<(), Failure> {
+    let ImportFormat::Carmen { log, output, force, allow_truncated } = &args.format;
+    let existing = if *force { Existing::Replace } else { Existing::Refuse };
+    let options = ImportOptions { existing, allow_truncated: *allow_truncated };
+    let report = import_carmen(log, output, options).map_err(|error| {
+        let hint = match &error {
+            recording::carmen::ImportError::Write(recording::WriteError::Exists { .. }) => "; --force replaces it",
+            recording::carmen::ImportError::TruncatedLine { .. }
+            | recording::carmen::ImportError::TruncatedStream { .. } => "; --allow-truncated takes what is there",
+            _ => "",
+        };
+        Failure::input(format!("{}{hint}", crate::exit::chain(&error)))
+    })?;
+    if as_json {
+        out::json(&serde_json::to_value(&report).unwrap_or_else(|error| json!({ "error": error.to_string() })));
+    } else {
+        lines(&report).iter().for_each(say);
+    }
+    Ok(())
+}
+
+fn lines(report: &ImportReport) -> Vec<String> {
+    let mut lines = vec![
+        format!("{} -> {}", report.source.display(), report.recording.display()),
+        format!(
+            "  {} scans of {} beams, {} odometry records, {} lines",
+            report.scans, report.beams, report.odometry, report.lines
+        ),
+        format!(
+            "  {:.1} s, {:.1} m, longest gap {:.2} s, range to {:.1} m, {} clock",
+            report.duration_s,
+            report.distance_m,
+            report.longest_gap_s,
+            report.range_max_m,
+            serde_json::to_value(report.clock).ok().as_ref().and_then(Value::as_str).unwrap_or("?"),
+        ),
+    ];
+    let odd: Vec<String> =
+        report.anomalies.iter().filter(|(_, n)| **n > 0).map(|(name, n)| format!("{name} {n}")).collect();
+    lines.push(format!("  anomalies: {}", if odd.is_empty() { "none".to_owned() } else { odd.join(", ") }));
+    if !report.skipped.is_empty() {
+        let skipped: Vec<String> = report.skipped.iter().map(|(word, n)| format!("{word} {n}")).collect();
+        lines.push(format!("  not imported: {}", skipped.join(", ")));
+    }
+    if let Some(line) = report.truncated_at_line {
+        lines.push(format!("  truncated at line {line}: taken as far as it goes"));
+    }
+    lines
+}

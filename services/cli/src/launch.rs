@@ -1,0 +1,251 @@
+//! Starting the supervisor of a run, and waiting for its report. Should this process die, however it dies, the run ends:
+//! the supervisor holds the read end of a pipe whose other end only this process has.
+
+use std::io::Read;
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::path::PathBuf;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::Duration;
+
+use rustix::process::{Pid, PidfdFlags, Signal};
+use serde_json::Value;
+use settings::Settings;
+
+use crate::exit::{EXIT_BAD_INPUT, Failure, one_line};
+
+/// The live view is drawn this often.
+const TICK: Duration = Duration::from_millis(200);
+/// After the supervisor's end, what it wrote is there within this long.
+const LAST_WORDS_WITHIN: Duration = Duration::from_millis(500);
+/// A dead supervisor's children have ended after this long (DESIGN 6: at the latest 700 ms).
+const ORPHANS_END_WITHIN: Duration = Duration::from_secs(1);
+
+/// Environment variables that the supervisor reads.
+const SETTINGS_VARIABLE: &str = "GUIDEDOG_SETTINGS";
+const OWNER_VARIABLE: &str = "GUIDEDOG_OWNER_FD";
+
+/// A run to start.
+#[derive(Debug)]
+pub struct Launch<'a> {
+    /// Its settings, paths absolute.
+    pub settings: &'a Settings,
+    /// Its name.
+    pub name: String,
+    /// Stepped time, at most so many times faster than real; none: real time.
+    pub speed: Option<f64>,
+}
+
+/// A run that was started here.
+#[derive(Debug)]
+pub struct Running {
+    name: String,
+    child: Child,
+    /// Its closing ends the run.
+    _owner: OwnedFd,
+    stdout: Receiver<String>,
+    stderr: Receiver<String>,
+    interrupted: Arc<AtomicBool>,
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct Outcome {
+    /// The supervisor's report.
+    pub report: Value,
+    /// Whether it was ended by a signal to this process.
+    pub interrupted: bool,
+}
+
+/// The program of that name, beside this one.
+///
+/// # Errors
+/// Where this program's own place cannot be told.
+pub fn beside(name: &str) -> Result<PathBuf, Failure> {
+    let own = std::env::current_exe().map_err(|error| Failure::run(format!("this program's place: {error}")))?;
+    Ok(own.with_file_name(name))
+}
+
+impl Launch<'_> {
+    /// The supervisor's command line and settings.
+    fn command(&self, report: bool) -> Result<Command, Failure> {
+        let program = beside("guidedog-supervisor")?;
+        if !program.is_file() {
+            return Err(Failure::run(format!("{} is missing; build all with `cargo build`", program.display())));
+        }
+        let settings = toml::to_string(self.settings).map_err(Failure::of_input)?;
+        let mut command = Command::new(program);
+        command.args(["--name", &self.name]).env(SETTINGS_VARIABLE, settings);
+        if let Some(speed) = self.speed {
+            command.args(["--speed", &speed.to_string()]);
+        }
+        if report {
+            command.arg("--report");
+        }
+        Ok(command)
+    }
+
+    /// Becomes the supervisor; returns only where that fails.
+    pub fn exec(&self, report: bool) -> Failure {
+        match self.command(report) {
+            Ok(mut command) => {
+                let error = command.exec();
+                Failure::run(format!("failed to start {}: {error}", command.get_program().display()))
+            }
+            Err(failure) => failure,
+        }
+    }
+
+    /// Starts the supervisor. Signals to this process are passed on to it.
+    ///
+    /// # Errors
+    /// Where it cannot be started.
+    pub fn spawn(&self) -> Result<Running, Failure> {
+        let mut command = self.command(true)?;
+        let (read, write) = rustix::pipe::pipe_with(rustix::pipe::PipeFlags::CLOEXEC).map_err(Failure::of_run)?;
+        command
+            .env(OWNER_VARIABLE, read.as_raw_fd().to_string())
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped());
+        let raw = read.as_raw_fd();
+        let keep = move || {
+            // SAFETY: the parent holds it open until the child is spawned.
+            let fd = unsafe { BorrowedFd::borrow_raw(raw) };
+            rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::empty())?;
+            Ok(())
+        };
+        // SAFETY: the closure makes one system call: it neither allocates nor takes a lock.
+        unsafe { command.pre_exec(keep) };
+        let mut child = command
+            .spawn()
+            .map_err(|error| Failure::run(format!("failed to start {}: {error}", command.get_program().display())))?;
+        drop(read);
+        let interrupted = Arc::new(AtomicBool::new(false));
+        pass_signals_on(&child, &interrupted)?;
+        let stdout = read_all(child.stdout.take());
+        let stderr = read_all(child.stderr.take());
+        Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, interrupted })
+    }
+}
+
+/// Ctrl-C at a terminal reaches the supervisor by itself; a second signal does no harm.
+fn pass_signals_on(child: &Child, interrupted: &Arc<AtomicBool>) -> Result<(), Failure> {
+    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+    let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
+    let pidfd = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
+    let interrupted = Arc::clone(interrupted);
+    ctrlc::set_handler(move || {
+        interrupted.store(true, Ordering::Relaxed);
+        // It may have ended by itself.
+        let _ = rustix::process::pidfd_send_signal(pidfd.as_fd(), Signal::TERM);
+    })
+    .map_err(Failure::of_run)
+}
+
+fn read_all(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        let mut bytes = Vec::new();
+        if let Some(mut pipe) = pipe {
+            // What was read until then is all there is.
+            let _ = pipe.read_to_end(&mut bytes);
+        }
+        // Nobody may wait for it any more.
+        let _ = sender.send(String::from_utf8_lossy(&bytes).into_owned());
+    });
+    receiver
+}
+
+impl Running {
+    /// The run's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Asks the run to end.
+    pub fn end(&mut self) {
+        let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
+        if let Some(pid) = pid.filter(|_| !self.has_ended()) {
+            // It is not reaped, so the id is still its own; it may have ended by itself.
+            let _ = rustix::process::kill_process(pid, Signal::TERM);
+        }
+    }
+
+    /// Whether this process was signalled.
+    pub fn interrupted(&self) -> bool {
+        self.interrupted.load(Ordering::Relaxed)
+    }
+
+    /// Whether the supervisor has ended; what is left is to [`Running::wait`].
+    pub fn has_ended(&mut self) -> bool {
+        !matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Waits for the end of the run, calling `tick` five times a second.
+    ///
+    /// # Errors
+    /// Where the run failed or left no report.
+    pub fn wait(mut self, mut tick: impl FnMut()) -> Result<Outcome, Failure> {
+        let mut report = String::new();
+        loop {
+            match self.stdout.recv_timeout(TICK) {
+                Ok(text) => {
+                    report = text;
+                    break;
+                }
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => tick(),
+            }
+            if self.has_ended() {
+                report = self.stdout.recv_timeout(LAST_WORDS_WITHIN).unwrap_or_default();
+                break;
+            }
+        }
+        let status = self.child.wait().map_err(Failure::of_run)?;
+        let words = self.stderr.recv_timeout(LAST_WORDS_WITHIN).unwrap_or_default();
+        let interrupted = self.interrupted();
+        if let Some(signal) = status.signal() {
+            return Err(supervisor_died(signal));
+        }
+        match serde_json::from_str::<Value>(report.trim()) {
+            Ok(report) if report.is_object() => Ok(Outcome { report, interrupted }),
+            _ => Err(without_report(status, &words)),
+        }
+    }
+}
+
+/// Its children stop the robot and end by themselves; what is left of the run is then removed.
+fn supervisor_died(signal: i32) -> Failure {
+    std::thread::sleep(ORPHANS_END_WITHIN);
+    transport::sweep();
+    Failure::run(format!(
+        "the supervisor died (signal {signal}); its services stopped the robot and ended, and the run is cleaned up"
+    ))
+}
+
+fn without_report(status: ExitStatus, words: &str) -> Failure {
+    let said = words.lines().rev().find_map(|line| line.trim().strip_prefix("guidedog-supervisor: "));
+    let said = said.map_or_else(|| one_line(words), str::to_owned);
+    let message = if said.is_empty() { format!("the supervisor ended without a report ({status})") } else { said };
+    if status.code() == Some(i32::from(EXIT_BAD_INPUT)) { Failure::input(message) } else { Failure::run(message) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::without_report;
+    use std::os::unix::process::ExitStatusExt;
+    use std::process::ExitStatus;
+
+    #[test]
+    fn the_supervisors_last_words_and_code_are_passed_on() {
+        let failure = without_report(ExitStatus::from_raw(2 << 8), "x\nguidedog-supervisor: no such key\n");
+        assert_eq!((failure.code, failure.message.as_str()), (2, "no such key"));
+        let failure = without_report(ExitStatus::from_raw(101 << 8), "thread panicked\nat a.rs\n");
+        assert_eq!((failure.code, failure.message.as_str()), (3, "thread panicked: at a.rs"));
+        assert!(without_report(ExitStatus::from_raw(0), "").message.contains("without a report"));
+    }
+}

@@ -1,0 +1,82 @@
+//! `guidedog`: the operator's command. It starts runs, talks to their supervisors over the control socket, and holds no
+//! state of its own.
+//!
+//! People read stderr; programs read stdout, which with `--json` holds one JSON object and nothing else. What a run
+//! would trip over (configuration, worlds, routes, recordings) is found and told before anything is started.
+
+mod args;
+mod bench;
+mod control;
+mod doctor;
+mod exit;
+mod import;
+mod launch;
+mod live;
+mod map_view;
+mod operate;
+mod out;
+mod prepare;
+mod runs;
+mod summary;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+use serde_json::json;
+
+use args::{Bench, Cli, Verb};
+use exit::{EXIT_OK, Failure, one_line};
+
+/// The whole of `guidedog`.
+#[must_use]
+pub fn main() -> ExitCode {
+    let cli = match Cli::try_parse() {
+        Ok(cli) => cli,
+        Err(error) => return usage(&error),
+    };
+    let as_json = cli.json;
+    match perform(cli) {
+        Ok(code) => ExitCode::from(code),
+        Err(failure) => {
+            if as_json {
+                out::json(&json!({ "error": failure.message }));
+            }
+            out::say(format!("guidedog: {}", failure.message));
+            ExitCode::from(failure.code)
+        }
+    }
+}
+
+/// What clap has to say: help and version on stdout, errors on stderr.
+fn usage(error: &clap::Error) -> ExitCode {
+    if error.use_stderr() && std::env::args().any(|arg| arg == "--json") {
+        let text = error.to_string();
+        let first = text.split("\n\n").next().unwrap_or_default();
+        out::json(&json!({ "error": one_line(first).trim_start_matches("error: ") }));
+    }
+    // The reader may be gone; the exit code says the rest.
+    let _ = error.print();
+    ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(exit::EXIT_BAD_INPUT))
+}
+
+fn perform(cli: Cli) -> Result<u8, Failure> {
+    let json = cli.json;
+    let done = |outcome: Result<(), Failure>| outcome.map(|()| EXIT_OK);
+    match cli.verb {
+        Verb::Up(args) => Err(runs::up(&args, json)),
+        Verb::Walk(args) => runs::walk(&args, json),
+        Verb::Replay(args) => runs::replay(&args, json),
+        Verb::Status(run) => done(operate::status(&run, json)),
+        Verb::Why(run) => done(operate::why(&run, json)),
+        Verb::Cue(args) => done(operate::cue(&args, json)),
+        Verb::Stop(run) => done(operate::stop(&run, json)),
+        Verb::Resume(run) => done(operate::resume(&run, json)),
+        Verb::Doctor(args) => doctor::doctor(&args, json),
+        Verb::Import(args) => done(import::import(&args, json)),
+        Verb::Bench(args) => match args.what {
+            Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
+            Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
+        },
+        Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
+    }
+}

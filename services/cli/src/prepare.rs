@@ -1,0 +1,226 @@
+//! Settings of a run, checked as a whole before anything is started: what is wrong is told here, with file and line.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use settings::{Millis, Profile, Settings, Source};
+use world::{Physics, PhysicsConfig, Scenario, World};
+
+use crate::args::{ReplayArgs, WalkArgs, WorldArgs};
+use crate::exit::Failure;
+
+/// Where nothing else is said.
+pub const DEFAULT_SCENARIO: &str = "corridor";
+/// Time limit of a walk that has a goal and no limit of its own.
+const LIMIT_WITH_GOAL: &str = "600s";
+/// Time limit of a walk that has neither.
+const LIMIT_WITHOUT_GOAL: &str = "120s";
+
+/// A simulated run that can be started.
+#[derive(Debug)]
+pub struct Prepared {
+    /// Its settings, paths absolute.
+    pub settings: Settings,
+    /// What the settings say of world, start and route.
+    pub scenario: Scenario,
+    /// The scenario's world.
+    pub world: Arc<World>,
+}
+
+/// A replay that can be started.
+#[derive(Debug)]
+pub struct PreparedReplay {
+    /// Its settings, paths absolute.
+    pub settings: Settings,
+    /// What the recording says about itself.
+    pub info: recording::Info,
+}
+
+/// The settings of a walk.
+///
+/// # Errors
+/// Where the configuration, a world, a map or a route is missing or wrong, or the start is not free.
+pub fn walk(args: &WalkArgs) -> Result<Prepared, Failure> {
+    let mut settings = walk_settings(&args.world, false)?;
+    if let Some(seed) = args.seed {
+        settings.simulation.seed = seed;
+        settings.shield.seed = seed;
+    }
+    settings.walk.time_limit = args.time_limit.or(settings.walk.time_limit);
+    let mut prepared = check(settings)?;
+    if prepared.settings.walk.time_limit.is_none() && prepared.scenario.route.time_limit_s.is_none() {
+        let limit = if prepared.scenario.route.goal.is_some() { LIMIT_WITH_GOAL } else { LIMIT_WITHOUT_GOAL };
+        prepared.settings.walk.time_limit = Some(Millis::try_from(limit.to_owned()).map_err(Failure::input)?);
+    }
+    Ok(prepared)
+}
+
+/// The settings of `guidedog up`. Where nothing says otherwise, the default scenario's world and start, and nobody but
+/// the operator gives cues.
+///
+/// # Errors
+/// As [`walk`].
+pub fn up(args: &WorldArgs) -> Result<Prepared, Failure> {
+    check(walk_settings(args, true)?)
+}
+
+/// The settings of a replay.
+///
+/// # Errors
+/// Where the configuration is wrong or the recording is none.
+pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
+    let mut settings = load(Profile::Carmen, args.pace.config.as_deref())?;
+    if settings.lidar.source != Source::Replayed {
+        return Err(Failure::input("lidar.source is not \"replayed\": the configuration is not one for a replay"));
+    }
+    let info = recording::Reader::open(&args.recording).map_err(Failure::of_input)?.info().clone();
+    settings.replay.recording = Some(absolute(&args.recording)?);
+    settings.replay.duration = args.duration.or(settings.replay.duration);
+    Ok(PreparedReplay { settings, info })
+}
+
+/// The configuration as `--config` gives it; relative paths in it start at its own folder.
+///
+/// # Errors
+/// Where the file cannot be read, a key is unknown or a value is wrong.
+pub fn load(profile: Profile, config: Option<&Path>) -> Result<Settings, Failure> {
+    let mut settings = settings::load(profile, config).map_err(Failure::of_input)?;
+    let folder = match config {
+        Some(path) => absolute(path)?.parent().map(Path::to_owned).unwrap_or_default(),
+        None => absolute(Path::new("."))?,
+    };
+    let walk = &mut settings.walk;
+    let replay = &mut settings.replay;
+    let paths = [&mut walk.scenario, &mut walk.map, &mut walk.cues, &mut settings.cue.script, &mut replay.recording];
+    for path in paths.into_iter().flatten() {
+        *path = folder.join(&path);
+    }
+    Ok(settings)
+}
+
+fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
+    let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
+    if settings.lidar.source != Source::Simulated || settings.odometry.source != Source::Simulated {
+        return Err(Failure::input("lidar.source and odometry.source must be \"simulated\" in a simulated walk"));
+    }
+    let walk = &mut settings.walk;
+    if let Some(name) = &args.scenario {
+        *walk =
+            settings::Walk { scenario: Some(scenario_file(name)?), time_limit: walk.time_limit, ..Default::default() };
+    } else if let Some(map) = &args.map {
+        let map = Some(absolute(map)?);
+        *walk = settings::Walk { map, start: args.start, time_limit: walk.time_limit, ..Default::default() };
+    } else if walk.scenario.is_none() && walk.map.is_none() {
+        let file = scenario_file(DEFAULT_SCENARIO)?;
+        if operator_only {
+            let scenario = Scenario::load(&file).map_err(Failure::of_input)?;
+            (walk.map, walk.start) = (Some(absolute(&scenario.world)?), Some(scenario.start));
+        } else {
+            walk.scenario = Some(file);
+        }
+    }
+    if let Some(cues) = &args.cues {
+        walk.cues = Some(absolute(cues)?);
+    }
+    Ok(settings)
+}
+
+/// Reads everything that the run will read.
+fn check(settings: Settings) -> Result<Prepared, Failure> {
+    let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
+    if let Some(script) = &settings.cue.script {
+        world::Route::load(script).map_err(Failure::of_input)?;
+    }
+    let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
+    let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
+    let config = PhysicsConfig::from(&settings);
+    Physics::new(Arc::clone(&world), config, scenario.start).map_err(|error| {
+        let file = file.map(|file| format!("{}: ", file.display())).unwrap_or_default();
+        Failure::input(format!("{file}{}", crate::exit::chain(&error)))
+    })?;
+    Ok(Prepared { settings, scenario, world })
+}
+
+fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+    std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+}
+
+/// The file of a scenario that is given by its name or as a file.
+///
+/// # Errors
+/// Where there is none of that name; the message lists those that there are.
+pub fn scenario_file(name: &str) -> Result<PathBuf, Failure> {
+    if name.contains('/') || Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+        return absolute(Path::new(name));
+    }
+    find_scenario(name, &config_folders())
+}
+
+fn find_scenario(name: &str, folders: &[PathBuf]) -> Result<PathBuf, Failure> {
+    let file = |folder: &PathBuf| folder.join("scenarios").join(format!("{name}.toml"));
+    if let Some(found) = folders.iter().map(file).find(|file| file.is_file()) {
+        return absolute(&found);
+    }
+    let known = known_scenarios(folders);
+    if known.is_empty() {
+        return Err(Failure::input(format!(
+            "no scenario \"{name}\": no config/scenarios is here, above the program, or in $GUIDEDOG_CONFIG"
+        )));
+    }
+    Err(Failure::input(format!("no scenario \"{name}\"; known: {}", known.join(", "))))
+}
+
+/// Where configuration may lie: `$GUIDEDOG_CONFIG`, `./config`, and `config` in the folders above the program.
+fn config_folders() -> Vec<PathBuf> {
+    let named = std::env::var_os("GUIDEDOG_CONFIG").map(PathBuf::from);
+    let program = std::env::current_exe().unwrap_or_default();
+    let above = program.ancestors().skip(1).map(|folder| folder.join("config"));
+    named.into_iter().chain([PathBuf::from("config")]).chain(above).collect()
+}
+
+fn known_scenarios(folders: &[PathBuf]) -> Vec<String> {
+    let entries = folders.iter().filter_map(|folder| folder.join("scenarios").read_dir().ok());
+    let names = entries.flatten().flatten().filter_map(|entry| {
+        let path = entry.path();
+        let is_scenario = path.extension().is_some_and(|extension| extension == "toml");
+        is_scenario.then(|| path.file_stem().map(|stem| stem.to_string_lossy().into_owned()))?
+    });
+    let mut names: Vec<String> = names.collect();
+    names.sort();
+    names.dedup();
+    names
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{find_scenario, load, scenario_file};
+    use settings::Profile;
+    use std::path::PathBuf;
+
+    fn config() -> PathBuf {
+        PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../config")
+    }
+
+    #[test]
+    fn an_unknown_scenario_lists_the_known_ones() {
+        let error = find_scenario("nowhere", &[config()]).expect_err("there is none");
+        assert!(error.message.contains("corridor, crossing, curve"), "{}", error.message);
+        assert_eq!(error.code, crate::exit::EXIT_BAD_INPUT);
+        assert!(find_scenario("curve", &[config()]).is_ok());
+    }
+
+    #[test]
+    fn a_scenario_may_be_a_file() {
+        let path = scenario_file("some/where.toml").expect("a file need not be looked up");
+        assert!(path.is_absolute() && path.ends_with("some/where.toml"));
+    }
+
+    #[test]
+    fn paths_in_a_configuration_start_at_its_folder() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("mine.toml");
+        std::fs::write(&file, "[walk]\nscenario = \"here.toml\"\n").expect("it is written");
+        let settings = load(Profile::Walk, Some(&file)).expect("it is right");
+        assert_eq!(settings.walk.scenario, Some(folder.path().join("here.toml")));
+    }
+}

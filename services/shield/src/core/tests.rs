@@ -1,0 +1,237 @@
+use super::{Core, CoreConfig};
+use guidance::{ActionTable, DelayedHarness};
+use messages::{
+    Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause, PolicyAction,
+    Pose2, Pose3, ScanHeader,
+};
+use settings::Settings;
+
+const MS: u64 = 1_000_000;
+const PIXELS: usize = 64 * 48;
+
+fn header(stamp_ms: u64, seq: u64) -> Header {
+    Header { stamp_ns: stamp_ms * MS, seq, incarnation: 1, ..Header::default() }
+}
+
+fn scan_header(stamp_ms: u64) -> ScanHeader {
+    ScanHeader {
+        header: header(stamp_ms, stamp_ms),
+        angle_min_rad: -std::f64::consts::PI,
+        angle_increment_rad: std::f64::consts::TAU / 360.0,
+        range_min_m: 0.1,
+        range_max_m: 12.0,
+        sigma_m: 0.01,
+        ..ScanHeader::default()
+    }
+}
+
+/// In the open, with the handler where they should be.
+fn open_scan() -> Vec<f32> {
+    let center = handler_place();
+    (0..360)
+        .map(|i| {
+            let angle = -std::f64::consts::PI + f64::from(i).to_radians();
+            let along = center.0 * angle.cos() + center.1 * angle.sin();
+            let root = along * along - (center.0.powi(2) + center.1.powi(2) - 0.25f64.powi(2));
+            if along > 0.0 && root >= 0.0 { (along - root.sqrt()) as f32 } else { f32::INFINITY }
+        })
+        .collect()
+}
+
+fn handler_place() -> (f64, f64) {
+    (-0.75, -0.35)
+}
+
+fn odometry(stamp_ms: u64, x_m: f64) -> Odometry {
+    Odometry { header: header(stamp_ms, stamp_ms), odom_from_robot: Pose2::new(x_m, 0.0, 0.0), ..Odometry::default() }
+}
+
+fn mode(class: ModeClass, stamp_ms: u64) -> Mode {
+    let cue = Cue { header: header(0, 7), kind: CueKind::Forward, ..Cue::default() };
+    Mode {
+        header: header(stamp_ms, 1),
+        class,
+        epoch: 3,
+        active_policy: 1,
+        active_shield: 1,
+        cue: CueInForce { valid: true, cue },
+        ..Mode::default()
+    }
+}
+
+fn action(decision: u64, index: usize) -> PolicyAction {
+    let table = ActionTable::eight();
+    let mut action = PolicyAction {
+        header: header(decision * 500, decision),
+        decision,
+        action_table_id: table.id(),
+        action_count: table.len() as u32,
+        cue_incarnation: 1,
+        cue_seq: 7,
+        ..PolicyAction::default()
+    };
+    action.probabilities[index] = 1.0;
+    action
+}
+
+fn depth_header(stamp_ms: u64) -> DepthHeader {
+    DepthHeader {
+        header: header(stamp_ms, stamp_ms),
+        width: 64,
+        height: 48,
+        fx_px: 32.0,
+        fy_px: 32.0,
+        cx_px: 31.5,
+        cy_px: 23.5,
+        robot_from_camera: Pose3 { z_m: 0.45, ..Pose3::default() },
+    }
+}
+
+/// A core in run at 1000 ms, all inputs fresh, the robot standing in the open.
+fn ready() -> Core {
+    let settings = Settings::default();
+    let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
+    let mut core = Core::new(CoreConfig::of(&settings, harness, ActionTable::eight()));
+    core.take_mode(&mode(ModeClass::Run, 990));
+    core.take_odometry(&odometry(990, 0.0));
+    core.take_depth(&depth_header(990), &[5000; PIXELS]);
+    core.on_scan(1000 * MS, &scan_header(990), &open_scan());
+    core
+}
+
+#[test]
+fn a_decision_gets_a_permit_that_every_scan_renews_until_the_action_ends() {
+    let mut core = ready();
+    let permit = core.on_action(1000 * MS, &action(2, 1)).expect("the active policy's");
+    assert_eq!((permit.outcome, permit.cause, permit.decision), (Outcome::Granted, PermitCause::Decision, 2));
+    assert!((permit.velocity.vx_mps - 0.5).abs() < 1e-9);
+    assert_eq!(permit.expiry_ns, 1190 * MS, "the scan's stamp and its max age");
+    core.take_odometry(&odometry(1090, 0.0));
+    core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+    let renewed = core.on_scan(1100 * MS, &scan_header(1090), &open_scan());
+    assert_eq!((renewed.outcome, renewed.cause, renewed.decision), (Outcome::Granted, PermitCause::Scan, 2));
+    assert_eq!(renewed.expiry_ns, 1290 * MS);
+    core.take_mode(&mode(ModeClass::Run, 1690));
+    core.take_odometry(&odometry(1690, 0.25));
+    core.take_depth(&depth_header(1690), &[5000; PIXELS]);
+    let ended = core.on_scan(1700 * MS, &scan_header(1690), &open_scan());
+    assert_eq!(ended.outcome, Outcome::ActionEnded);
+}
+
+#[test]
+fn each_decision_is_drawn_once_and_only_the_active_policys() {
+    let mut core = ready();
+    assert!(core.on_action(1000 * MS, &action(2, 1)).is_some());
+    assert!(core.on_action(1000 * MS, &action(2, 1)).is_none(), "drawn already");
+    let mut shadow = action(3, 1);
+    shadow.header.incarnation = 2;
+    assert!(core.on_action(1000 * MS, &shadow).is_none(), "not the active policy");
+    core.on_action(1000 * MS, &action(5, 1));
+    let mut health = messages::Health::default();
+    core.fill_health(&mut health);
+    assert_eq!((health.decisions, health.missed_decisions), (2, 2), "3 and 4 did not come");
+}
+
+#[test]
+fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1));
+    let mut blocked = open_scan();
+    blocked[178..=182].fill(0.45);
+    core.take_odometry(&odometry(1090, 0.0));
+    core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+    let permit = core.on_scan(1100 * MS, &scan_header(1090), &blocked);
+    assert_eq!(permit.outcome, Outcome::RemainderUnsafe);
+    assert!(permit.velocity.is_zero() && permit.margin_m < 0.0);
+}
+
+#[test]
+fn what_depth_alone_sees_forbids_too() {
+    let mut core = ready();
+    // Half a metre ahead at camera height, over the whole image: within the hull of forward.
+    core.take_depth(&depth_header(995), &[500; PIXELS]);
+    let permit = core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
+    assert_ne!(permit.outcome, Outcome::Granted);
+}
+
+#[test]
+fn unusable_or_old_input_is_refused_with_its_reason() {
+    let refused = |spoil: &dyn Fn(&mut Core) -> Outcome, expected: Outcome| {
+        let mut core = ready();
+        core.on_action(1000 * MS, &action(2, 1));
+        assert_eq!(spoil(&mut core), expected);
+        assert!(!expected.is_verdict());
+    };
+    let scan = |core: &mut Core, ranges: &[f32]| core.on_scan(1050 * MS, &scan_header(1040), ranges).outcome;
+    refused(&|core| scan(core, &[f32::NAN; 360]), Outcome::InvalidScan);
+    refused(&|core| scan(core, &[-1.0; 360]), Outcome::InvalidScan);
+    refused(&|core| scan(core, &[]), Outcome::InvalidScan);
+    refused(
+        &|core| {
+            core.take_depth(&depth_header(1040), &[5000; PIXELS - 1]);
+            scan(core, &open_scan())
+        },
+        Outcome::StaleDepth,
+    );
+    refused(
+        &|core| {
+            core.take_odometry(&odometry(1040, 3.0));
+            scan(core, &open_scan())
+        },
+        Outcome::StaleOdometry,
+    );
+    refused(
+        &|core| {
+            core.take_odometry(&odometry(1040, f64::NAN));
+            core.on_scan(1200 * MS, &scan_header(1190), &open_scan()).outcome
+        },
+        Outcome::StaleOdometry,
+    );
+    refused(&|core| core.on_scan(1300 * MS, &scan_header(1000), &open_scan()).outcome, Outcome::StaleScan);
+    refused(
+        &|core| {
+            core.take_mode(&mode(ModeClass::Fault, 1040));
+            scan(core, &open_scan())
+        },
+        Outcome::NotInRun,
+    );
+    refused(
+        &|core| {
+            let mut other = mode(ModeClass::Run, 1040);
+            other.cue.cue.header.seq = 8;
+            core.take_mode(&other);
+            scan(core, &open_scan())
+        },
+        Outcome::CueMismatch,
+    );
+}
+
+#[test]
+fn an_action_that_is_no_distribution_over_the_table_is_refused() {
+    for spoil in [
+        |a: &mut PolicyAction| a.action_table_id = 1,
+        |a: &mut PolicyAction| a.action_count = 7,
+        |a: &mut PolicyAction| a.probabilities[1] = f32::NAN,
+        |a: &mut PolicyAction| a.probabilities[1] = 0.3,
+        |a: &mut PolicyAction| (a.probabilities[1], a.probabilities[2]) = (2.0, -1.0),
+    ] {
+        let mut bad = action(2, 1);
+        spoil(&mut bad);
+        assert_eq!(ready().on_action(1000 * MS, &bad).map(|p| p.outcome), Some(Outcome::InvalidAction));
+    }
+}
+
+#[test]
+fn nobody_at_the_harness_for_a_second_is_no_permit() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1));
+    let nobody = [f32::INFINITY; 360];
+    let mut outcome = Outcome::NoAction;
+    for stamp in (1090..2300).step_by(100) {
+        core.take_odometry(&odometry(stamp, 0.0));
+        core.take_depth(&depth_header(stamp), &[5000; PIXELS]);
+        core.take_mode(&mode(ModeClass::Run, stamp));
+        outcome = core.on_scan((stamp + 10) * MS, &scan_header(stamp), &nobody).outcome;
+    }
+    assert_eq!(outcome, Outcome::HandlerNotSeen);
+}

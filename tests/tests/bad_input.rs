@@ -1,0 +1,113 @@
+//! Wrong files and arguments: a clear error that names file, line or key, a documented exit code, and nothing started.
+
+use std::fs;
+
+use guidedog_tests::{Place, data, project};
+
+/// Runs `guidedog` with bad input: it must say all of `said` on standard error and exit with 2.
+fn refused(place: &Place, args: &[&str], said: &[&str]) {
+    let output = place.guidedog(args);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+    assert!(!text.contains("panicked"), "{text}");
+    for word in said {
+        assert!(text.contains(word), "{args:?} does not say {word:?}: {text}");
+    }
+    place.assert_empty();
+}
+
+fn file(place: &Place, name: &str, content: impl AsRef<[u8]>) -> String {
+    let path = place.path().join(name);
+    fs::write(&path, content).expect("written");
+    path.to_string_lossy().into_owned()
+}
+
+#[test]
+fn a_wrong_configuration_names_file_and_line() {
+    let place = Place::new();
+    let unknown = file(&place, "a.toml", "[lidar]\nbeems = 3\n");
+    refused(&place, &["walk", "--config", &unknown], &["a.toml", "line 2", "beems"]);
+    let wrong = file(&place, "b.toml", "\n[max_age]\nscan = \"0s\"\n");
+    refused(&place, &["walk", "--config", &wrong], &["b.toml", "line 3"]);
+    let conflict = file(&place, "c.toml", "[depth]\nsource = \"absent\"\n");
+    refused(&place, &["walk", "--config", &conflict], &["c.toml", "depth.needed"]);
+    refused(&place, &["walk", "--config", "/nowhere/x.toml"], &["/nowhere/x.toml"]);
+}
+
+#[test]
+fn a_missing_world_or_scenario_is_named() {
+    let place = Place::new();
+    refused(&place, &["walk", "--scenario", "moon"], &["moon", "corridor"]);
+    let lost = file(
+        &place,
+        "s.toml",
+        "world = \"gone.toml\"\nstart = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [1, 0], within_m = 1 }\ntime_limit_s = 10\n",
+    );
+    refused(&place, &["walk", "--scenario", &lost], &["gone.toml"]);
+    let route = file(&place, "r.toml", "[[cue]]\nkind = \"up\"\nat_s = 1\n");
+    refused(&place, &["walk", "--cues", &route], &["r.toml", "2"]);
+}
+
+#[test]
+fn a_bad_map_names_its_file() {
+    let place = Place::new();
+    let yaml =
+        "image: m.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n";
+    let map = file(&place, "m.yaml", yaml);
+    let walk = |place: &Place, said: &[&str]| {
+        refused(place, &["walk", "--map", &map, "--start", "1,1,0"], said);
+    };
+    walk(&place, &["m.pgm"]);
+    file(&place, "m.pgm", "P5\n100 100\n255\nshort");
+    walk(&place, &["m.pgm"]);
+    file(&place, "m.pgm", "P5\n999999 999999\n255\n");
+    walk(&place, &["m.pgm"]);
+    file(&place, "m.pgm", "no image");
+    walk(&place, &["m.pgm"]);
+    file(&place, "m.pgm", [b"P5\n40 40\n255\n".as_slice(), &[254u8; 1600]].concat());
+    refused(&place, &["walk", "--map", &map, "--start", "1,one,0"], &["--start"]);
+    refused(&place, &["walk", "--map", &map, "--start", "900,1,0"], &["start"]);
+    file(&place, "m.yaml", yaml.replace("0.05", "0"));
+    walk(&place, &["m.yaml", "resolution"]);
+}
+
+#[test]
+fn a_log_or_recording_that_is_none_is_refused() {
+    let place = Place::new();
+    let out = place.path().join("o.mcap").to_string_lossy().into_owned();
+    let text = file(&place, "t.log", "hello world\n");
+    refused(&place, &["import", "carmen", &text, "-o", &out], &["t.log", "1"]);
+    let empty = file(&place, "e.log", "");
+    refused(&place, &["import", "carmen", &empty, "-o", &out], &["e.log"]);
+    refused(&place, &["replay", &text], &["t.log"]);
+    refused(&place, &["replay", "/nowhere.mcap"], &["/nowhere.mcap"]);
+    assert!(!fs::exists(&out).expect("readable"), "nothing is left of a refused import");
+    if let Some(log) = data("lidar/radish_mit-csail.clf.bz2") {
+        let cut = fs::read(log).expect("readable");
+        let cut = file(&place, "cut.clf.bz2", &cut[..cut.len() / 2]);
+        refused(&place, &["import", "carmen", &cut, "-o", &out], &["cut.clf.bz2"]);
+    }
+}
+
+#[test]
+fn wrong_arguments_are_usage_errors() {
+    let place = Place::new();
+    for args in [&["wlak"][..], &["walk", "--sped", "3"], &["cue", "up"], &["walk", "--speed", "-1"], &["import"]] {
+        let output = place.guidedog(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
+        assert!(!output.stderr.is_empty());
+    }
+    let output = place.guidedog(&["status"]);
+    assert_eq!(output.status.code(), Some(4), "no run is alive");
+}
+
+#[test]
+fn the_help_lists_every_exit_code() {
+    let output = Place::new().guidedog(&["--help"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    for verb in ["walk", "up", "status", "why", "cue", "stop", "resume", "doctor", "import", "replay", "bench"] {
+        assert!(text.contains(verb), "{verb}: {text}");
+    }
+    assert!(text.to_lowercase().contains("exit"), "{text}");
+    assert!(project().join("config/guidedog.toml").exists());
+}

@@ -1,0 +1,95 @@
+//! Guided walks of the whole process stack.
+
+use guidedog_tests::{Place, data};
+use serde_json::Value;
+
+fn assert_good(report: &Value, scenario: &str, distance_m: f64) {
+    assert_eq!(report["reached"], true, "{scenario}: {report:#}");
+    assert_eq!(report["collisions"]["robot"], 0, "{scenario}");
+    assert_eq!(report["collisions"]["handler"], 0, "{scenario}");
+    assert!(report["distance_m"].as_f64().is_some_and(|d| d >= distance_m), "{scenario}: {}", report["distance_m"]);
+    assert_eq!(report["missed_decisions"], 0, "{scenario}");
+    let lost = report["lost"].as_object().expect("lost by topic");
+    assert!(lost.values().all(|n| n == 0), "{scenario}: {lost:?}");
+}
+
+fn walk(scenario: &str, more: &[&str]) -> Value {
+    let place = Place::new();
+    let mut args = vec!["walk", "--scenario", scenario, "--speed", "0", "--json"];
+    args.extend(more);
+    let (report, code) = place.json(&args);
+    assert_eq!(code, 0, "{scenario}: {report:#}");
+    place.assert_empty();
+    report
+}
+
+#[test]
+fn every_built_in_scenario_is_walked_without_a_collision() {
+    for scenario in ["corridor", "curve", "left-at-tee", "cluttered", "crossing", "l-turn"] {
+        assert_good(&walk(scenario, &[]), scenario, 30.0);
+    }
+}
+
+#[test]
+fn a_walk_in_stepped_time_is_the_same_on_a_loaded_machine() {
+    let quiet = walk("left-at-tee", &[]);
+    let hog = std::process::Command::new("sh").args(["-c", "while :; do :; done"]).spawn();
+    let loaded = walk("left-at-tee", &[]);
+    if let Ok(mut hog) = hog {
+        let _ = hog.kill();
+        let _ = hog.wait();
+    }
+    for key in
+        ["digest", "decisions", "verdicts", "refusals", "published", "taken", "stops", "distance_m", "duration_s"]
+    {
+        assert_eq!(quiet[key], loaded[key], "{key}");
+    }
+    assert_eq!(quiet["digest"].as_str().map(str::len), Some(64));
+    assert_ne!(quiet["digest"], walk("left-at-tee", &["--seed", "2"])["digest"], "another seed is another walk");
+}
+
+#[test]
+fn a_walk_in_real_time_starts_within_its_limits() {
+    let place = Place::new();
+    let (report, _) = place.json(&["walk", "--time-limit", "8s", "--json"]);
+    assert!(report["distance_m"].as_f64().is_some_and(|d| d > 1.0), "{report:#}");
+    assert_eq!(report["collisions"]["robot"], 0);
+    for latency in ["scan_to_permit", "permit_to_command", "depth_to_consumer"] {
+        assert!(report["latency_us"][latency]["n"].as_u64().is_some_and(|n| n > 5), "{latency}: {report:#}");
+    }
+    place.assert_empty();
+}
+
+#[test]
+fn two_runs_live_side_by_side() {
+    let place = Place::new();
+    let run = |name| place.command(&["walk", "--speed", "0", "--json", "--name", name]).spawn().expect("starts");
+    let (one, two) = (run("one"), run("two"));
+    let reports = [one, two].map(|child| child.wait_with_output().expect("ends"));
+    let digests = reports.map(|output| {
+        let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
+        assert_eq!(report["reached"], true);
+        report["digest"].clone()
+    });
+    assert_eq!(digests[0], digests[1]);
+    place.assert_empty();
+}
+
+#[test]
+fn a_real_floor_is_walked() {
+    let Some(map) = data("maps/utexas_gdc/3.yaml") else { return };
+    let place = Place::new();
+    let route = place.path().join("route.toml");
+    std::fs::write(&route, "time_limit_s = 40\n[[cue]]\nkind = \"forward\"\nat_s = 1.0\n").expect("written");
+    let map = map.to_string_lossy().into_owned();
+    let route = route.to_string_lossy().into_owned();
+    let args = ["walk", "--map", &map, "--start", START, "--cues", &route, "--speed", "0", "--json"];
+    let (report, code) = place.json(&args);
+    assert_eq!(code, 0, "{report:#}");
+    assert!(report["distance_m"].as_f64().is_some_and(|d| d > 10.0), "{report:#}");
+    assert_eq!(report["collisions"]["robot"], 0);
+    assert_eq!(report["collisions"]["handler"], 0);
+}
+
+/// The middle of the south corridor of the third floor, looking east.
+const START: &str = "-46.4,-11.5,0.0";
