@@ -1,5 +1,5 @@
-//! Starting the supervisor of a run, and waiting for its report. Should this process die, however it dies, the run ends:
-//! the supervisor holds the read end of a pipe whose other end only this process has.
+//! Starting the supervisor of a run, and waiting for its report. Should this process die, however it dies, the run
+//! ends: the supervisor holds the read end of a pipe whose other end only this process has.
 
 use std::io::Read;
 use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};

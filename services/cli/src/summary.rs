@@ -7,6 +7,9 @@ use serde_json::Value;
 use crate::out::{count, elements, entries, number, table, text};
 use crate::runs::RunEnding;
 
+/// Notes told at the end; the report has them all.
+const MAX_NOTES: usize = 8;
+
 /// Summary of a walk.
 pub fn walk(report: &Value, ending: &RunEnding) -> Vec<String> {
     let mut lines = vec![
@@ -65,6 +68,13 @@ fn common(report: &Value) -> Vec<String> {
     if !latencies.is_empty() {
         lines.push("  latency:".to_owned());
         lines.extend(indented(&table(&["from-to", "n", "p50", "p99", "max"], &latencies)));
+    }
+    let notes = elements(report, "/notes");
+    let last = &notes[notes.len().saturating_sub(MAX_NOTES)..];
+    if !last.is_empty() {
+        lines.push(format!("  notes (the last {} of {}):", last.len(), notes.len()));
+        let note = |note: &Value| format!("    {:8.2} s  {}", number(note, "/at_s"), text(note, "/text"));
+        lines.extend(last.iter().map(note));
     }
     lines
 }

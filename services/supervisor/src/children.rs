@@ -98,6 +98,7 @@ impl Children {
         let life_variable = if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
         prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
+        close_all_on_exec();
         let child = command
             .spawn()
             .map_err(|error| TransportError::Service(format!("failed to start {}: {error}", path.display())))?;
@@ -179,6 +180,19 @@ impl Children {
 /// Whether locomotion holds a line of that service.
 fn is_critical(service: ServiceId) -> bool {
     !matches!(service, ServiceId::Simulator | ServiceId::Recorder)
+}
+
+/// Marks every descriptor of this process close-on-exec: iceoryx2 opens its files and sockets without, and a child that
+/// inherited them would keep them open after our death.
+fn close_all_on_exec() {
+    let Ok(entries) = std::fs::read_dir("/proc/self/fd") else { return };
+    let open = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<RawFd>().ok());
+    for fd in open.filter(|fd| *fd > 2) {
+        // SAFETY: it was open a moment ago, and only the flag is changed; the one that reads the directory may be gone,
+        // which the kernel refuses.
+        let fd = unsafe { std::os::fd::BorrowedFd::borrow_raw(fd) };
+        let _ = rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::CLOEXEC);
+    }
 }
 
 /// What has to be done in the child between fork and exec.

@@ -134,16 +134,13 @@ impl HandlerEstimate {
     /// Takes in what the lidar sees there.
     pub fn correct(&mut self, beams: &Beams, now_ns: u64) -> Sighting {
         let center = place(&self.robot_from_handler);
-        let gate_m = self.radius_m() + 3.0 * beams.sigma_m();
-        let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
-        let (mut sum, mut count) = (nalgebra::Vector2::zeros(), 0usize);
-        for beam in hits {
-            sum += beam.end.coords;
-            count += 1;
-        }
-        if count >= HITS_MIN {
+        let seen = self.middle_of_hits(beams, center).or_else(|| {
+            let guess = self.nearest_within_widening(beams, center)?;
+            self.middle_of_hits(beams, guess)
+        });
+        if let Some(middle) = seen {
             self.absent_since_ns = None;
-            self.draw_towards(Point::from(sum / count as f64), beams.origin());
+            self.draw_towards(middle, beams.origin());
             return Sighting::Seen;
         }
         if self.is_passed(beams, center) {
@@ -152,6 +149,28 @@ impl HandlerEstimate {
         }
         self.absent_since_ns = None;
         Sighting::NotVisible
+    }
+
+    /// The middle of the hits that fit a handler at `center`: no wider than the handler, or a wall behind would be taken
+    /// for a part of them.
+    fn middle_of_hits(&self, beams: &Beams, center: Point) -> Option<Point> {
+        let gate_m = self.limits.radius_m + 3.0 * beams.sigma_m();
+        let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
+        let (mut sum, mut count) = (nalgebra::Vector2::zeros(), 0usize);
+        for beam in hits {
+            sum += beam.end.coords;
+            count += 1;
+        }
+        (count >= HITS_MIN).then(|| Point::from(sum / count as f64))
+    }
+
+    /// Where the handler would be by the nearest hit within the widened radius: who holds the harness is nearer to the
+    /// robot than the wall behind.
+    fn nearest_within_widening(&self, beams: &Beams, center: Point) -> Option<Point> {
+        let gate_m = self.radius_m() + 3.0 * beams.sigma_m();
+        let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
+        let nearest = hits.min_by(|a, b| a.reading_m.total_cmp(&b.reading_m))?;
+        Some(nearest.end + nearest.direction * self.limits.radius_m)
     }
 
     fn draw_towards(&mut self, seen: Point, lidar: Point) {
@@ -240,6 +259,30 @@ mod tests {
         let error = (estimate.robot_from_handler().translation.vector - truth.coords).norm();
         assert!(error < 0.04, "{error}");
         assert!((estimate.radius_m() - 0.25).abs() < 1e-12, "a sighting ends the widening");
+    }
+
+    #[test]
+    fn a_wall_beside_the_handler_does_not_draw_the_estimate() {
+        // A wall 0.4 m to the right of the handler's middle.
+        let truth = Point::new(-0.75, -0.35);
+        let mut estimate = estimate();
+        let handler = scan_of(Some(truth));
+        let ranges: Vec<f32> = handler
+            .beams()
+            .iter()
+            .map(|beam| {
+                let wall = if beam.direction.y < -1e-6 { -0.75 / beam.direction.y } else { f64::INFINITY };
+                let seen = if beam.kind == crate::scan::BeamKind::Hit { beam.reading_m } else { f64::INFINITY };
+                seen.min(wall) as f32
+            })
+            .collect();
+        let mut beams = Beams::default();
+        beams.fill(&header(), &ranges).expect("usable");
+        for i in 0..30 {
+            assert_eq!(estimate.correct(&beams, i), Sighting::Seen);
+        }
+        let error = (estimate.robot_from_handler().translation.vector - truth.coords).norm();
+        assert!(error < 0.04, "{error}");
     }
 
     #[test]
