@@ -30,7 +30,7 @@ impl SimulatedDepth {
         let sensor = DepthSensor::new(config, settings.simulation.seed, io.identity().incarnation)
             .map_err(TransportError::service)?;
         let period_ns = (1e9 / settings.depth.rate_hz.get()) as u64;
-        Ok(Self { world, sensor, truths: io.subscriber()?, truth: None, period_ns, next_ns: 0 })
+        Ok(Self { world, sensor, truths: io.quiet_subscriber()?, truth: None, period_ns, next_ns: 0 })
     }
 }
 

@@ -27,7 +27,7 @@ impl SimulatedOdometry {
         let sensor = OdometrySensor::new(config, settings.simulation.seed, io.identity().incarnation)
             .map_err(TransportError::service)?;
         let period_ns = (1e9 / settings.odometry.rate_hz.get()) as u64;
-        Ok(Self { sensor, truths: io.subscriber()?, newest: None, period_ns, next_ns: 0 })
+        Ok(Self { sensor, truths: io.quiet_subscriber()?, newest: None, period_ns, next_ns: 0 })
     }
 }
 

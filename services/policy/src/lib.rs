@@ -57,7 +57,7 @@ impl PolicyService {
             engine: GeometricEngine::new(engine_config(&settings), table),
             scans: io.frame_subscriber()?,
             depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
-            odometry: io.subscriber()?,
+            odometry: io.quiet_subscriber()?,
             modes: io.subscriber()?,
             actions: io.publisher()?,
             scan: None,

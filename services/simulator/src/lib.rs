@@ -116,7 +116,8 @@ impl Service for Simulator {
             self.next_tick_ns += behind * QUANTUM_NS;
             io.tell(&FromChild::Note { text: format!("the world stood still for {} ms", behind * 10) });
         }
-        while self.next_tick_ns <= now && !self.over {
+        // In real time the world goes on after its end, so that the robot can be seen to stop.
+        while self.next_tick_ns <= now {
             self.tick(self.next_tick_ns)?;
             self.next_tick_ns += QUANTUM_NS;
         }
@@ -124,7 +125,7 @@ impl Service for Simulator {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        (!self.over).then_some(self.next_tick_ns)
+        Some(self.next_tick_ns)
     }
 
     fn on_fd(&mut self, _io: &mut Io, _token: u64) -> Result<(), TransportError> {

@@ -153,7 +153,7 @@ impl Supervisor {
             health,
             cues: io.subscriber()?,
             locomotion: io.subscriber()?,
-            truth: io.subscriber()?,
+            truth: io.quiet_subscriber()?,
             modes: io.publisher()?,
             requests: io.publisher()?,
             last_truth: None,

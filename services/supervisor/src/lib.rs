@@ -266,9 +266,12 @@ impl Supervisor {
     fn status(&self, io: &Io) -> Value {
         let now = io.now_ns();
         let truth = self.last_truth.map(|t| {
+            let walkers: Vec<[f64; 2]> =
+                t.walkers.iter().take(t.walker_count as usize).map(|walker| [walker.x_m, walker.y_m]).collect();
             json!({
                 "robot": [t.world_from_robot.x_m, t.world_from_robot.y_m, t.world_from_robot.yaw_rad],
                 "handler": [t.world_from_handler.x_m, t.world_from_handler.y_m],
+                "walkers": walkers,
                 "distance_m": t.distance_m,
                 "collisions": collisions_json(&t),
             })

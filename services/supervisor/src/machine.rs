@@ -427,7 +427,10 @@ impl Machine {
         self.services.iter().filter(|s| s.phase == Phase::Ready).find_map(|s| {
             s.plan.streams.iter().zip(&s.progress).find_map(|(rule, progress)| {
                 let limit = rule.max_age_ns? * times;
-                let age = now.run_ns.saturating_sub(progress.out_stamp_ns);
+                let age = match progress.out_count {
+                    0 => limit + self.limits.beat_lag_ns + 1,
+                    _ => now.run_ns.saturating_sub(progress.out_stamp_ns),
+                };
                 // A beat brings the stamp up to two beat periods late.
                 (age > limit + self.limits.beat_lag_ns)
                     .then(|| StopReason::stream(StopKind::StreamStale, rule.output, age, limit))

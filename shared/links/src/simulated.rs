@@ -25,7 +25,7 @@ impl SimulatedLink {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         Ok(Self {
             commands: io.publisher()?,
-            truth: io.subscriber()?,
+            truth: io.quiet_subscriber()?,
             clock: std::rc::Rc::clone(&io.domain.clock),
             measured: None,
         })

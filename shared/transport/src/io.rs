@@ -91,6 +91,14 @@ impl Io {
         Ok(subscriber)
     }
 
+    /// A reader whose messages do not wake the service: for who looks at its own times, at the latest at every beat.
+    ///
+    /// # Errors
+    /// Where the topic cannot be opened.
+    pub fn quiet_subscriber<M: Message + ZeroCopySend>(&mut self) -> Result<Subscriber<M>, TransportError> {
+        Subscriber::open(&self.domain, &self.shared, ServiceId::None)
+    }
+
     /// A reader of one service's beats.
     ///
     /// # Errors

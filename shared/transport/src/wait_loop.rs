@@ -19,6 +19,8 @@ const BEAT_CRITICAL_NS: u64 = 20_000_000;
 const BEAT_NS: u64 = 100_000_000;
 /// Wall ticks, for who asked for them.
 const WALL_TICK_NS: u64 = 20_000_000;
+/// What is due within this long is done by a loop that is awake anyway.
+const EARLY_NS: u64 = 4_000_000;
 /// How long a service that has left waits for the supervisor to take its last figures.
 const LEAVE_LIMIT_NS: u64 = 2_000_000_000;
 
@@ -228,7 +230,7 @@ impl WaitLoop {
         if self.leave_by_ns.is_some_and(|by| now > by) {
             return Ok(Flow::End);
         }
-        if now >= self.next_wall_tick_ns {
+        if now + EARLY_NS >= self.next_wall_tick_ns {
             self.next_wall_tick_ns = now + WALL_TICK_NS;
             if service.wants_wall_ticks() {
                 service.on_wall_tick(io)?;
@@ -261,7 +263,8 @@ impl WaitLoop {
     /// Publishes the beat when it is due.
     fn beat<S: Service>(&mut self, io: &Io, service: &S) -> Result<(), TransportError> {
         let now = io.now_ns();
-        if now < self.next_beat_ns {
+        // A loop that is awake beats a little early rather than wake up again for it.
+        if now + EARLY_NS < self.next_beat_ns {
             return Ok(());
         }
         self.next_beat_ns = now + self.beat_ns;
