@@ -7,7 +7,6 @@
 mod beams;
 mod field;
 mod grid;
-mod hull;
 mod openings;
 mod rollout;
 mod route;
@@ -20,8 +19,7 @@ use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
-use guidance::{ActionTable, Se2};
-use hull::Hull;
+use guidance::{ActionTable, DelayedHarness, Se2};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use rollout::Scene;
 use route::Route;
@@ -48,10 +46,8 @@ pub struct GeometricConfig {
     pub robot_radius_m: f64,
     /// Radius of the handler's disc, metres.
     pub handler_radius_m: f64,
-    /// Where the rigid harness holds the handler.
-    pub robot_from_handler: Pose2,
-    /// Remembered share per decision of the delayed harness, 0 = rigid.
-    pub alpha: f64,
+    /// How the handler follows.
+    pub harness: DelayedHarness,
     /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
     pub handler_mask_m: f64,
     /// What was seen is remembered for so long, seconds.
@@ -66,8 +62,7 @@ impl Default for GeometricConfig {
             dt_s: 0.5,
             robot_radius_m: 0.30,
             handler_radius_m: 0.25,
-            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            alpha: 0.4,
+            harness: DelayedHarness::default(),
             handler_mask_m: 0.40,
             memory_s: 10.0,
             reserve_m: 0.04,
@@ -121,7 +116,7 @@ impl GeometricEngine {
         let team = Team::new(&config);
         let kept = (config.memory_s / config.dt_s).clamp(1.0, 1000.0) as u64;
         Self {
-            robot_from_handler: team.robot_from_handler,
+            robot_from_handler: team.robot_from_handler(),
             team,
             memory: Memory::new(kept),
             config,
@@ -202,7 +197,7 @@ impl GeometricEngine {
             self.history.clear();
             self.route = None;
             self.last_motion = Se2::identity();
-            self.robot_from_handler = self.team.robot_from_handler;
+            self.robot_from_handler = self.team.robot_from_handler();
         }
         self.odom_from_robot = odom_from_robot;
         self.history.push_back(odom_from_robot);
@@ -271,8 +266,8 @@ impl GeometricEngine {
         let margin_m = |action: &guidance::Action| {
             let motion = action.start_from_end();
             let after = self.team.discs(&motion, &self.team.follow(&motion, &self.robot_from_handler));
-            let hull = Hull::of(&[before[0], before[1], after[0], after[1]]);
-            near.iter().map(|hit| hull.outside_by_m(*hit)).fold(NEAR_M, f64::min)
+            let hull = Team::hull(&before, &after);
+            near.iter().map(|hit| hull.signed_distance_m(*hit)).fold(NEAR_M, f64::min)
         };
         self.table.actions().iter().map(margin_m).collect()
     }

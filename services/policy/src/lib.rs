@@ -4,7 +4,7 @@ pub mod geometric;
 
 use geometric::{GeometricConfig, GeometricEngine, Observation};
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, DepthView};
+use guidance::{ActionTable, DelayedHarness, DepthView};
 use messages::{
     CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
     PolicyAction,
@@ -54,7 +54,7 @@ impl PolicyService {
         Ok(Self {
             action_table_id: table.id(),
             action_count: table.len() as u32,
-            engine: GeometricEngine::new(engine_config(&settings), table),
+            engine: GeometricEngine::new(engine_config(&settings)?, table),
             scans: io.frame_subscriber()?,
             depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
             odometry: io.quiet_subscriber()?,
@@ -150,15 +150,17 @@ fn finite_or_stop(probabilities: [f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
     stop
 }
 
-fn engine_config(settings: &Settings) -> GeometricConfig {
-    GeometricConfig {
+fn engine_config(settings: &Settings) -> Result<GeometricConfig, TransportError> {
+    let handler = &settings.handler;
+    let harness = DelayedHarness::new(handler.robot_from_handler, handler.alpha.get(), settings.policy.dt.s())
+        .map_err(|error| TransportError::Service(format!("[handler]: {error}")))?;
+    Ok(GeometricConfig {
         dt_s: settings.policy.dt.s(),
         robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
         handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
-        robot_from_handler: settings.handler.robot_from_handler,
-        alpha: settings.handler.alpha.get(),
+        harness,
         ..GeometricConfig::default()
-    }
+    })
 }
 
 impl Service for PolicyService {

@@ -44,6 +44,14 @@ pub struct DelayedHarness {
     dt_s: f64,
 }
 
+impl Default for DelayedHarness {
+    /// A handler at the robot's right, 0.75 m behind and 0.35 m beside, who remembers 0.4 in half a second.
+    fn default() -> Self {
+        let robot_from_default = crate::se2::se2(Pose2::new(-0.75, -0.35, 0.0));
+        Self { robot_from_default, alpha: 0.4, dt_s: 0.5 }
+    }
+}
+
 impl DelayedHarness {
     /// A harness with that default offset (robot frame), that remembers the share `alpha` per step of `dt_s`.
     ///

@@ -2,19 +2,16 @@
 
 use super::GeometricConfig;
 use super::grid::Window;
-use guidance::Se2;
-use guidance::se2::{Point, se2, wrap_angle};
-use nalgebra::Vector2;
+use guidance::se2::Point;
+use guidance::{DelayedHarness, Disc, Hull, Se2};
 
 /// Discs that fill the room between robot and handler.
 const BETWEEN: usize = 4;
 
-/// The delayed harness and the two discs (Kim et al. 2023, delayed harness; design section 8).
+/// The delayed harness and the two discs.
 #[derive(Debug, Clone)]
 pub struct Team {
-    /// Where the rigid harness would hold the handler.
-    pub robot_from_handler: Se2,
-    alpha: f64,
+    harness: DelayedHarness,
     robot_radius_m: f64,
     handler_radius_m: f64,
 }
@@ -23,20 +20,25 @@ impl Team {
     /// The team that the configuration describes.
     pub fn new(config: &GeometricConfig) -> Self {
         Self {
-            robot_from_handler: se2(config.robot_from_handler),
-            alpha: config.alpha.clamp(0.0, 0.95),
+            harness: config.harness.clone(),
             robot_radius_m: config.robot_radius_m,
             handler_radius_m: config.handler_radius_m,
         }
     }
 
+    /// Where the handler walks when nothing disturbs them.
+    pub fn robot_from_handler(&self) -> Se2 {
+        *self.harness.robot_from_default()
+    }
+
     /// The handler after the robot has moved, both times in the robot's frame of the moment.
     pub fn follow(&self, start_from_end: &Se2, robot_from_handler: &Se2) -> Se2 {
-        let held = start_from_end.inverse() * robot_from_handler;
-        let rigid = &self.robot_from_handler;
-        let place: Vector2<f64> = rigid.translation.vector.lerp(&held.translation.vector, self.alpha);
-        let turn = wrap_angle(held.rotation.angle() - rigid.rotation.angle());
-        Se2::new(place, rigid.rotation.angle() + self.alpha * turn)
+        self.harness.step(robot_from_handler, start_from_end)
+    }
+
+    /// The swept hull of a motion from one place of the team to another, as the shield has it.
+    pub fn hull(before: &[(Point, f64); 2], after: &[(Point, f64); 2]) -> Hull {
+        Hull::new([before[0], before[1], after[0], after[1]].map(|(center, radius_m)| Disc { center, radius_m }))
     }
 
     /// The two discs: robot and handler, in the frame of the poses.
@@ -65,19 +67,4 @@ impl Team {
 /// Half-way between two positions of the team.
 pub fn half_way(a: &[(Point, f64); 2], b: &[(Point, f64); 2]) -> [(Point, f64); 2] {
     [(nalgebra::center(&a[0].0, &b[0].0), a[0].1), (nalgebra::center(&a[1].0, &b[1].0), a[1].1)]
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{GeometricConfig, Se2, Team};
-    use nalgebra::Vector2;
-
-    #[test]
-    fn at_a_steady_walk_the_lag_is_alpha_over_one_minus_alpha_steps() {
-        let team = Team::new(&GeometricConfig::default());
-        let step = Se2::new(Vector2::new(0.25, 0.0), 0.0);
-        let handler = (0..60).fold(team.robot_from_handler, |handler, _| team.follow(&step, &handler));
-        assert!((handler.translation.x - (-0.75 - 0.4 / 0.6 * 0.25)).abs() < 1e-9);
-        assert!((handler.translation.y + 0.35).abs() < 1e-12);
-    }
 }
