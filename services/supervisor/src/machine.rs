@@ -637,3 +637,6 @@ impl Watched {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,438 @@
+use super::{Action, Event, Machine, Now, Phase};
+use crate::plan::Plan;
+use messages::{
+    Cue, CueKind, Header, Health, LocomotionState, ModeClass, PortCounters, PortRole, ServiceId, StopKind, StopReason,
+    TopicId,
+};
+use settings::Settings;
+use transport::ClockKind;
+
+const MS: u64 = 1_000_000;
+const STEPPED: ClockKind = ClockKind::Stepped { speed: 0.0 };
+
+/// A machine with the world that it believes in: which process lives, which beats.
+struct Bench {
+    machine: Machine,
+    now_ms: u64,
+    /// (service, incarnation, whether it beats and works).
+    alive: Vec<(ServiceId, u32, bool)>,
+    actions: Vec<Action>,
+    cue_seq: u64,
+}
+
+impl Bench {
+    fn new(clock: ClockKind) -> Self {
+        let machine = Machine::new(Plan::of(&Settings::default(), clock));
+        Self { machine, now_ms: 0, alive: Vec::new(), actions: Vec::new(), cue_seq: 0 }
+    }
+
+    fn now(&self) -> Now {
+        Now { run_ns: self.now_ms * MS, wall_ns: (self.now_ms + 1_000_000) * MS }
+    }
+
+    fn handle(&mut self, event: Event<'_>) {
+        let now = self.now();
+        self.machine.handle(event, now);
+        self.act();
+    }
+
+    /// Does what the machine wants, as the shell would; processes get ready at once.
+    fn act(&mut self) {
+        loop {
+            let actions = self.machine.take_actions();
+            if actions.is_empty() {
+                return;
+            }
+            for action in actions {
+                let now = self.now();
+                match &action {
+                    Action::Spawn(service, incarnation) => {
+                        assert!(!self.alive.iter().any(|(s, ..)| s == service), "two lives of {service} at once");
+                        self.alive.push((*service, *incarnation, true));
+                        self.machine.started(*service, *incarnation, 7);
+                        self.machine.handle(Event::Ready(*service, *incarnation), now);
+                        self.machine.handle(Event::Armed(*service, *incarnation), now);
+                    }
+                    Action::Kill(service, incarnation) => {
+                        self.alive.retain(|(s, i, _)| (s, i) != (service, incarnation));
+                        self.machine.handle(Event::Died(*service, *incarnation, "killed".to_owned()), now);
+                    }
+                    _ => {}
+                }
+                self.actions.push(action);
+            }
+        }
+    }
+
+    /// Time passes in ticks of 20 ms, with the beats of all that beat.
+    fn pass(&mut self, ms: u64) {
+        for _ in 0..ms / 20 {
+            self.now_ms += 20;
+            for (service, incarnation, works) in self.alive.clone() {
+                if works {
+                    self.beat(service, incarnation, self.now_ms);
+                }
+            }
+            let now = self.now();
+            self.machine.tick_starts(now);
+            self.act();
+            self.machine.tick_judge(now);
+            self.act();
+        }
+    }
+
+    fn beat(&mut self, service: ServiceId, incarnation: u32, count: u64) {
+        let output = match service {
+            ServiceId::Lidar => (TopicId::LidarScan, TopicId::WorldTruth),
+            ServiceId::Depth => (TopicId::DepthFrame, TopicId::WorldTruth),
+            ServiceId::Odometry => (TopicId::Odometry, TopicId::WorldTruth),
+            ServiceId::Policy => (TopicId::PolicyAction, TopicId::Mode),
+            ServiceId::Shield => (TopicId::ShieldPermit, TopicId::LidarScan),
+            _ => (TopicId::None, TopicId::None),
+        };
+        let mut health = Health {
+            header: Header { stamp_ns: self.now_ms * MS, incarnation, ..Header::default() },
+            service,
+            port_count: 2,
+            ..Health::default()
+        };
+        let port = |topic, role, count| PortCounters {
+            topic,
+            role,
+            count,
+            last_stamp_ns: count * MS,
+            ..PortCounters::default()
+        };
+        health.ports[0] = port(output.0, PortRole::Publisher, count);
+        health.ports[1] = port(output.1, PortRole::Subscriber, self.now_ms);
+        let now = self.now();
+        self.machine.handle(Event::Beat(&health), now);
+    }
+
+    fn up(clock: ClockKind) -> Self {
+        let mut bench = Self::new(clock);
+        bench.pass(400);
+        bench
+    }
+
+    /// In run, with a cue in force.
+    fn running() -> Self {
+        let mut bench = Self::up(ClockKind::Real);
+        bench.cue(CueKind::Forward, 0);
+        assert_eq!(bench.class(), ModeClass::Run);
+        bench
+    }
+
+    fn cue(&mut self, kind: CueKind, age_ms: u64) {
+        self.cue_seq += 1;
+        let stamp_ns = self.now_ms.saturating_sub(age_ms) * MS;
+        let header = Header { stamp_ns, seq: self.cue_seq, incarnation: 1, ..Header::default() };
+        self.handle(Event::Cue(&Cue { header, kind, ..Cue::default() }));
+    }
+
+    fn die(&mut self, service: ServiceId) {
+        if let Some(i) = self.alive.iter().position(|(s, ..)| *s == service) {
+            let (_, incarnation, _) = self.alive.remove(i);
+            self.handle(Event::Died(service, incarnation, "killed".to_owned()));
+        }
+    }
+
+    fn silence(&mut self, service: ServiceId) {
+        self.alive.iter_mut().filter(|(s, ..)| *s == service).for_each(|(.., works)| *works = false);
+    }
+
+    fn class(&self) -> ModeClass {
+        self.machine.mode().class
+    }
+
+    fn reason(&self) -> StopKind {
+        self.machine.mode().reason.kind
+    }
+
+    fn noted(&self, word: &str) -> bool {
+        self.actions.iter().any(|action| matches!(action, Action::Note(text) if text.contains(word)))
+    }
+}
+
+#[test]
+fn what_stops_the_robot_starts_first_and_the_rest_waits_for_it() {
+    let mut machine = Machine::new(Plan::of(&Settings::default(), ClockKind::Real));
+    let now = Now { run_ns: 0, wall_ns: 1 };
+    machine.tick_starts(now);
+    let first = machine.take_actions();
+    assert_eq!(first, [Action::Spawn(ServiceId::Locomotion, 1), Action::Spawn(ServiceId::Brake, 1)]);
+    machine.tick_starts(now);
+    assert!(machine.take_actions().is_empty(), "nothing else before they are ready");
+    machine.handle(Event::Ready(ServiceId::Locomotion, 1), now);
+    machine.handle(Event::Ready(ServiceId::Brake, 1), now);
+    machine.tick_starts(now);
+    assert_eq!(machine.take_actions(), [Action::Spawn(ServiceId::Simulator, 1)]);
+}
+
+#[test]
+fn a_run_boots_in_fault_and_only_a_cue_starts_it() {
+    let mut bench = Bench::up(ClockKind::Real);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Fault, StopKind::Boot));
+    assert!(bench.machine.mode().ready_for_cue);
+    bench.pass(5000);
+    assert_eq!(bench.class(), ModeClass::Fault);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+    assert!(bench.machine.mode().cue.valid);
+}
+
+#[test]
+fn a_cue_that_comes_too_early_or_too_late_is_refused_and_not_queued() {
+    let mut bench = Bench::new(ClockKind::Real);
+    bench.cue(CueKind::Forward, 0);
+    assert!(bench.noted("not ready"), "{:?}", bench.actions);
+    bench.pass(400);
+    assert_eq!(bench.class(), ModeClass::Fault, "it was not queued");
+    bench.pass(1600);
+    bench.cue(CueKind::Forward, 1500);
+    assert!(bench.noted("1500 ms old"), "{:?}", bench.actions);
+    assert_eq!(bench.class(), ModeClass::Fault);
+}
+
+#[test]
+fn a_stream_that_never_came_is_not_fresh() {
+    let mut bench = Bench::up(ClockKind::Real);
+    bench.die(ServiceId::Lidar);
+    bench.pass(100);
+    bench.silence(ServiceId::Lidar);
+    let incarnation = bench.alive.iter().find(|(s, ..)| *s == ServiceId::Lidar).map_or(0, |(_, i, _)| *i);
+    bench.beat(ServiceId::Lidar, incarnation, 0);
+    bench.machine.tick_judge(bench.now());
+    assert!(!bench.machine.mode().ready_for_cue);
+}
+
+#[test]
+fn a_death_is_a_fault_and_the_service_comes_back() {
+    for victim in [ServiceId::Lidar, ServiceId::Shield, ServiceId::Locomotion, ServiceId::Cue] {
+        let mut bench = Bench::running();
+        let epoch = bench.machine.mode().epoch;
+        bench.die(victim);
+        assert_eq!((bench.class(), bench.reason()), (ModeClass::Fault, StopKind::ServiceDied));
+        assert_eq!(bench.machine.mode().epoch, epoch + 1);
+        assert!(!bench.machine.mode().cue.valid, "the cue in force is void");
+        bench.pass(1000);
+        assert!(bench.actions.contains(&Action::Spawn(victim, 2)));
+        assert!(bench.machine.mode().ready_for_cue && bench.class() == ModeClass::Fault);
+    }
+}
+
+#[test]
+fn a_second_fault_within_a_fault_raises_the_epoch_again() {
+    let mut bench = Bench::running();
+    bench.die(ServiceId::Lidar);
+    let epoch = bench.machine.mode().epoch;
+    bench.die(ServiceId::Shield);
+    assert_eq!(bench.machine.mode().epoch, epoch + 1);
+}
+
+#[test]
+fn silence_is_a_fault_that_ends_the_process_and_its_death_is_no_second_one() {
+    let mut bench = Bench::running();
+    let epoch = bench.machine.mode().epoch;
+    bench.silence(ServiceId::Shield);
+    bench.pass(200);
+    assert_eq!(bench.reason(), StopKind::BeatsMissed);
+    assert!(bench.actions.contains(&Action::Kill(ServiceId::Shield, 1)));
+    assert_eq!(bench.machine.mode().epoch, epoch + 1);
+    bench.pass(600);
+    assert!(bench.actions.contains(&Action::Spawn(ServiceId::Shield, 2)));
+}
+
+#[test]
+fn input_without_output_is_hung_and_no_input_is_nobodys_fault() {
+    for (fed, expected) in [(true, true), (false, false)] {
+        let mut bench = Bench::running();
+        bench.silence(ServiceId::Shield);
+        let stuck_since = bench.now_ms;
+        for _ in 0..60 {
+            bench.pass(20);
+            let mut health = Health {
+                header: Header { stamp_ns: bench.now_ms * MS, incarnation: 1, ..Header::default() },
+                service: ServiceId::Shield,
+                port_count: 2,
+                ..Health::default()
+            };
+            let port = |topic, role, count| PortCounters { topic, role, count, ..PortCounters::default() };
+            health.ports[0] = port(TopicId::ShieldPermit, PortRole::Publisher, stuck_since);
+            let input = if fed { bench.now_ms } else { stuck_since };
+            health.ports[1] = port(TopicId::LidarScan, PortRole::Subscriber, input);
+            bench.handle(Event::Beat(&health));
+        }
+        assert_eq!(bench.actions.contains(&Action::Kill(ServiceId::Shield, 1)), expected, "fed: {fed}");
+    }
+}
+
+#[test]
+fn a_supervisor_that_overslept_condemns_nobody() {
+    let mut bench = Bench::running();
+    bench.now_ms += 500;
+    bench.handle(Event::Overslept);
+    bench.machine.tick_judge(bench.now());
+    bench.act();
+    assert!(!bench.actions.iter().any(|action| matches!(action, Action::Kill(..))));
+    bench.pass(400);
+    assert_eq!(bench.class(), ModeClass::Run);
+}
+
+#[test]
+fn a_spent_budget_locks_and_resume_restores_it() {
+    let mut bench = Bench::running();
+    for _ in 0..=10 {
+        bench.die(ServiceId::Lidar);
+        bench.pass(2500);
+    }
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::RestartBudgetSpent));
+    let lidar = bench.machine.status().into_iter().find(|s| s.service == ServiceId::Lidar).map(|s| s.phase);
+    assert_eq!(lidar, Some(Phase::Spent));
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Lock);
+    bench.handle(Event::OperatorResume);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Fault, StopKind::Resumed));
+    bench.pass(500);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+}
+
+#[test]
+fn a_lock_is_not_left_by_a_fault_nor_by_a_cue() {
+    let mut bench = Bench::running();
+    bench.handle(Event::OperatorStop);
+    assert!(bench.actions.contains(&Action::StopLine));
+    let epoch = bench.machine.mode().epoch;
+    bench.die(ServiceId::Lidar);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::OperatorStop));
+    assert!(bench.machine.mode().epoch > epoch);
+    bench.pass(1000);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Lock);
+}
+
+#[test]
+fn a_stop_cue_voids_the_cue_in_force_and_run_goes_on() {
+    let mut bench = Bench::running();
+    bench.cue(CueKind::Stop, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+    assert!(!bench.machine.mode().cue.valid);
+    bench.cue(CueKind::Left, 0);
+    assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Left);
+}
+
+#[test]
+fn the_brake_and_a_latched_locomotion_are_faults() {
+    let mut bench = Bench::running();
+    bench.handle(Event::BrakeEngaged(1));
+    assert_eq!(bench.reason(), StopKind::BrakeEngaged);
+    let mut bench = Bench::running();
+    let epoch = bench.machine.mode().epoch;
+    let state = LocomotionState {
+        epoch,
+        limited_by: StopReason::stream(StopKind::ModeStale, TopicId::Mode, 250 * MS, 200 * MS),
+        ..LocomotionState::default()
+    };
+    for _ in 0..3 {
+        bench.handle(Event::Locomotion(&state));
+    }
+    assert_eq!(bench.reason(), StopKind::ModeStale);
+    assert_eq!(bench.machine.mode().epoch, epoch + 1);
+}
+
+#[test]
+fn the_worlds_end_ends_the_run() {
+    let mut bench = Bench::running();
+    bench.die(ServiceId::Simulator);
+    assert!(bench.actions.iter().any(|action| matches!(action, Action::EndRun(why) if why.contains("simulator"))));
+}
+
+#[test]
+fn in_stepped_time_everybody_joins_at_once_the_dead_leave_and_time_waits_for_the_new() {
+    let mut bench = Bench::new(STEPPED);
+    assert_eq!(bench.machine.roster().0, 0);
+    bench.pass(100);
+    let (version, members) = bench.machine.roster();
+    assert!(version > 0 && members.len() == 9, "{members:?}");
+    assert!(members.iter().all(|member| member.service != ServiceId::Simulator), "the master acknowledges nothing");
+    let died_at_ms = bench.now_ms;
+    bench.die(ServiceId::Lidar);
+    assert!(bench.machine.roster().1.iter().all(|member| member.service != ServiceId::Lidar));
+    assert!(!bench.machine.holds_time((died_at_ms + 490) * MS) && bench.machine.holds_time((died_at_ms + 510) * MS));
+    bench.pass(520);
+    let lidar = bench.machine.roster().1.iter().find(|member| member.service == ServiceId::Lidar);
+    assert_eq!(lidar.map(|member| member.incarnation), Some(2));
+    assert!(!bench.machine.holds_time(bench.now_ms * MS));
+}
+
+/// SplitMix64.
+struct Random(u64);
+
+impl Random {
+    fn below(&mut self, n: u64) -> u64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (z ^ (z >> 31)) % n
+    }
+}
+
+const VICTIMS: [ServiceId; 8] = [
+    ServiceId::Locomotion,
+    ServiceId::Brake,
+    ServiceId::Odometry,
+    ServiceId::Lidar,
+    ServiceId::Depth,
+    ServiceId::Cue,
+    ServiceId::Policy,
+    ServiceId::Shield,
+];
+
+/// `GUIDEDOG_SEED=N` repeats one seed.
+#[test]
+fn in_any_interleaving_only_a_cue_starts_motion_and_no_stop_is_lost() {
+    let only = std::env::var("GUIDEDOG_SEED").ok().and_then(|seed| seed.parse().ok());
+    let seeds = only.map_or(0..1000, |seed: u64| seed..seed + 1);
+    for seed in seeds {
+        let mut random = Random(seed);
+        let mut bench = Bench::new(ClockKind::Real);
+        for _ in 0..60 {
+            let before = *bench.machine.mode();
+            let mut cue_given = false;
+            let mut resumed = false;
+            let victim = VICTIMS[random.below(8) as usize];
+            match random.below(10) {
+                0 => bench.die(victim),
+                1 => bench.silence(victim),
+                2 | 3 => {
+                    bench.cue(CueKind::Forward, random.below(1500));
+                    cue_given = true;
+                }
+                4 => bench.cue(CueKind::Stop, 0),
+                5 if random.below(3) == 0 => bench.handle(Event::OperatorStop),
+                6 => {
+                    bench.handle(Event::OperatorResume);
+                    resumed = true;
+                }
+                _ => bench.pass(20 * random.below(30)),
+            }
+            let after = *bench.machine.mode();
+            assert!(after.epoch >= before.epoch, "seed {seed}: the epoch fell");
+            if before.class == ModeClass::Lock && after.class != ModeClass::Lock {
+                assert!(resumed, "seed {seed}: a lock was left");
+            }
+            if before.class != ModeClass::Run && after.class == ModeClass::Run {
+                assert!(cue_given && after.cue.valid && before.ready_for_cue, "seed {seed}: run by itself");
+            }
+            if before.class == ModeClass::Run && after.class != ModeClass::Run {
+                assert!(after.epoch > before.epoch && !after.cue.valid, "seed {seed}: a stop in the same epoch");
+            }
+        }
+        bench.handle(Event::OperatorResume);
+        bench.pass(8000);
+        let all_up = bench.machine.status().iter().all(|service| service.phase == Phase::Ready);
+        assert!(all_up || bench.class() == ModeClass::Lock, "seed {seed}: it does not come to rest");
+    }
+}
