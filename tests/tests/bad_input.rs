@@ -38,11 +38,9 @@ fn a_wrong_configuration_names_file_and_line() {
 fn a_missing_world_or_scenario_is_named() {
     let place = Place::new();
     refused(&place, &["walk", "--scenario", "moon"], &["moon", "corridor"]);
-    let lost = file(
-        &place,
-        "s.toml",
-        "world = \"gone.toml\"\nstart = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [1, 0], within_m = 1 }\ntime_limit_s = 10\n",
-    );
+    let scenario = "world = \"gone.toml\"\nstart = { at = [0, 0], yaw_deg = 0 }\n\
+        goal = { at = [1, 0], within_m = 1 }\ntime_limit_s = 10\n";
+    let lost = file(&place, "s.toml", scenario);
     refused(&place, &["walk", "--scenario", &lost], &["gone.toml"]);
     let route = file(&place, "r.toml", "[[cue]]\nkind = \"up\"\nat_s = 1\n");
     refused(&place, &["walk", "--cues", &route], &["r.toml", "2"]);

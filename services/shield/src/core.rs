@@ -333,7 +333,8 @@ impl Core {
         }
     }
 
-    /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with it.
+    /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
+    /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
         let depth = self.depth_usable.then_some(&self.depth);
         for end_ns in [running.end_ns + self.scan_period_ns, running.end_ns] {

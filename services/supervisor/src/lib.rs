@@ -1,9 +1,10 @@
 //! The supervisor: starts the services of a run, watches them, restarts what fails, and is the only one to say that the
 //! robot may move.
 //!
-//! Duties: latches the stop first, then kills, cleans and restarts; accepts cues; answers the operator; at the end stops
-//! the robot first and leaves nothing behind. It must never wait for a process, start motion by itself, or judge others
-//! when it overslept. [`machine`] decides and [`children`] acts; this file is the thin shell between them.
+//! Duties: latches the stop first, then kills, cleans and restarts; accepts cues; answers the operator; at the end
+//! stops the robot first and leaves nothing behind. It must never wait for a process, start motion by itself, or
+//! judge others when it overslept. [`machine`] decides and [`children`] acts; this file is the thin shell between
+//! them.
 
 mod boot;
 mod children;

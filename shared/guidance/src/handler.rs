@@ -151,8 +151,8 @@ impl HandlerEstimate {
         Sighting::NotVisible
     }
 
-    /// The middle of the hits that fit a handler at `center`: no wider than the handler, or a wall behind would be taken
-    /// for a part of them.
+    /// The middle of the hits that fit a handler at `center`: no wider than the handler, or a wall behind would be
+    /// taken for a part of them.
     fn middle_of_hits(&self, beams: &Beams, center: Point) -> Option<Point> {
         let gate_m = self.limits.radius_m + 3.0 * beams.sigma_m();
         let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);

@@ -189,7 +189,8 @@ mod tests {
 
         #[test]
         fn turning_everything_changes_nothing(
-            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(), turn in -3.0..3.0f64, angle in 0.0..6.0f64,
+            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(),
+            turn in -3.0..3.0f64, angle in 0.0..6.0f64,
         ) {
             let rotation = nalgebra::Rotation2::new(turn);
             let turned = [a, b, c, d].map(|disc| Disc { center: rotation * disc.center, ..disc });

@@ -101,8 +101,8 @@ impl DelayedHarness {
         self.follow(robot_from_handler, start_from_end, 1.0)
     }
 
-    /// The same within a step: the robot has made the part `start_from_now` of its motion in the share `fraction` of the
-    /// step. At 0 nothing is recovered yet, at 1 it is [`DelayedHarness::step`].
+    /// The same within a step: the robot has made the part `start_from_now` of its motion in the share `fraction` of
+    /// the step. At 0 nothing is recovered yet, at 1 it is [`DelayedHarness::step`].
     #[must_use]
     pub fn follow(&self, robot_from_handler: &Se2, start_from_now: &Se2, fraction: f64) -> Se2 {
         let temporary = start_from_now.inverse() * robot_from_handler;
@@ -114,8 +114,8 @@ impl DelayedHarness {
         Se2::new(place, wrap_angle(default.rotation.angle() + remembered * turn))
     }
 
-    /// The same handler described with another step: `alpha(dt) = alpha_ref ^ (dt / dt_ref)`, to first order only: finer
-    /// steps lag more.
+    /// The same handler described with another step: `alpha(dt) = alpha_ref ^ (dt / dt_ref)`, to first order only:
+    /// finer steps lag more.
     ///
     /// # Errors
     /// Where `dt_s` is not a time, or the lag becomes more than a harness.

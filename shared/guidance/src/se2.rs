@@ -40,7 +40,8 @@ pub fn exp(twist: Twist2, dt_s: f64) -> Se2 {
     Se2::new(Vector2::new(a * dx - b * dy, b * dx + a * dy), turn)
 }
 
-/// The constant body velocity that makes the motion in `dt_s` (the logarithm of SE(2)); turns are taken on the short arc.
+/// The constant body velocity that makes the motion in `dt_s` (the logarithm of SE(2)); turns are taken on the short
+/// arc.
 #[must_use]
 pub fn log(a_from_b: &Se2, dt_s: f64) -> Twist2 {
     let turn = a_from_b.rotation.angle();

@@ -1,5 +1,5 @@
-//! The action shield (Kim et al. 2023, section 5 and alg. 1) with the resolutions of the design contract: unknown beams,
-//! the handler's own beams, the escape rule, virtual beams from depth.
+//! The action shield (Kim et al. 2023, section 5 and alg. 1) with the resolutions of the design contract: unknown
+//! beams, the handler's own beams, the escape rule, virtual beams from depth.
 
 use messages::{MAX_ACTIONS, Twist2};
 

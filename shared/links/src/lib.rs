@@ -1,5 +1,5 @@
-//! The ways to command a robot. `locomotion` has a [`Link`]; `brake` has a [`BrakePath`] of its own, that shares nothing
-//! with it.
+//! The ways to command a robot. `locomotion` has a [`Link`]; `brake` has a [`BrakePath`] of its own, that shares
+//! nothing with it.
 
 mod null;
 mod simulated;

@@ -97,7 +97,8 @@ pub struct DepthHeader {
     pub robot_from_camera: Pose3,
 }
 
-/// Where the robot believes it is. The incarnation names the odometry frame: a new one voids everything held in the old.
+/// Where the robot believes it is. The incarnation names the odometry frame: a new one voids everything held in the
+/// old.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Odometry/1"))]

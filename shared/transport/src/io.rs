@@ -142,7 +142,8 @@ impl Io {
         }
         let listener = listener(&self.domain, topic)?;
         let token = if is_clock { TOKEN_CLOCK } else { TOKEN_TOPIC };
-        // SAFETY: the listener is kept in `self.listeners` for as long as the epoll lives, so the descriptor stays open.
+        // SAFETY: the listener is kept in `self.listeners` for as long as the epoll lives, so the descriptor stays
+        // open.
         let fd = unsafe { BorrowedFd::borrow_raw(listener.file_descriptor().native_handle()) };
         watch_fd(&self.epoll, fd, token)?;
         self.listeners.push(listener);

@@ -1,0 +1,194 @@
+//! Reads the tree and holds it to the house rules: lengths, banned calls, who may depend on whom.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use guidedog_tests::project;
+
+const LINE_MAX: usize = 120;
+const FUNCTION_MAX: usize = 70;
+const FILE_MAX: usize = 600;
+
+fn rust_files() -> Vec<PathBuf> {
+    fn walk(dir: &Path, found: &mut Vec<PathBuf>) {
+        for entry in fs::read_dir(dir).expect("readable").flatten() {
+            let path = entry.path();
+            let name = entry.file_name();
+            if path.is_dir() && name != "target" && name != ".git" {
+                walk(&path, found);
+            } else if path.extension().is_some_and(|extension| extension == "rs") {
+                found.push(path);
+            }
+        }
+    }
+    let mut found = Vec::new();
+    for top in ["services", "shared", "tests"] {
+        walk(&project().join(top), &mut found);
+    }
+    assert!(found.len() > 80, "the tree was read");
+    found
+}
+
+fn is_test(path: &Path) -> bool {
+    path.components().any(|part| part.as_os_str() == "tests") || path.ends_with("tests.rs")
+}
+
+/// The lines of a file before its test module, with their numbers.
+fn code(text: &str) -> Vec<(usize, &str)> {
+    text.lines().enumerate().map(|(i, line)| (i + 1, line)).take_while(|(_, line)| *line != "#[cfg(test)]").collect()
+}
+
+fn name(path: &Path) -> String {
+    path.strip_prefix(project()).unwrap_or(path).display().to_string()
+}
+
+#[test]
+fn lines_functions_and_files_are_of_a_size_to_read() {
+    let mut wrong = Vec::new();
+    for path in rust_files() {
+        let text = fs::read_to_string(&path).expect("readable");
+        let at = |line: usize, what: &str| format!("{}:{line}: {what}", name(&path));
+        wrong.extend(
+            text.lines()
+                .enumerate()
+                .filter(|(_, line)| line.chars().count() > LINE_MAX)
+                .map(|(i, _)| at(i + 1, "a line of over 120 columns")),
+        );
+        if is_test(&path) {
+            continue;
+        }
+        let lines = code(&text);
+        if lines.len() > FILE_MAX {
+            wrong.push(at(lines.len(), "a file of over 600 lines"));
+        }
+        let mut begun: Option<(usize, usize)> = None;
+        for (number, line) in &lines {
+            let indent = line.len() - line.trim_start().len();
+            let is_function = line.trim_start().starts_with("fn ") || line.contains(" fn ");
+            if begun.is_none() && is_function && !line.trim_start().starts_with("//") && !line.ends_with(';') {
+                begun = Some((*number, indent));
+            } else if let Some((start, _)) = begun.filter(|(_, i)| *i == indent && line.trim() == "}") {
+                if number - start + 1 > FUNCTION_MAX {
+                    wrong.push(at(start, "a function of over 70 lines"));
+                }
+                begun = None;
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+#[test]
+fn banned_calls_are_not_made() {
+    // (what, where it may be all the same)
+    let banned: [(&str, &[&str]); 8] = [
+        (".unwrap()", &[]),
+        ("println!(", &[]),
+        ("dbg!(", &[]),
+        ("todo!(", &[]),
+        ("unimplemented!(", &[]),
+        ("Instant::now", &["services/cli/"]),
+        ("SystemTime::now", &[]),
+        ("thread::sleep", &["services/cli/"]),
+    ];
+    let mut wrong = Vec::new();
+    for path in rust_files().into_iter().filter(|path| !is_test(path) && !path.starts_with(project().join("tests"))) {
+        let text = fs::read_to_string(&path).expect("readable");
+        let lines = code(&text);
+        for (i, (number, line)) in lines.iter().enumerate() {
+            let call = line.split("//").next().unwrap_or_default();
+            for (what, allowed) in banned {
+                let may = allowed.iter().any(|place| name(&path).starts_with(place));
+                // `eprintln!` holds `println!(`; services say there why they could not begin.
+                if call.replace("eprintln!(", "").contains(what) && !may {
+                    wrong.push(format!("{}:{number}: {what}", name(&path)));
+                }
+            }
+            let is_unsafe = call.contains("unsafe {") || call.contains("unsafe impl");
+            let explained = lines[i.saturating_sub(4)..=i].iter().any(|(_, before)| before.contains("SAFETY:"));
+            if is_unsafe && !explained {
+                wrong.push(format!("{}:{number}: unsafe without SAFETY", name(&path)));
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
+/// Names of the dependencies of each of our crates, those for tests apart.
+fn dependencies() -> BTreeMap<String, Vec<String>> {
+    let mut all = BTreeMap::new();
+    for top in ["services", "shared"] {
+        for entry in fs::read_dir(project().join(top)).expect("readable").flatten() {
+            let Ok(text) = fs::read_to_string(entry.path().join("Cargo.toml")) else { continue };
+            let own = text.split("[dev-dependencies]").next().unwrap_or_default();
+            let listed = own.split("[dependencies]").nth(1).unwrap_or_default().split("\n[").next().unwrap_or_default();
+            let names = listed
+                .lines()
+                .filter(|line| line.contains('=') && !line.trim_start().starts_with('#'))
+                .filter_map(|line| line.split(['.', '=']).next())
+                .map(|name| name.trim().to_owned())
+                .collect();
+            all.insert(format!("{top}/{}", entry.file_name().to_string_lossy()), names);
+        }
+    }
+    assert!(all.len() >= 19, "{all:?}");
+    all
+}
+
+const OURS: [&str; 7] = ["messages", "transport", "guidance", "links", "world", "settings", "recording"];
+
+#[test]
+fn dependencies_point_one_way() {
+    let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
+        ("shared/messages", &[][..]),
+        ("shared/guidance", &["messages"][..]),
+        ("shared/settings", &["messages", "guidance"][..]),
+        ("shared/world", &["messages", "guidance", "settings"][..]),
+        ("shared/recording", &["messages"][..]),
+        ("shared/transport", &["messages"][..]),
+        ("shared/links", &["messages", "settings", "transport"][..]),
+    ]);
+    for (name, dependencies) in dependencies() {
+        for dependency in &dependencies {
+            assert!(!dependency.starts_with("guidedog-"), "{name} knows the service {dependency}");
+            if let Some(allowed) = allowed.get(name.as_str()) {
+                let ours = OURS.contains(&dependency.as_str());
+                assert!(!ours || allowed.contains(&dependency.as_str()), "{name} depends on {dependency}");
+            }
+            // messages derives behind a feature; the command line measures the plain library beside ours.
+            let may = ["shared/transport", "shared/messages", "services/cli"].contains(&name.as_str());
+            assert!(dependency != "iceoryx2" || may, "{name} talks to iceoryx2");
+        }
+    }
+}
+
+#[test]
+fn every_dependency_has_its_reason() {
+    let page = fs::read_to_string(project().join("ARCHITECTURE.md")).expect("readable");
+    for (name, dependencies) in dependencies() {
+        for dependency in dependencies.iter().filter(|dependency| !OURS.contains(&dependency.as_str())) {
+            assert!(page.contains(dependency.as_str()), "{name} depends on {dependency}, which has no reason");
+        }
+    }
+}
+
+#[test]
+fn what_stops_the_robot_links_no_runtime_and_no_machine_learning() {
+    // What the lock file says of the whole workspace holds for each of its members.
+    let lock = fs::read_to_string(project().join("Cargo.lock")).expect("readable");
+    for banned in ["tokio", "async-std", "smol", "rustdds", "ort", "ort-sys", "tract-core", "candle-core"] {
+        assert!(!lock.contains(&format!("name = \"{banned}\"\n")), "{banned} is linked");
+    }
+}
+
+#[test]
+fn every_test_that_the_architecture_names_exists() {
+    let page = fs::read_to_string(project().join("ARCHITECTURE.md")).expect("readable");
+    let files = page.split('`').filter(|word| word.contains('/') && word.ends_with(".rs") && !word.contains(' '));
+    for file in
+        files.filter(|file| file.starts_with("services/") || file.starts_with("shared/") || file.starts_with("tests/"))
+    {
+        assert!(project().join(file).exists(), "ARCHITECTURE.md names {file}");
+    }
+}
