@@ -3,7 +3,7 @@
 //!
 //! Duties: latches the stop first, then kills, cleans and restarts; accepts cues; answers the operator; at the end
 //! stops the robot first and leaves nothing behind. It must never wait for a process, start motion by itself, or
-//! judge others when it overslept. [`machine`] decides and [`children`] acts; this file is the thin shell between
+//! judge others when it overslept. `machine` decides and `children` acts; this file is the thin shell between
 //! them.
 
 mod boot;
