@@ -49,6 +49,7 @@ pub struct Locomotion {
     /// Whether this incarnation has itself written zero.
     wrote_zero: bool,
     written_ns: u64,
+    judged_ns: u64,
     /// Stamp of a permit that no command has answered yet.
     unanswered_ns: Option<u64>,
 }
@@ -82,6 +83,7 @@ impl Locomotion {
             ends_by_ns: None,
             wrote_zero: true,
             written_ns: 0,
+            judged_ns: 0,
             unanswered_ns: None,
         })
     }
@@ -91,6 +93,7 @@ impl Locomotion {
         let now = io.now_ns();
         let tick = now >= self.next_tick_ns;
         let verdict = self.gate.judge(now);
+        self.judged_ns = now;
         self.limited_by = verdict.reason;
         if let Some(permit) = new_permit {
             self.unanswered_ns = Some(permit.header.stamp_ns);
@@ -170,7 +173,9 @@ impl Service for Locomotion {
 
     fn next_timer_ns(&self) -> Option<u64> {
         // Not only the tick: a permit's expiry is a stop, and a stop is written at once.
-        Some(self.gate.expiry_ns().map_or(self.next_tick_ns, |expiry| self.next_tick_ns.min(expiry + 1)))
+        // One that has expired has been judged already.
+        let expiry = self.gate.expiry_ns().filter(|expiry| *expiry >= self.judged_ns);
+        Some(expiry.map_or(self.next_tick_ns, |expiry| self.next_tick_ns.min(expiry + 1)))
     }
 
     fn on_control(&mut self, io: &mut Io, message: ToChild, fd: Option<OwnedFd>) -> Result<(), TransportError> {
