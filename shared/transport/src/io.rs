@@ -150,7 +150,8 @@ impl Io {
         Ok(())
     }
 
-    /// Wakes the service through [`Service::on_fd`](crate::Service::on_fd) when `fd` has something to read, or its other end is gone.
+    /// Wakes the service through [`Service::on_fd`](crate::Service::on_fd) when `fd` has something to read, or its
+    /// other end is gone.
     ///
     /// # Errors
     /// Where the kernel refuses.
