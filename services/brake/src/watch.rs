@@ -35,7 +35,8 @@ impl Watch {
             incarnation: 0,
             last_beat_ns: None,
             last_tick_ns: None,
-            engaged_for: None,
+            // Whoever was there before may have died with the robot walking: zero until somebody has written zero.
+            engaged_for: Some(0),
             fenced: 0,
             released: false,
         }
@@ -134,6 +135,15 @@ mod tests {
         watch.beat(180 * MS, true);
         assert!(!watch.is_engaged());
         assert_eq!(watch.fenced(), 1);
+    }
+
+    #[test]
+    fn a_new_brake_commands_zero_until_a_locomotion_has() {
+        let mut watch = Watch::new(100 * MS);
+        assert!(watch.is_engaged() && watch.fenced() == 0);
+        watch.rearm(1, 0);
+        watch.beat(MS, true);
+        assert!(!watch.is_engaged());
     }
 
     #[test]

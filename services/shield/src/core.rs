@@ -201,7 +201,7 @@ impl Core {
             if period > GAP_NS || header.header.incarnation != last.header.incarnation {
                 self.handler.reset(&self.odom_from_robot);
             } else {
-                self.scan_period_ns = period.clamp(self.config.scan_period_ns / 2, self.config.scan_max_age_ns);
+                self.scan_period_ns = period.max(self.config.scan_period_ns / 2).min(self.config.scan_max_age_ns);
             }
         }
         self.scan_usable = self.beams.fill(header, ranges_m).is_ok();
@@ -255,7 +255,7 @@ impl Core {
             running.drawn = why;
             return running;
         }
-        let depth = self.depth_usable.then_some(&self.depth);
+        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         running.unsafe_mask =
             self.shield.judge_actions(&self.config.table, &self.beams, depth, &self.handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
@@ -279,6 +279,12 @@ impl Core {
         self.handler.predict(&self.odom_from_robot, fraction);
     }
 
+    /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
+    fn depth_is_fresh(&self, now_ns: u64) -> bool {
+        let age = |header: &DepthHeader| now_ns.saturating_sub(header.header.stamp_ns);
+        self.depth_usable && self.depth_header.as_ref().is_some_and(|d| age(d) <= self.config.depth_max_age_ns)
+    }
+
     /// Why nothing can be judged now, if so.
     fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
         let age = |stamp_ns: u64| now_ns.saturating_sub(stamp_ns);
@@ -291,9 +297,7 @@ impl Core {
         if age(odometry.header.stamp_ns) > self.config.odometry_max_age_ns || jumped {
             return Some(Outcome::StaleOdometry);
         }
-        let depth_fresh = self.depth_usable
-            && self.depth_header.is_some_and(|depth| age(depth.header.stamp_ns) <= self.config.depth_max_age_ns);
-        if self.config.depth_needed && !depth_fresh {
+        if self.config.depth_needed && !self.depth_is_fresh(now_ns) {
             return Some(Outcome::StaleDepth);
         }
         self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
@@ -336,7 +340,7 @@ impl Core {
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
     /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
-        let depth = self.depth_usable.then_some(&self.depth);
+        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         for end_ns in [running.end_ns + self.scan_period_ns, running.end_ns] {
             if end_ns <= now_ns {
                 break;
