@@ -41,6 +41,8 @@ pub struct Script {
     /// The cue that the handler wants in force.
     wanted: Option<CueKind>,
     ready_since_ns: Option<u64>,
+    /// The epoch that `ready_since_ns` is of.
+    epoch: u64,
     given_at_ns: Option<u64>,
     next_look_ns: u64,
 }
@@ -96,6 +98,11 @@ impl Script {
         }
         self.follow(mode);
         let ready = mode.class == ModeClass::Run || mode.ready_for_cue;
+        // A service may be back between two looks: every new epoch, and every run, begins the wait again.
+        if mode.class == ModeClass::Run || mode.epoch != self.epoch {
+            self.ready_since_ns = None;
+            self.epoch = mode.epoch;
+        }
         self.ready_since_ns = if ready { self.ready_since_ns.or(Some(now.now_ns)) } else { None };
         if !ready || self.given_at_ns.is_some_and(|at| now.now_ns < at + RETRY_NS) {
             return None;
@@ -158,6 +165,18 @@ mod tests {
         assert_eq!(script.due(&at(7000, &fault(true))), None);
         assert_eq!(script.due(&at(8900, &fault(true))), None);
         assert_eq!(script.due(&at(9000, &fault(true))), Some((CueKind::Forward, CueSource::ScriptAgain)));
+    }
+
+    #[test]
+    fn a_fault_between_two_looks_is_waited_for_all_the_same() {
+        let mut script = Script::forward_when_ready();
+        script.due(&at(200, &Mode { epoch: 1, ..fault(true) }));
+        let run = Mode { class: ModeClass::Run, ready_for_cue: true, epoch: 1, ..Mode::default() };
+        assert_eq!(script.due(&at(5000, &run)), None);
+        let again = Mode { epoch: 2, ..fault(true) };
+        assert_eq!(script.due(&at(5050, &again)), None);
+        assert_eq!(script.due(&at(7000, &again)), None);
+        assert_eq!(script.due(&at(7050, &again)), Some((CueKind::Forward, CueSource::ScriptAgain)));
     }
 
     #[test]
