@@ -1,5 +1,7 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
+use std::cell::RefCell;
+use std::collections::BTreeSet;
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -14,7 +16,7 @@ pub const WATCHDOG: Duration = Duration::from_secs(120);
 /// The project's folder.
 #[must_use]
 pub fn project() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests lie in the project").to_owned()
 }
 
 /// Where the built programs lie: beside the test's own executable.
@@ -41,7 +43,11 @@ pub fn data(path: &str) -> Option<PathBuf> {
 
 /// A folder for runs that no other test shares, short enough for socket names.
 #[derive(Debug)]
-pub struct Place(tempfile::TempDir);
+pub struct Place {
+    dir: tempfile::TempDir,
+    /// Prefixes of the shared memory of all runs that were seen alive here.
+    prefixes: RefCell<BTreeSet<String>>,
+}
 
 impl Default for Place {
     fn default() -> Self {
@@ -53,20 +59,30 @@ impl Place {
     /// A new place.
     #[must_use]
     pub fn new() -> Self {
-        Self(tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder in /tmp"))
+        let dir = tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder in /tmp");
+        Self { dir, prefixes: RefCell::default() }
     }
 
     /// The folder.
     #[must_use]
     pub fn path(&self) -> &Path {
-        self.0.path()
+        self.dir.path()
+    }
+
+    /// Notes the prefix of a run that is alive, so that [`Place::assert_empty`] can look for what it leaves.
+    fn note_prefix(&self, run: &str) {
+        let Ok(text) = fs::read_to_string(self.path().join("r").join(run).join("run.json")) else { return };
+        let info: Value = serde_json::from_str(&text).unwrap_or(Value::Null);
+        if let Some(prefix) = info["prefix"].as_str() {
+            self.prefixes.borrow_mut().insert(prefix.to_owned());
+        }
     }
 
     /// `guidedog` with these arguments, at this place.
     #[must_use]
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(programs().join("guidedog"));
-        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.0.path().join("r"));
+        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.path().join("r"));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
@@ -90,9 +106,17 @@ impl Place {
 
     /// Nothing of a run is left: no folder, no shared memory.
     pub fn assert_empty(&self) {
-        let runs = self.0.path().join("r");
+        let runs = self.path().join("r");
         let left: Vec<_> = fs::read_dir(&runs).map(|entries| entries.flatten().collect()).unwrap_or_default();
         assert!(left.is_empty(), "left behind: {left:?}");
+        let prefixes = self.prefixes.borrow();
+        let shared: Vec<_> = fs::read_dir("/dev/shm")
+            .expect("Linux has it")
+            .flatten()
+            .map(|entry| entry.file_name().to_string_lossy().into_owned())
+            .filter(|name| prefixes.iter().any(|prefix| name.starts_with(prefix.as_str())))
+            .collect();
+        assert!(shared.is_empty(), "left in shared memory: {shared:?}");
     }
 }
 
@@ -118,6 +142,7 @@ impl<'a> Live<'a> {
     /// What `guidedog status --json` says; null while it says nothing.
     #[must_use]
     pub fn status(&self) -> Value {
+        self.place.note_prefix(&self.name);
         let output = self.place.guidedog(&["status", "--json", "--run", &self.name]);
         serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
     }

@@ -147,6 +147,37 @@ fn every_lifeline_has_two_ends_and_no_third() {
 }
 
 #[test]
+fn in_stepped_time_only_the_member_that_hangs_is_replaced() {
+    let place = Place::new();
+    let config = place.path().join("quick.toml");
+    fs::write(&config, "[supervision]\nstep_limit = \"1s\"\n").expect("written");
+    let config = config.to_string_lossy().into_owned();
+    let mut run = Live::up(&place, "hold", &["--scenario", "corridor", "--speed", "2", "--config", &config]);
+    for victim in ["lidar", "cue", "policy"] {
+        strike(&mut run, victim, "STOP");
+    }
+    let (report, code) = run.end();
+    assert_eq!(code, 0, "{report:#}");
+    let restarts = report["restarts"].as_object().expect("restarts");
+    assert_eq!(restarts.keys().collect::<Vec<_>>(), ["cue", "lidar", "policy"], "nobody else is condemned");
+    place.assert_empty();
+}
+
+#[test]
+fn idle_connections_do_not_keep_a_stop_out() {
+    let place = Place::new();
+    let mut run = Live::up(&place, "idle", &["--scenario", "corridor"]);
+    run.wait_walking();
+    let socket = place.path().join("r/idle/control.sock");
+    let idle: Vec<_> = (0..40).filter_map(|_| std::os::unix::net::UnixStream::connect(&socket).ok()).collect();
+    assert_eq!(idle.len(), 40);
+    assert_eq!(place.json(&["stop", "--json", "--run", "idle"]).1, 0);
+    run.wait("locked", |status| status["mode"]["class"] == "lock");
+    let _ = run.end();
+    place.assert_empty();
+}
+
+#[test]
 fn in_stepped_time_a_killed_driver_joins_again() {
     let place = Place::new();
     let mut run = Live::up(&place, "step", &["--scenario", "corridor", "--speed", "4"]);

@@ -6,7 +6,7 @@ mod watch;
 use std::os::fd::OwnedFd;
 
 use links::{BrakePath, open_brake_path};
-use messages::StopKind;
+use messages::{ServiceId, StopKind};
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use transport::{FromChild, Io, Line, Received, Service, ToChild, TransportError, monotonic_ns};
 
@@ -49,10 +49,9 @@ impl Brake {
     fn read_beats(&mut self, io: &Io) {
         let Some(line) = &self.line else { return };
         let now = monotonic_ns();
-        let mut byte = [0u8; 8];
         loop {
-            match line.receive_bytes(&mut byte) {
-                Received::Message(..) => self.watch.beat(now, byte[0] != 0),
+            match line.receive_bytes(&mut [0u8; 8]) {
+                Received::Message(..) => self.watch.beat(now),
                 Received::Nothing => return,
                 Received::Closed => break,
             }
@@ -86,8 +85,14 @@ impl Brake {
         let line = Line::from_fd(fd);
         self.token += 1;
         io.watch(&line, self.token)?;
+        self.watch.rearm(incarnation);
+        io.tell(&FromChild::Armed { service: ServiceId::Locomotion, incarnation });
+        if !line.is_open() {
+            // It died before its number was looked up, so that the number may be another's by now.
+            self.pidfd = None;
+        }
         self.line = Some(line);
-        self.watch.rearm(incarnation, monotonic_ns());
+        self.read_beats(io);
         Ok(())
     }
 }

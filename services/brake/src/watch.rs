@@ -17,6 +17,9 @@ pub struct Engagement {
 pub struct Watch {
     limit_ns: u64,
     incarnation: u32,
+    /// Its line is open: its closing engages at once, beats or not.
+    watching: bool,
+    /// Silence is counted from its first beat on: a process that still starts is the supervisor's to judge.
     last_beat_ns: Option<u64>,
     last_tick_ns: Option<u64>,
     /// The last incarnation that the brake engaged for; zero is commanded until a newer one has written zero itself.
@@ -33,6 +36,7 @@ impl Watch {
         Self {
             limit_ns,
             incarnation: 0,
+            watching: false,
             last_beat_ns: None,
             last_tick_ns: None,
             // Whoever was there before may have died with the robot walking: zero until somebody has written zero.
@@ -43,26 +47,26 @@ impl Watch {
     }
 
     /// Watches a new incarnation from now on. An engagement goes on until that one has written zero.
-    pub fn rearm(&mut self, incarnation: u32, now_ns: u64) {
+    pub fn rearm(&mut self, incarnation: u32) {
         self.incarnation = incarnation;
-        self.last_beat_ns = Some(now_ns);
+        self.watching = !self.released;
+        self.last_beat_ns = None;
     }
 
-    /// A beat has come, and with it whether that incarnation has itself written zero.
-    pub fn beat(&mut self, now_ns: u64, wrote_zero: bool) {
-        if self.released {
+    /// A beat has come: locomotion beats only once it has itself written zero.
+    pub fn beat(&mut self, now_ns: u64) {
+        if !self.watching {
             return;
         }
         self.last_beat_ns = Some(now_ns);
-        if wrote_zero && self.engaged_for.is_some_and(|engaged| self.incarnation > engaged) {
+        if self.engaged_for.is_some_and(|engaged| self.incarnation > engaged) {
             self.engaged_for = None;
         }
     }
 
     /// The line closed.
     pub fn closed(&mut self) -> Option<Engagement> {
-        self.last_beat_ns?;
-        self.engage(true)
+        self.watching.then(|| self.engage(true))
     }
 
     /// Time passed: what to do, and whether this very loop overslept and starts its count again.
@@ -75,21 +79,21 @@ impl Watch {
             return (None, true);
         }
         if now_ns.saturating_sub(last) > self.limit_ns {
-            return (self.engage(false), false);
+            return (Some(self.engage(false)), false);
         }
         (None, false)
     }
 
-    fn engage(&mut self, gone: bool) -> Option<Engagement> {
-        self.last_beat_ns = None;
+    fn engage(&mut self, gone: bool) -> Engagement {
+        (self.watching, self.last_beat_ns) = (false, None);
         self.engaged_for = Some(self.incarnation);
         self.fenced = self.fenced.max(self.incarnation);
-        Some(Engagement { incarnation: self.incarnation, gone })
+        Engagement { incarnation: self.incarnation, gone }
     }
 
     /// Locomotion leaves by plan: nothing to watch.
     pub fn release(&mut self) {
-        self.last_beat_ns = None;
+        (self.watching, self.last_beat_ns) = (false, None);
         self.released = true;
     }
 
@@ -114,12 +118,13 @@ mod tests {
 
     fn watching() -> Watch {
         let mut watch = Watch::new(100 * MS);
-        watch.rearm(1, 0);
+        watch.rearm(1);
+        watch.beat(0);
         watch
     }
 
     #[test]
-    fn silence_engages_once_and_a_new_life_that_wrote_zero_releases() {
+    fn silence_engages_once_and_a_new_life_releases() {
         let mut watch = watching();
         for t in (0..=100).step_by(20) {
             assert_eq!(watch.tick(t * MS), (None, false));
@@ -127,12 +132,11 @@ mod tests {
         assert_eq!(watch.tick(120 * MS), (Some(Engagement { incarnation: 1, gone: false }), false));
         assert_eq!(watch.tick(140 * MS), (None, false));
         assert!(watch.is_engaged());
-        watch.beat(150 * MS, true);
+        watch.beat(150 * MS);
         assert!(watch.is_engaged(), "the fenced incarnation cannot release the brake");
-        watch.rearm(2, 160 * MS);
-        watch.beat(170 * MS, false);
+        watch.rearm(2);
         assert!(watch.is_engaged(), "the new one has not written zero");
-        watch.beat(180 * MS, true);
+        watch.beat(180 * MS);
         assert!(!watch.is_engaged());
         assert_eq!(watch.fenced(), 1);
     }
@@ -141,9 +145,21 @@ mod tests {
     fn a_new_brake_commands_zero_until_a_locomotion_has() {
         let mut watch = Watch::new(100 * MS);
         assert!(watch.is_engaged() && watch.fenced() == 0);
-        watch.rearm(1, 0);
-        watch.beat(MS, true);
+        watch.rearm(1);
+        watch.beat(MS);
         assert!(!watch.is_engaged());
+    }
+
+    #[test]
+    fn a_locomotion_that_starts_slowly_is_not_killed_but_its_death_is_seen() {
+        let mut watch = Watch::new(100 * MS);
+        watch.rearm(1);
+        for t in (0..2000).step_by(20) {
+            assert_eq!(watch.tick(t * MS), (None, false));
+        }
+        assert!(watch.is_engaged(), "zero is commanded all the while");
+        assert_eq!(watch.closed(), Some(Engagement { incarnation: 1, gone: true }));
+        assert_eq!(watch.closed(), None, "it dies once");
     }
 
     #[test]
@@ -163,7 +179,7 @@ mod tests {
     fn a_planned_leave_engages_nothing() {
         let mut watch = watching();
         watch.release();
-        watch.beat(10 * MS, true);
+        watch.beat(10 * MS);
         assert_eq!(watch.closed(), None);
         assert_eq!(watch.tick(500 * MS), (None, false));
     }

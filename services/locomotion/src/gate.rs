@@ -1,6 +1,8 @@
 //! The gate itself: pure, without clock and I/O. What it does not know to be allowed is zero.
 
-use messages::{Cue, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason, TopicId, Twist2};
+use messages::{
+    Cue, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason, TopicId, Twist2, age_ns,
+};
 use settings::Settings;
 
 /// What the gate holds a permit against.
@@ -160,18 +162,13 @@ impl Gate {
         self.lines.push(LineState { service, incarnation, open: true });
     }
 
-    /// A service left by plan.
-    pub fn line_released(&mut self, service: ServiceId, incarnation: u32) {
-        self.lines.retain(|line| line.service != service || line.incarnation != incarnation);
-    }
-
     /// A lifeline closed: whether that stops the robot. It then stands until the service is back and the epoch is
     /// greater; a policy that is not the active one stops nothing.
     pub fn line_closed(&mut self, service: ServiceId, incarnation: u32) -> bool {
         if service == ServiceId::Policy
             && self.mode.is_some_and(|mode| mode.active_policy != 0 && mode.active_policy != incarnation)
         {
-            self.line_released(service, incarnation);
+            self.lines.retain(|line| line.service != service || line.incarnation != incarnation);
             return false;
         }
         for line in &mut self.lines {
@@ -186,11 +183,16 @@ impl Gate {
         true
     }
 
-    /// Stands until the epoch is greater, for a reason that no topic brought.
-    pub fn stop_by(&mut self, reason: StopReason) {
+    /// Stands until the epoch is greater than `epoch`, for a reason that no topic brought.
+    pub fn stop_by(&mut self, reason: StopReason, epoch: u64) {
+        let over = self.mode.is_some_and(|mode| mode.class == ModeClass::Run && mode.epoch > epoch);
+        if over {
+            // The word was overtaken: the operator has resumed since, and a cue was accepted.
+            return;
+        }
         self.stopped_by = Some(reason);
         self.permit = None;
-        self.latch_at(self.epoch(), reason);
+        self.latch_at(epoch, reason);
     }
 
     fn latch_at(&mut self, epoch: u64, reason: StopReason) {
@@ -214,7 +216,7 @@ impl Gate {
             return sudden(reason);
         }
         let Some(mode) = self.mode else { return sudden(StopReason::of(StopKind::Boot)) };
-        let age = now_ns.saturating_sub(mode.header.stamp_ns);
+        let age = age_ns(now_ns, mode.header.stamp_ns);
         if age > self.limits.mode_max_age_ns {
             let reason = StopReason::stream(StopKind::ModeStale, TopicId::Mode, age, self.limits.mode_max_age_ns);
             if mode.class == ModeClass::Run {
@@ -244,6 +246,11 @@ impl Gate {
         let sudden = |kind| Err((StopReason::of(kind), false));
         let unusable = |topic| Err((StopReason { topic, ..StopReason::of(StopKind::InputUnusable) }, false));
         let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
+        // The shield that gave it must be the one whose line is watched here.
+        let (shield, life) = (ServiceId::Shield, permit.header.incarnation);
+        if !self.lines.iter().any(|line| line.open && line.service == shield && line.incarnation == life) {
+            return sudden(StopKind::NoPermit);
+        }
         if permit.epoch != mode.epoch
             || permit.policy_incarnation != mode.active_policy
             || (permit.cue_incarnation, permit.cue_seq) != (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq)
@@ -278,7 +285,7 @@ impl Gate {
             return sudden(StopKind::PermitInvalid);
         }
         let (odometry_ns, odometry_incarnation) = self.odometry.unwrap_or((0, 0));
-        let age = now_ns.saturating_sub(odometry_ns);
+        let age = age_ns(now_ns, odometry_ns);
         if age > self.limits.odometry_max_age_ns || odometry_incarnation != permit.odometry_incarnation {
             let limit = self.limits.odometry_max_age_ns;
             return Err((StopReason::stream(StopKind::OdometryStale, TopicId::Odometry, age, limit), false));

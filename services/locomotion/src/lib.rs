@@ -23,8 +23,8 @@ use lines::Lines;
 
 /// Without a supervisor: zero for at most this long, then the process ends.
 const LOST_LIMIT_NS: u64 = 300_000_000;
-/// A robot that reports less than this stands, metres per second and radians per second.
-const STANDING: f64 = 0.01;
+/// A beat to the brake.
+const BEAT: u8 = 1;
 
 /// The service.
 pub struct Locomotion {
@@ -46,8 +46,6 @@ pub struct Locomotion {
     latency: LatencyHistogram,
     /// Set when the supervisor is gone: wall time by which the process ends.
     ends_by_ns: Option<u64>,
-    /// Whether this incarnation has itself written zero.
-    wrote_zero: bool,
     written_ns: u64,
     judged_ns: u64,
     /// Stamp of a permit that no command has answered yet.
@@ -81,7 +79,6 @@ impl Locomotion {
             measured: None,
             latency: LatencyHistogram { what: Latency::PermitToCommand, ..LatencyHistogram::default() },
             ends_by_ns: None,
-            wrote_zero: true,
             written_ns: 0,
             judged_ns: 0,
             unanswered_ns: None,
@@ -144,7 +141,7 @@ impl Locomotion {
     }
 
     fn stands(&self) -> bool {
-        self.measured.is_some_and(|m| m.speed_mps() < STANDING && m.wz_radps.abs() < STANDING)
+        self.measured.is_some_and(|measured| measured.is_standing())
     }
 }
 
@@ -187,14 +184,12 @@ impl Service for Locomotion {
                 self.on_fd(io, token)?;
                 io.tell(&FromChild::Armed { service, incarnation });
             }
-            (ToChild::Release { service, incarnation }, _) => {
-                self.lines.release(service, incarnation, io);
-                self.gate.line_released(service, incarnation);
-                io.tell(&FromChild::Released { service, incarnation });
-            }
-            (ToChild::Stop, _) => {
-                self.gate.stop_by(StopReason::service(StopKind::OperatorStop, ServiceId::Supervisor, 0));
-                self.write(Twist2::ZERO)?;
+            (ToChild::Stop { epoch }, _) => {
+                self.gate.stop_by(StopReason::service(StopKind::OperatorStop, ServiceId::Supervisor, 0), epoch);
+                let now = io.now_ns();
+                if self.gate.judge(now).velocity.is_zero() {
+                    self.write(Twist2::ZERO)?;
+                }
             }
             _ => {}
         }
@@ -217,8 +212,8 @@ impl Service for Locomotion {
 
     fn on_wall_tick(&mut self, _io: &mut Io) -> Result<(), TransportError> {
         if let Some(brake) = &self.brake {
-            // The brake wants a word from this very loop, and whether this incarnation has itself written zero.
-            brake.send_bytes(&[u8::from(self.wrote_zero)]);
+            // The brake wants a word from this very loop, which begins once this incarnation has itself written zero.
+            brake.send_bytes(&[BEAT]);
         }
         if self.ends_by_ns.is_some() {
             self.write(Twist2::ZERO)?;
@@ -228,14 +223,15 @@ impl Service for Locomotion {
     }
 
     fn on_supervisor_lost(&mut self, _io: &mut Io) -> bool {
-        self.gate.stop_by(StopReason::service(StopKind::SupervisorLost, ServiceId::Supervisor, 0));
+        // For good: no mode that is still on its way may let the robot move again.
+        self.gate.stop_by(StopReason::service(StopKind::SupervisorLost, ServiceId::Supervisor, 0), u64::MAX);
         self.ends_by_ns = Some(monotonic_ns() + LOST_LIMIT_NS);
         // The stop must not depend on what else is in the queue.
         self.write(Twist2::ZERO).is_err()
     }
 
     fn on_leave(&mut self, _io: &mut Io) -> Result<(), TransportError> {
-        self.gate.stop_by(StopReason::of(StopKind::ShuttingDown));
+        self.gate.stop_by(StopReason::of(StopKind::ShuttingDown), u64::MAX);
         self.write(Twist2::ZERO)
     }
 

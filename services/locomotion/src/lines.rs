@@ -30,11 +30,6 @@ impl Lines {
         Ok(self.next_token)
     }
 
-    /// Lets a line go whose service leaves by plan.
-    pub fn release(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
-        self.remove(|armed| armed.service == service && armed.incarnation == incarnation, io);
-    }
-
     /// Whose line it was, where the line of that token has closed.
     pub fn closed(&mut self, token: u64, io: &Io) -> Option<(ServiceId, u32)> {
         let armed = self.armed.iter().find(|armed| armed.token == token)?;

@@ -4,11 +4,12 @@ use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
 use std::process::ExitCode;
 
-use messages::ServiceId;
+use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use settings::Settings;
-use transport::{ClockKind, Domain, Io, RunDir, RunInfo, TransportError, inherited_fd, monotonic_ns, run_supervisor};
+use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, TransportError};
+use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
 use crate::control::ControlServer;
@@ -16,6 +17,7 @@ use crate::ending::Ending;
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::report::Figures;
+use crate::step_watch::StepWatch;
 use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
@@ -134,6 +136,15 @@ fn signals() -> Result<OwnedFd, TransportError> {
     Ok(fd)
 }
 
+/// How long a step may take, wall time: at a crawl the pace itself is slow.
+fn step_limit_ns(settings: &Settings, clock: ClockKind) -> u64 {
+    let pace_ns = match clock {
+        ClockKind::Stepped { speed } if speed > 0.0 => (QUANTUM_NS as f64 / speed) as u64,
+        ClockKind::Stepped { .. } | ClockKind::Real => 0,
+    };
+    settings.supervision.step_limit.ns().saturating_add(pace_ns.saturating_mul(2))
+}
+
 impl Supervisor {
     fn open(settings: &Settings, clock: ClockKind, signals: OwnedFd, io: &mut Io) -> Result<Self, TransportError> {
         let plan = Plan::of(settings, clock);
@@ -160,8 +171,10 @@ impl Supervisor {
             last_locomotion: None,
             next_tick_ns: 0,
             mode_due_ns: 0,
-            step_limit_ns: settings.supervision.step_limit.ns(),
-            last_step: (0, monotonic_ns()),
+            steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),
+            acks: io.quiet_subscriber()?,
+            janitor: Janitor::start(&io.domain)?,
+            waiting: Vec::new(),
             signals,
             owner,
             failure: None,

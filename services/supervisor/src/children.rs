@@ -7,8 +7,12 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use messages::ServiceId;
+use rustix::event::{PollFd, PollFlags};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, Signal};
-use transport::{ChildArgs, Io, Line, ToChild, TransportError};
+use transport::{ChildArgs, Io, Line, ToChild, TransportError, monotonic_ns};
+
+/// A supervisor that fails waits so long for its children: longer than the last of them needs.
+const LAST_WAIT_NS: u64 = 900_000_000;
 
 /// A child as the shell holds it.
 #[derive(Debug)]
@@ -26,6 +30,8 @@ pub struct Running {
     child: Child,
     /// The other end of its lifeline, kept for a restarted locomotion (for locomotion itself: for the brake).
     far_end: Option<Line>,
+    /// The incarnation of locomotion (of the brake) that was given `far_end`.
+    handed_to: Option<u32>,
     /// Why it said that it failed.
     pub failed: Option<String>,
     /// Whether it said that it has left.
@@ -39,6 +45,28 @@ pub struct Children {
     executables: PathBuf,
     run: PathBuf,
     next_token: u64,
+}
+
+impl Drop for Children {
+    /// Where the supervisor fails, its end is told to all by their lines, and awaited: the brake still needs the run's
+    /// directory for its way to the robot.
+    fn drop(&mut self) {
+        for child in &mut self.running {
+            (child.control, child.far_end) = (None, None);
+        }
+        let deadline_ns = monotonic_ns() + LAST_WAIT_NS;
+        for child in &mut self.running {
+            let left_ns = deadline_ns.saturating_sub(monotonic_ns());
+            let timeout = rustix::event::Timespec { tv_sec: 0, tv_nsec: left_ns.min(999_999_999) as _ };
+            let mut fds = [PollFd::new(&child.pidfd, PollFlags::IN)];
+            let ended = rustix::event::poll(&mut fds, Some(&timeout)).is_ok_and(|n| n > 0);
+            if !ended {
+                // It may have ended by itself.
+                let _ = rustix::process::pidfd_send_signal(&child.pidfd, Signal::KILL);
+            }
+            let _ = child.child.wait();
+        }
+    }
 }
 
 fn system(call: &'static str) -> impl FnOnce(rustix::io::Errno) -> TransportError {
@@ -72,15 +100,23 @@ impl Children {
         self.running.iter_mut().find(|child| child.service == service && child.incarnation == incarnation)
     }
 
-    fn find(&self, service: ServiceId) -> Option<&Running> {
-        self.running.iter().rev().find(|child| child.service == service)
+    /// The newest life of a service; an older one may not have been reaped yet.
+    fn newest(&self, service: ServiceId) -> Option<&Running> {
+        self.running.iter().filter(|child| child.service == service).max_by_key(|child| child.incarnation)
     }
 
-    /// Starts an incarnation: its process id.
+    /// Starts an incarnation, with a lifeline where `has_line`: its process id.
     ///
     /// # Errors
     /// Where the executable is missing or the kernel refuses.
-    pub fn spawn(&mut self, service: ServiceId, incarnation: u32, log: &Path, io: &Io) -> Result<u32, TransportError> {
+    pub fn spawn(
+        &mut self,
+        service: ServiceId,
+        incarnation: u32,
+        has_line: bool,
+        log: &Path,
+        io: &Io,
+    ) -> Result<u32, TransportError> {
         let (control, control_child) = Line::pair()?;
         let (far_end, life_child) = Line::pair()?;
         let path = self.executables.join(format!("guidedog-{service}"));
@@ -118,39 +154,40 @@ impl Children {
             control: Some(control),
             pidfd,
             child,
-            far_end: Some(far_end),
+            far_end: has_line.then_some(far_end),
+            handed_to: None,
             failed: None,
             left: false,
         });
-        self.hand_out_lines(service);
+        self.hand_out_lines();
         Ok(pid)
     }
 
-    /// Gives locomotion the far ends of all lifelines that it has not, and the brake that of locomotion.
-    fn hand_out_lines(&self, new: ServiceId) {
-        let send = |to: ServiceId, message: &ToChild, child: &Running| {
-            let line = self.find(to).and_then(|child| child.control.as_ref());
-            if let (Some(line), Some(far_end)) = (line, &child.far_end) {
-                // A receiver that is gone gets all lines again when it is back.
-                line.send(message, Some(far_end.as_fd()));
-            }
-        };
-        for child in &self.running {
+    /// Gives locomotion the far ends of all lifelines that it has not got, and the brake that of locomotion. What finds
+    /// no room in a line now is given with the next tick: until then the line is not armed, and no cue is accepted.
+    pub fn hand_out_lines(&mut self) {
+        for i in 0..self.running.len() {
+            let child = &self.running[i];
             let &Running { service, incarnation, .. } = child;
-            if service == ServiceId::Locomotion {
-                if new == ServiceId::Locomotion || new == ServiceId::Brake {
-                    let pid = child.child.id();
-                    send(ServiceId::Brake, &ToChild::Watch { incarnation, pid }, child);
-                }
-            } else if (new == service || new == ServiceId::Locomotion) && is_critical(service) {
-                send(ServiceId::Locomotion, &ToChild::Lifeline { service, incarnation }, child);
+            let (to, message) = if service == ServiceId::Locomotion {
+                (ServiceId::Brake, ToChild::Watch { incarnation, pid: child.child.id() })
+            } else {
+                (ServiceId::Locomotion, ToChild::Lifeline { service, incarnation })
+            };
+            let Some((life, line)) = self.newest(to).and_then(|to| Some((to.incarnation, to.control.as_ref()?))) else {
+                continue;
+            };
+            if let Some(far_end) = child.far_end.as_ref().filter(|_| child.handed_to != Some(life))
+                && line.send(&message, Some(far_end.as_fd()))
+            {
+                self.running[i].handed_to = Some(life);
             }
         }
     }
 
     /// Tells one service something on its control line.
     pub fn tell(&self, service: ServiceId, message: &ToChild) {
-        if let Some(line) = self.find(service).and_then(|child| child.control.as_ref()) {
+        if let Some(line) = self.newest(service).and_then(|child| child.control.as_ref()) {
             // Where it is gone, its end is on the way to us.
             line.send(message, None);
         }
@@ -175,11 +212,6 @@ impl Children {
         }
         Some((child, status.to_string()))
     }
-}
-
-/// Whether locomotion holds a line of that service.
-fn is_critical(service: ServiceId) -> bool {
-    !matches!(service, ServiceId::Simulator | ServiceId::Recorder)
 }
 
 /// Marks every descriptor of this process close-on-exec: iceoryx2 opens its files and sockets without, and a child that

@@ -12,7 +12,8 @@ use transport::{Io, TransportError};
 
 /// Longest request, bytes.
 const MAX_REQUEST: usize = 4096;
-/// Operators at once.
+/// Operators at once. One more takes the place of the one that has said nothing for longest, so that nobody's idle
+/// connections keep a stop out.
 const MAX_CLIENTS: usize = 16;
 
 /// What an operator asks.
@@ -41,6 +42,8 @@ struct Client {
     token: u64,
     stream: UnixStream,
     buffer: Vec<u8>,
+    /// Counts connections and whole requests: the least of all is the longest idle.
+    heard: u64,
 }
 
 /// The listening socket and its clients.
@@ -49,6 +52,7 @@ pub struct ControlServer {
     listener: UnixListener,
     clients: Vec<Client>,
     next_token: u64,
+    heard: u64,
 }
 
 impl ControlServer {
@@ -64,7 +68,7 @@ impl ControlServer {
         listener.set_nonblocking(true).map_err(TransportError::service)?;
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660)).map_err(TransportError::service)?;
         io.watch(&listener, Self::TOKEN)?;
-        Ok(Self { listener, clients: Vec::new(), next_token: Self::TOKEN })
+        Ok(Self { listener, clients: Vec::new(), next_token: Self::TOKEN, heard: 0 })
     }
 
     /// Takes what has come on `token`: the requests, each with the client to answer.
@@ -75,41 +79,63 @@ impl ControlServer {
         }
         let Some(i) = self.clients.iter().position(|client| client.token == token) else { return Vec::new() };
         let (lines, gone) = self.clients[i].read_lines();
+        if !lines.is_empty() {
+            self.heard += 1;
+            self.clients[i].heard = self.heard;
+        }
         let mut requests = Vec::new();
         for line in lines {
             match serde_json::from_slice(&line) {
                 Ok(request) => requests.push((token, request)),
-                Err(error) => self.answer(token, &json!({ "error": format!("bad request: {error}") })),
+                Err(error) => self.answer(token, &json!({ "error": format!("bad request: {error}") }), io),
             }
         }
-        if gone && let Some(i) = self.clients.iter().position(|client| client.token == token) {
+        if gone {
+            self.drop_client(token, io);
+        }
+        requests
+    }
+
+    fn drop_client(&mut self, token: u64, io: &Io) {
+        if let Some(i) = self.clients.iter().position(|client| client.token == token) {
             let client = self.clients.swap_remove(i);
             io.unwatch(&client.stream);
         }
-        requests
+    }
+
+    fn make_room(&mut self, io: &Io) {
+        if self.clients.len() >= MAX_CLIENTS
+            && let Some(idle) = self.clients.iter().min_by_key(|client| client.heard).map(|client| client.token)
+        {
+            self.answer(idle, &json!({ "error": "idle for too long: another operator came" }), io);
+            self.drop_client(idle, io);
+        }
     }
 
     fn accept(&mut self, io: &Io) {
         while let Ok((stream, _)) = self.listener.accept() {
             let ours = rustix::net::sockopt::socket_peercred(&stream)
                 .is_ok_and(|peer| peer.uid.is_root() || peer.uid == rustix::process::getuid());
-            // A stranger, or one too many, is let go without a word.
-            if !ours || self.clients.len() >= MAX_CLIENTS || stream.set_nonblocking(true).is_err() {
+            // A stranger is let go without a word.
+            if !ours || stream.set_nonblocking(true).is_err() {
                 continue;
             }
-            self.next_token += 1;
+            self.make_room(io);
+            (self.next_token, self.heard) = (self.next_token + 1, self.heard + 1);
             if io.watch(&stream, self.next_token).is_ok() {
-                self.clients.push(Client { token: self.next_token, stream, buffer: Vec::new() });
+                self.clients.push(Client { token: self.next_token, stream, buffer: Vec::new(), heard: self.heard });
             }
         }
     }
 
-    /// Answers a client. One that does not read loses its answer: the supervisor waits for nobody.
-    pub fn answer(&mut self, token: u64, answer: &Value) {
-        if let Some(client) = self.clients.iter_mut().find(|client| client.token == token) {
-            let mut line = answer.to_string();
-            line.push('\n');
-            let _ = client.stream.write_all(line.as_bytes());
+    /// Answers a client. One that does not read is let go, lest it take half an answer for a whole one: the supervisor
+    /// waits for nobody.
+    pub fn answer(&mut self, token: u64, answer: &Value, io: &Io) {
+        let Some(client) = self.clients.iter_mut().find(|client| client.token == token) else { return };
+        let mut line = answer.to_string();
+        line.push('\n');
+        if client.stream.write_all(line.as_bytes()).is_err() {
+            self.drop_client(token, io);
         }
     }
 }

@@ -12,8 +12,6 @@ const STAND_LIMIT_NS: u64 = 1_000_000_000;
 const LEAVE_LIMIT_NS: u64 = 1_500_000_000;
 /// Everybody has ended, or is killed after this long.
 const EXIT_LIMIT_NS: u64 = 1_000_000_000;
-/// A robot that reports less than this stands, metres per second and radians per second.
-const STANDING: f64 = 0.01;
 
 /// How far the end is; the wall time at which each part began.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,8 +43,7 @@ impl Ending {
 }
 
 fn stands(state: &LocomotionState) -> bool {
-    let m = state.measured;
-    state.applied.is_zero() && (!state.measured_valid || m.speed_mps() < STANDING && m.wz_radps.abs() < STANDING)
+    state.applied.is_zero() && (!state.measured_valid || state.measured.is_standing())
 }
 
 impl Supervisor {

@@ -13,17 +13,22 @@ mod ending;
 pub mod machine;
 pub mod plan;
 pub mod report;
+mod step_watch;
 pub mod stops;
 
-use messages::{Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns};
+use messages::{
+    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns,
+};
 use serde_json::{Value, json};
-use transport::{FromChild, Io, Publisher, Received, RunDir, Service, Subscriber, TransportError, monotonic_ns};
+use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
+use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
 use machine::{Action, Event, Machine, Now};
 use report::Figures;
+use step_watch::StepWatch;
 
 pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 
@@ -33,8 +38,8 @@ const MODE_PERIOD_NS: u64 = 50_000_000;
 const TICK_NS: u64 = 20_000_000;
 /// A loop that slept this much longer than it meant to has no right to judge others.
 const OVERSLEPT_NS: u64 = 50_000_000;
-/// Dead nodes are cleaned for at most this long at a time.
-const CLEAN_LIMIT: std::time::Duration = std::time::Duration::from_millis(50);
+/// A restart waits for the janitor at most this long, wall time.
+const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
 const TOKEN_SIGNAL: u64 = 1;
 const TOKEN_OWNER: u64 = 2;
@@ -45,6 +50,9 @@ pub struct Supervisor {
     children: Children,
     control: ControlServer,
     figures: Figures,
+    janitor: Janitor,
+    /// Incarnations that wait for the janitor, and until which wall time.
+    waiting: Vec<(ServiceId, u32, u64)>,
     ending: Ending,
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
@@ -56,9 +64,9 @@ pub struct Supervisor {
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
     mode_due_ns: u64,
-    step_limit_ns: u64,
-    /// Stepped time: the last step, and the wall time at which it was taken.
-    last_step: (u64, u64),
+    steps: StepWatch,
+    /// Stepped time: what the members acknowledge.
+    acks: Subscriber<ClockAck>,
     signals: std::os::fd::OwnedFd,
     owner: Option<std::os::fd::OwnedFd>,
     /// Why the run ended, where it was not as planned.
@@ -76,16 +84,34 @@ impl Supervisor {
 
     /// Does what the machine wants done, and tells the mode where it changed.
     fn act(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        // The stop is out before anything else is done about its cause.
-        if !io.domain.clock.is_stepped() {
-            self.publish_mode(io)?;
+        let mut published = Ok(());
+        loop {
+            let actions = self.machine.take_actions();
+            if actions.is_empty() {
+                break;
+            }
+            published = published.and(self.perform(actions, io));
         }
-        for action in self.machine.take_actions() {
+        self.spawn_waiting(io);
+        published.and(if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) })
+    }
+
+    fn perform(&mut self, actions: Vec<Action>, io: &mut Io) -> Result<(), TransportError> {
+        // The stop is out before anything else is done about its cause; first over the line, which needs no shared memory.
+        for action in &actions {
+            if let Action::StopLine { epoch } = action {
+                self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch });
+            }
+        }
+        let published = if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) };
+        for action in actions {
             match action {
-                Action::StopLine => self.children.tell(ServiceId::Locomotion, &transport::ToChild::Stop),
-                Action::Begin => self.children.tell(ServiceId::Replay, &transport::ToChild::Begin),
+                Action::StopLine { .. } => {}
+                Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
                 Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
-                Action::Spawn(service, incarnation) => self.spawn(service, incarnation, io),
+                Action::Spawn(service, incarnation) => {
+                    self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
+                }
                 Action::Note(text) => self.figures.note(io.now_ns(), text),
                 Action::EndRun(why) => {
                     self.failure.get_or_insert(why);
@@ -93,30 +119,30 @@ impl Supervisor {
                 }
             }
         }
-        Ok(())
+        published
+    }
+
+    /// Starts what is to be started, once what earlier lives left is cleaned up: else their slots would be taken.
+    fn spawn_waiting(&mut self, io: &Io) {
+        let (idle, now) = (self.janitor.is_idle(), monotonic_ns());
+        for (service, incarnation, until_ns) in std::mem::take(&mut self.waiting) {
+            if idle || now >= until_ns {
+                self.spawn(service, incarnation, io);
+            } else {
+                self.waiting.push((service, incarnation, until_ns));
+            }
+        }
     }
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
-        // What the last life left is cleaned up first, or its slots would be taken.
-        if incarnation > 1 {
-            self.clean(io);
-        }
         let log = io.domain.dir.log(service, incarnation);
-        match self.children.spawn(service, incarnation, &log, io) {
+        match self.children.spawn(service, incarnation, self.machine.has_line(service), &log, io) {
             Ok(pid) => self.machine.started(service, incarnation, pid),
             Err(error) => {
                 self.figures.note(io.now_ns(), error.to_string());
                 let died = Event::Died(service, incarnation, error.to_string());
                 self.machine.handle(died, Self::now(io));
             }
-        }
-    }
-
-    fn clean(&mut self, io: &Io) {
-        let (_, failed) = io.domain.clean_dead_nodes(CLEAN_LIMIT);
-        if failed > 0 {
-            // Those that died in the middle of their start; the end of the run removes them.
-            self.figures.note(io.now_ns(), format!("{failed} dead nodes could not be cleaned up"));
         }
     }
 
@@ -173,9 +199,11 @@ impl Supervisor {
                 Received::Message(message, _) => self.hear(service, incarnation, message, io)?,
             }
         }
-        if let Some((child, status)) = self.children.reap(token, io)
-            && !child.left
-        {
+        let reaped = self.children.reap(token, io);
+        if reaped.is_some() {
+            self.janitor.clean();
+        }
+        if let Some((child, status)) = reaped.filter(|(child, _)| !child.left) {
             let why = child.failed.unwrap_or_else(|| last_words(io, child.service, child.incarnation, &status));
             self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
             self.machine.handle(Event::Died(child.service, child.incarnation, why), now);
@@ -193,7 +221,9 @@ impl Supervisor {
         let now = Self::now(io);
         match message {
             FromChild::Ready => self.machine.handle(Event::Ready(service, incarnation), now),
-            FromChild::Armed { service, incarnation } => self.machine.handle(Event::Armed(service, incarnation), now),
+            FromChild::Armed { service: whose, incarnation: life } => {
+                self.machine.handle(Event::Armed { service: whose, incarnation: life, by: incarnation }, now);
+            }
             FromChild::BrakeEngaged { incarnation, gone } => {
                 let what = if gone { "was gone" } else { "was silent" };
                 self.figures.note(now.run_ns, format!("brake engaged: locomotion ({incarnation}) {what}"));
@@ -210,7 +240,6 @@ impl Supervisor {
                 }
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
-            FromChild::Released { .. } => {}
             FromChild::RunEnded { figures } => {
                 self.figures.world = Some(figures);
                 self.begin_end(io);
@@ -222,7 +251,7 @@ impl Supervisor {
     fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
         for (client, request) in self.control.requests(token, io) {
             let answer = self.answer(request, io)?;
-            self.control.answer(client, &answer);
+            self.control.answer(client, &answer, io);
         }
         self.act(io)
     }
@@ -318,13 +347,20 @@ impl Supervisor {
         })
     }
 
-    /// Stepped time: a member that keeps time waiting is hung.
-    fn watch_steps(&mut self, io: &Io) {
-        let wall = monotonic_ns();
-        let step = io.domain.clock.step();
-        if self.last_step.0 != step || self.machine.holds_time(io.now_ns()) {
-            self.last_step = (step, wall);
+    /// Stepped time: who keeps time waiting for too long is hung.
+    fn watch_steps(&mut self, io: &Io, now: Now) -> Result<(), TransportError> {
+        if !io.domain.clock.is_stepped() || self.ending.has_begun() {
+            return Ok(());
         }
+        while let Some(ack) = self.acks.take_at_once()? {
+            self.steps.take(&ack);
+        }
+        let (version, roster) = self.machine.roster();
+        let waits_by_itself = version == 0 || self.machine.holds_time(now.run_ns);
+        if let Some(late) = self.steps.late(io.domain.clock.step(), roster, waits_by_itself, now.wall_ns) {
+            self.machine.handle(Event::TimeStands(&late), now);
+        }
+        Ok(())
     }
 }
 
@@ -390,14 +426,10 @@ impl Service for Supervisor {
     }
 
     fn on_wall_tick(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        self.watch_steps(io);
         let now = Self::now(io);
+        self.watch_steps(io, now)?;
         self.machine.tick_starts(now);
-        let waited = now.wall_ns.saturating_sub(self.last_step.1);
-        if io.domain.clock.is_stepped() && waited > self.step_limit_ns && !self.ending.has_begun() {
-            self.last_step.1 = now.wall_ns;
-            self.condemn_late_members(now);
-        }
+        self.children.hand_out_lines();
         self.act(io)?;
         self.go_on_ending(io)
     }
@@ -413,15 +445,6 @@ impl Service for Supervisor {
     fn roster(&self) -> Option<(u64, &[messages::Member])> {
         let (version, members) = self.machine.roster();
         (version > 0).then_some((version, members))
-    }
-}
-
-impl Supervisor {
-    /// Whoever has not beaten for longest keeps time waiting.
-    fn condemn_late_members(&mut self, now: Now) {
-        if let Some((service, incarnation)) = self.machine.latest_beater() {
-            self.machine.handle(Event::StepNotDone(service, incarnation), now);
-        }
     }
 }
 

@@ -1,14 +1,15 @@
 //! What the supervisor decides: events and times in, actions out. No clock, no process, no I/O.
 
-use std::collections::VecDeque;
+mod watched;
 
 use messages::{
-    Cue, CueInForce, Health, LocomotionState, Member, Mode, ModeClass, PortRole, ServiceId, StopKind, StopReason,
-    TopicId,
+    Cue, CueInForce, Health, LocomotionState, Member, Mode, ModeClass, ServiceId, StopKind, StopReason, TopicId, age_ns,
 };
 
-use crate::plan::{Limits, Plan, ServicePlan};
+use crate::plan::{Limits, Plan};
 use crate::stops::StopLog;
+pub use watched::Phase;
+use watched::Watched;
 
 /// The two times that count.
 #[derive(Debug, Clone, Copy)]
@@ -24,14 +25,21 @@ pub struct Now {
 pub enum Event<'a> {
     /// A child says that it is ready.
     Ready(ServiceId, u32),
-    /// A child's lifeline is watched by locomotion.
-    Armed(ServiceId, u32),
+    /// That incarnation of locomotion watches a child's lifeline; the brake that of locomotion.
+    Armed {
+        /// Whose line.
+        service: ServiceId,
+        /// Which life of it.
+        incarnation: u32,
+        /// Which life of locomotion, or of the brake, watches it.
+        by: u32,
+    },
     /// A child is gone.
     Died(ServiceId, u32, String),
     /// A child's beat.
     Beat(&'a Health),
-    /// A member did not do its step in time.
-    StepNotDone(ServiceId, u32),
+    /// Stepped time: members that did not do their step in time; where there are none, it is the master who gives none.
+    TimeStands(&'a [Member]),
     /// The brake engaged for that incarnation of locomotion.
     BrakeEngaged(u32),
     /// A cue was recognised.
@@ -55,63 +63,17 @@ pub enum Action {
     Spawn(ServiceId, u32),
     /// End that incarnation: SIGKILL, never waited for.
     Kill(ServiceId, u32),
-    /// Tell locomotion over its line that the robot is to stand.
-    StopLine,
+    /// Tell locomotion over its line that the robot is to stand: before anything else.
+    StopLine {
+        /// The epoch of the stop.
+        epoch: u64,
+    },
     /// Everything is up for the first time.
     Begin,
     /// Tell the operator.
     Note(String),
     /// The run cannot go on.
     EndRun(String),
-}
-
-/// How far a service is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// Not running; to be started at that wall time.
-    Down {
-        /// Wall time, nanoseconds.
-        start_at_ns: u64,
-    },
-    /// Started; must be ready by that wall time.
-    Starting {
-        /// Wall time, nanoseconds.
-        ready_by_ns: u64,
-    },
-    /// At work.
-    Ready,
-    /// Condemned; its end has not been seen yet.
-    Dying,
-    /// Stays down: its restart budget is spent.
-    Spent,
-}
-
-/// A stream of a service, as its beats tell.
-#[derive(Debug, Clone, Copy, Default)]
-struct Progress {
-    out_count: u64,
-    out_stamp_ns: u64,
-    /// Run time when `out_count` last grew, and the input count then.
-    changed_at_ns: u64,
-    in_then: u64,
-}
-
-#[derive(Debug)]
-struct Watched {
-    plan: ServicePlan,
-    phase: Phase,
-    incarnation: u32,
-    pid: u32,
-    armed: bool,
-    /// Stepped time: a member of the roster.
-    joined: bool,
-    /// Stepped time: joins at this run time.
-    joins_at_ns: u64,
-    last_beat_ns: u64,
-    progress: Vec<Progress>,
-    restarts: u32,
-    /// Wall times of the last deaths, for the budget.
-    deaths_ns: VecDeque<u64>,
 }
 
 /// A service as reported.
@@ -225,17 +187,10 @@ impl Machine {
     pub fn handle(&mut self, event: Event<'_>, now: Now) {
         match event {
             Event::Ready(service, incarnation) => self.on_ready(service, incarnation, now),
-            Event::Armed(service, incarnation) => {
-                if let Some(s) = self.find(service, incarnation) {
-                    s.armed = true;
-                }
-                self.update_roster(now);
-            }
+            Event::Armed { service, incarnation, by } => self.on_armed(service, incarnation, by, now),
             Event::Died(service, incarnation, why) => self.on_died(service, incarnation, &why, now),
             Event::Beat(health) => self.on_beat(health, now),
-            Event::StepNotDone(service, incarnation) => {
-                self.condemn(StopReason::service(StopKind::ServiceHung, service, incarnation), now);
-            }
+            Event::TimeStands(late) => self.on_time_stands(late, now),
             Event::BrakeEngaged(incarnation) => {
                 let reason = StopReason::service(StopKind::BrakeEngaged, ServiceId::Locomotion, incarnation);
                 self.enter(ModeClass::Fault, reason, now.run_ns);
@@ -249,14 +204,14 @@ impl Machine {
             Event::Cue(cue) => self.on_cue(cue, now),
             Event::Locomotion(state) => self.on_locomotion(state, now),
             Event::OperatorStop => {
-                self.actions.push(Action::StopLine);
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now.run_ns);
+                self.actions.push(Action::StopLine { epoch: self.mode.epoch });
             }
             Event::OperatorResume => self.on_resume(now),
             Event::ShutDown => {
                 self.ending = true;
-                self.actions.push(Action::StopLine);
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now.run_ns);
+                self.actions.push(Action::StopLine { epoch: self.mode.epoch });
             }
             Event::Overslept => self.grace_until_ns = now.run_ns + self.limits.beat_ns,
         }
@@ -274,13 +229,10 @@ impl Machine {
             let s = &mut self.services[i];
             match s.phase {
                 Phase::Down { start_at_ns } if now.wall_ns >= start_at_ns && below_ready => {
-                    s.incarnation += 1;
-                    // The simulator has no line to locomotion; locomotion's own goes to the brake.
-                    s.armed = matches!(s.plan.service, ServiceId::Simulator | ServiceId::Locomotion);
-                    s.joined = false;
-                    s.progress.iter_mut().for_each(|p| *p = Progress::default());
-                    s.phase = Phase::Starting { ready_by_ns: now.wall_ns + self.limits.ready_ns };
-                    self.actions.push(Action::Spawn(s.plan.service, s.incarnation));
+                    s.begin_life(now.wall_ns + self.limits.ready_ns);
+                    let (service, incarnation) = (s.plan.service, s.incarnation);
+                    self.actions.push(Action::Spawn(service, incarnation));
+                    self.void_lines_of(service);
                 }
                 Phase::Starting { ready_by_ns } if now.wall_ns > ready_by_ns => {
                     let reason = StopReason::service(StopKind::ServiceHung, s.plan.service, s.incarnation);
@@ -298,7 +250,9 @@ impl Machine {
         self.update_roster(now);
         if now.run_ns >= self.grace_until_ns && !self.ending {
             for i in 0..self.services.len() {
-                if let Some(reason) = self.judge(&self.services[i], now) {
+                let s = &self.services[i];
+                let judged = s.phase == Phase::Ready && (s.joined || !self.limits.stepped);
+                if let Some(reason) = judged.then(|| s.judge(now.run_ns)).flatten() {
                     self.condemn(reason, now);
                 }
             }
@@ -320,10 +274,7 @@ impl Machine {
             && matches!(s.phase, Phase::Starting { .. })
         {
             s.phase = Phase::Ready;
-            s.last_beat_ns = now.run_ns;
-            for progress in &mut s.progress {
-                progress.changed_at_ns = now.run_ns;
-            }
+            s.count_from(now.run_ns);
             match service {
                 ServiceId::Policy => self.mode.active_policy = incarnation,
                 ServiceId::Shield => self.mode.active_shield = incarnation,
@@ -332,6 +283,52 @@ impl Machine {
             self.mode_changed = true;
         }
         self.update_roster(now);
+    }
+
+    fn on_armed(&mut self, service: ServiceId, incarnation: u32, by: u32, now: Now) {
+        let watcher = watcher_of(service);
+        let current = self.services.iter().any(|s| s.plan.service == watcher && s.incarnation == by);
+        if let Some(s) = self.find(service, incarnation).filter(|_| current) {
+            s.armed = true;
+        }
+        self.update_roster(now);
+    }
+
+    /// A new life watches nobody's line yet.
+    fn void_lines_of(&mut self, watcher: ServiceId) {
+        for s in &mut self.services {
+            s.armed &= !s.plan.has_line || watcher_of(s.plan.service) != watcher;
+        }
+    }
+
+    /// Only who keeps time waiting is at fault; where nobody does, the master does not give the next step.
+    fn on_time_stands(&mut self, late: &[Member], now: Now) {
+        let guilty: Vec<(ServiceId, u32)> = self
+            .services
+            .iter()
+            .filter(|s| match late {
+                [] => s.plan.clock_master,
+                late => late.contains(&Member { service: s.plan.service, incarnation: s.incarnation }),
+            })
+            .map(|s| (s.plan.service, s.incarnation))
+            .collect();
+        for (service, incarnation) in guilty {
+            self.condemn(StopReason::service(StopKind::ServiceHung, service, incarnation), now);
+        }
+    }
+
+    fn on_beat(&mut self, health: &Health, now: Now) {
+        let Some(s) = self.find(health.service, health.header.incarnation) else { return };
+        if s.take_beat(health, now.run_ns) {
+            let reason = StopReason { topic: TopicId::Odometry, ..StopReason::of(StopKind::PoseJump) };
+            self.enter(ModeClass::Fault, reason, now.run_ns);
+        }
+    }
+
+    /// A stream that motion needs and that is older than `times` its max age, as its producer's beats tell.
+    fn stale_stream(&self, now: Now, times: u64) -> Option<StopReason> {
+        let ready = self.services.iter().filter(|s| s.phase == Phase::Ready);
+        ready.into_iter().find_map(|s| s.stale_stream(now.run_ns, times, self.limits.beat_lag_ns))
     }
 
     fn on_died(&mut self, service: ServiceId, incarnation: u32, why: &str, now: Now) {
@@ -384,60 +381,6 @@ impl Machine {
         self.update_roster(now);
     }
 
-    fn on_beat(&mut self, health: &Health, now: Now) {
-        let Some(s) = self.find(health.service, health.header.incarnation) else { return };
-        s.last_beat_ns = s.last_beat_ns.max(health.header.stamp_ns);
-        for (rule, progress) in s.plan.streams.iter().zip(&mut s.progress) {
-            let port = |topic, role| health.ports().iter().find(|port| port.topic == topic && port.role == role);
-            let input = rule.input.and_then(|topic| port(topic, PortRole::Subscriber)).map_or(0, |port| port.count);
-            let Some(out) = port(rule.output, PortRole::Publisher) else { continue };
-            progress.out_stamp_ns = out.last_stamp_ns;
-            if out.count != progress.out_count {
-                *progress = Progress { out_count: out.count, changed_at_ns: now.run_ns, in_then: input, ..*progress };
-            } else if input < progress.in_then + rule.inputs_per_output {
-                // No input, no output: starved, which is nobody's fault here.
-                progress.changed_at_ns = now.run_ns;
-            }
-        }
-    }
-
-    fn judge(&self, s: &Watched, now: Now) -> Option<StopReason> {
-        if s.phase != Phase::Ready || (self.limits.stepped && !s.joined) {
-            return None;
-        }
-        let age = now.run_ns.saturating_sub(s.last_beat_ns);
-        if age > s.plan.beat_limit_ns {
-            let mut reason = StopReason::service(StopKind::BeatsMissed, s.plan.service, s.incarnation);
-            (reason.age_ns, reason.limit_ns) = (age, s.plan.beat_limit_ns);
-            return Some(reason);
-        }
-        s.plan.streams.iter().zip(&s.progress).find_map(|(rule, progress)| {
-            let silent = now.run_ns.saturating_sub(progress.changed_at_ns);
-            (rule.input.is_some() && silent > rule.hang_ns).then(|| StopReason {
-                age_ns: silent,
-                limit_ns: rule.hang_ns,
-                topic: rule.output,
-                ..StopReason::service(StopKind::ServiceHung, s.plan.service, s.incarnation)
-            })
-        })
-    }
-
-    /// A stream that motion needs and that is older than `times` its max age, as its producer's beats tell.
-    fn stale_stream(&self, now: Now, times: u64) -> Option<StopReason> {
-        self.services.iter().filter(|s| s.phase == Phase::Ready).find_map(|s| {
-            s.plan.streams.iter().zip(&s.progress).find_map(|(rule, progress)| {
-                let limit = rule.max_age_ns? * times;
-                let age = match progress.out_count {
-                    0 => limit + self.limits.beat_lag_ns + 1,
-                    _ => now.run_ns.saturating_sub(progress.out_stamp_ns),
-                };
-                // A beat brings the stamp up to two beat periods late.
-                (age > limit + self.limits.beat_lag_ns)
-                    .then(|| StopReason::stream(StopKind::StreamStale, rule.output, age, limit))
-            })
-        })
-    }
-
     fn on_cue(&mut self, cue: &Cue, now: Now) {
         let id = (cue.header.incarnation, cue.header.seq);
         if id <= self.last_cue {
@@ -464,7 +407,7 @@ impl Machine {
     }
 
     fn may_accept(&self, cue: &Cue, now: Now) -> Result<(), String> {
-        let age = now.run_ns.saturating_sub(cue.header.stamp_ns);
+        let age = age_ns(now.run_ns, cue.header.stamp_ns);
         if age > self.limits.cue_max_age_ns {
             return Err(format!(
                 "it is {} ms old, limit {} ms",
@@ -493,7 +436,7 @@ impl Machine {
             if !s.armed {
                 return Some(format!("the line of {} is not armed", s.plan.service));
             }
-            if now.run_ns.saturating_sub(s.last_beat_ns) > s.plan.beat_limit_ns {
+            if s.silence(now.run_ns).is_some() {
                 return Some(format!("{} is silent", s.plan.service));
             }
         }
@@ -567,10 +510,7 @@ impl Machine {
             let joins = s.phase == Phase::Ready && s.armed && if begun { now.run_ns >= s.joins_at_ns } else { all_up };
             if joins && !s.joined {
                 s.joined = true;
-                s.last_beat_ns = now.run_ns;
-                for progress in &mut s.progress {
-                    progress.changed_at_ns = now.run_ns;
-                }
+                s.count_from(now.run_ns);
             }
         }
         if !begun && !all_up {
@@ -589,14 +529,10 @@ impl Machine {
         }
     }
 
-    /// Stepped time: the member whose beats are the oldest, which is the one that time waits for.
+    /// Whether a service has a lifeline.
     #[must_use]
-    pub fn latest_beater(&self) -> Option<(ServiceId, u32)> {
-        self.services
-            .iter()
-            .filter(|s| s.phase == Phase::Ready && s.joined)
-            .min_by_key(|s| s.last_beat_ns)
-            .map(|s| (s.plan.service, s.incarnation))
+    pub fn has_line(&self, service: ServiceId) -> bool {
+        self.services.iter().any(|s| s.plan.service == service && s.plan.has_line)
     }
 
     /// A child was started.
@@ -606,36 +542,16 @@ impl Machine {
         }
     }
 
-    /// Name and age of the stream that is furthest over its max age, for the operator.
+    /// Every stream and its age, nanoseconds, for the operator.
     #[must_use]
     pub fn topic_ages(&self, run_ns: u64) -> Vec<(TopicId, u64)> {
-        let mut ages = Vec::new();
-        for s in &self.services {
-            for (rule, progress) in s.plan.streams.iter().zip(&s.progress) {
-                ages.push((rule.output, run_ns.saturating_sub(progress.out_stamp_ns)));
-            }
-        }
-        ages
+        self.services.iter().flat_map(|s| s.stream_ages(run_ns)).collect()
     }
 }
 
-impl Watched {
-    fn new(plan: ServicePlan) -> Self {
-        let progress = vec![Progress::default(); plan.streams.len()];
-        Self {
-            plan,
-            phase: Phase::Down { start_at_ns: 0 },
-            incarnation: 0,
-            pid: 0,
-            armed: false,
-            joined: false,
-            joins_at_ns: 0,
-            last_beat_ns: 0,
-            progress,
-            restarts: 0,
-            deaths_ns: VecDeque::new(),
-        }
-    }
+/// Who watches a service's line.
+fn watcher_of(service: ServiceId) -> ServiceId {
+    if service == ServiceId::Locomotion { ServiceId::Brake } else { ServiceId::Locomotion }
 }
 
 #[cfg(test)]

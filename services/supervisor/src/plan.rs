@@ -30,6 +30,8 @@ pub struct ServicePlan {
     pub critical: bool,
     /// Whether it is restarted; the end of what is not ends the run.
     pub restartable: bool,
+    /// Whether its line is watched: by locomotion, or by the brake where it is locomotion.
+    pub has_line: bool,
     /// Whether it gives out stepped time.
     pub clock_master: bool,
     /// Its last beat may be this old, nanoseconds.
@@ -120,6 +122,7 @@ fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>
         stage,
         critical: true,
         restartable: true,
+        has_line: true,
         clock_master: false,
         beat_limit_ns: limits.beat_ns,
         streams,
@@ -133,6 +136,7 @@ fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
         stage: 1,
         critical: service == ServiceId::Replay,
         restartable: false,
+        has_line: service == ServiceId::Replay,
         clock_master: true,
         beat_limit_ns: WORLD_BEAT_LIMIT_NS,
         streams,
@@ -148,7 +152,11 @@ fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
         hang_ns: 2 * max_age,
         max_age_ns: settings.depth.needed.then_some(max_age),
     };
-    ServicePlan { critical: settings.depth.needed, ..plan(ServiceId::Depth, 2, limits, vec![stream]) }
+    ServicePlan {
+        critical: settings.depth.needed,
+        has_line: settings.depth.needed,
+        ..plan(ServiceId::Depth, 2, limits, vec![stream])
+    }
 }
 
 /// Inputs at `from_hz` for one output at `to_hz`, rounded up.

@@ -24,6 +24,16 @@ pub struct Header {
     pub reserved: u32,
 }
 
+/// A stamp may be ahead of the clock by so much: a device's clock is mapped to ours, and rounded.
+pub const AHEAD_NS: u64 = 5_000_000;
+
+/// Age of what was stamped at `stamp_ns`; the greatest there is for a stamp from the future, so that nothing which a
+/// broken clock stamped ever counts as fresh.
+#[must_use]
+pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
+    if stamp_ns > now_ns.saturating_add(AHEAD_NS) { u64::MAX } else { now_ns.saturating_sub(stamp_ns) }
+}
+
 /// A message of fixed size.
 pub trait Message: Copy + core::fmt::Debug + Send + Sync + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
@@ -53,3 +63,15 @@ macro_rules! message {
     )+};
 }
 pub(crate) use message;
+
+#[cfg(test)]
+mod tests {
+    use super::{AHEAD_NS, age_ns};
+
+    #[test]
+    fn a_stamp_from_the_future_is_never_fresh() {
+        assert_eq!(age_ns(100, 40), 60);
+        assert_eq!(age_ns(100, 100 + AHEAD_NS), 0);
+        assert_eq!(age_ns(100, 101 + AHEAD_NS), u64::MAX);
+    }
+}

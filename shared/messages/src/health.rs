@@ -17,11 +17,9 @@ pub const LATENCY_BUCKETS: usize = 192;
 #[cfg_attr(feature = "ipc", type_name("guidedog/ServiceState/1"))]
 #[repr(C)]
 pub enum ServiceState {
-    /// Opening its ports.
-    #[default]
-    Starting = 0,
     /// At work.
-    Ready,
+    #[default]
+    Ready = 0,
     /// Letting go, by plan.
     Leaving,
 }
@@ -169,10 +167,6 @@ pub struct Health {
     pub state: ServiceState,
     /// Process id.
     pub pid: u32,
-    /// Seq of the last input that the work took.
-    pub input_seq: u64,
-    /// Seq of the last output that the work gave.
-    pub output_seq: u64,
     /// Decisions made (policy, shield).
     pub decisions: u64,
     /// Decisions that did not come in time (shield).
@@ -181,9 +175,11 @@ pub struct Health {
     pub outcomes: [u64; Outcome::ALL.len()],
     /// Input that was refused as unusable.
     pub invalid_inputs: u64,
+    /// Poses further off than the robot can have walked (shield).
+    pub pose_jumps: u64,
     /// Digest over all actions taken and permits given (shield).
     pub digest: [u8; 32],
-    /// How many of `ports` are meant.
+    /// How many of `ports` are meant; each tells the last input or output by its seq.
     pub port_count: u32,
     /// Ports.
     pub ports: [PortCounters; MAX_PORTS],

@@ -56,9 +56,7 @@ pub enum StopKind {
     StreamStale,
     /// Fault: the brake engaged because locomotion was gone or silent.
     BrakeEngaged,
-    /// Fault: a new odometry frame voids cue, handler's estimate and memory.
-    OdometryReset,
-    /// Fault: the odometry pose jumped further than the robot can walk.
+    /// Fault: the odometry pose jumped further than the robot can walk; cue frame and handler's estimate are void.
     PoseJump,
     /// Fault: the operator resumed a locked run; the next accepted cue starts motion.
     Resumed,
@@ -130,7 +128,6 @@ impl StopKind {
             Self::BeatsMissed => "beats_missed",
             Self::StreamStale => "stream_stale",
             Self::BrakeEngaged => "brake_engaged",
-            Self::OdometryReset => "odometry_reset",
             Self::PoseJump => "pose_jump",
             Self::Resumed => "resumed",
             Self::OperatorStop => "operator_stop",
@@ -168,7 +165,7 @@ pub struct StopReason {
     pub topic: TopicId,
     /// The incarnation it is about; 0 where none is.
     pub incarnation: u32,
-    /// Age that was seen, nanoseconds; 0 where none applies.
+    /// Age that was seen, nanoseconds; 0 where none applies, the greatest where there is no usable stamp.
     pub age_ns: u64,
     /// Limit that it broke, nanoseconds; 0 where none applies.
     pub limit_ns: u64,
@@ -206,8 +203,11 @@ impl core::fmt::Display for StopReason {
         if self.topic != TopicId::None {
             write!(f, ": {}", self.topic)?;
         }
-        if self.limit_ns > 0 {
-            write!(f, ", {} ms old, limit {} ms", self.age_ns / 1_000_000, self.limit_ns / 1_000_000)?;
+        let limit_ms = self.limit_ns / 1_000_000;
+        match self.age_ns {
+            _ if self.limit_ns == 0 => {}
+            u64::MAX => write!(f, ", nothing with a usable stamp, limit {limit_ms} ms")?,
+            age_ns => write!(f, ", {} ms old, limit {limit_ms} ms", age_ns / 1_000_000)?,
         }
         Ok(())
     }

@@ -62,6 +62,12 @@ impl Twist2 {
         *self == Self::ZERO
     }
 
+    /// Whether a robot that moves so stands, for all that can be measured: under 1 cm/s and 0.01 rad/s.
+    #[must_use]
+    pub fn is_standing(&self) -> bool {
+        self.speed_mps() < 0.01 && self.wz_radps.abs() < 0.01
+    }
+
     /// Speed over ground, metres per second.
     #[must_use]
     pub fn speed_mps(&self) -> f64 {

@@ -207,11 +207,9 @@ impl Domain {
         }
     }
 
-    /// Cleans up after dead processes, for at most `limit`: how many were cleaned and how many could not be. Off the
-    /// stop path: it takes milliseconds.
-    pub fn clean_dead_nodes(&self, limit: std::time::Duration) -> (usize, usize) {
-        let state = self.node.blocking_cleanup_dead_nodes(limit);
-        (state.cleanups as usize, state.failed_cleanups as usize)
+    /// How iceoryx2 is set up for this run.
+    pub(crate) fn config(&self) -> Result<Config, TransportError> {
+        config_of(&self.dir)
     }
 }
 

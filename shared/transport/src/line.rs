@@ -40,17 +40,13 @@ pub enum ToChild {
     Exit,
     /// Every service is up for the first time: the recording may begin (replay).
     Begin,
-    /// The robot is to stand from now on, whatever `mode` says (locomotion).
-    Stop,
+    /// The robot is to stand, whatever `mode` says, until the epoch is greater (locomotion).
+    Stop {
+        /// The epoch of the stop.
+        epoch: u64,
+    },
     /// A lifeline of a critical service comes with this (locomotion).
     Lifeline {
-        /// Whose.
-        service: ServiceId,
-        /// Which life of it.
-        incarnation: u32,
-    },
-    /// The service leaves by plan: its line may close (locomotion).
-    Release {
         /// Whose.
         service: ServiceId,
         /// Which life of it.
@@ -83,15 +79,8 @@ pub enum FromChild {
         /// What.
         text: String,
     },
-    /// A lifeline is armed (locomotion).
+    /// A lifeline is armed: watched by locomotion; locomotion's own by the brake.
     Armed {
-        /// Whose.
-        service: ServiceId,
-        /// Which life of it.
-        incarnation: u32,
-    },
-    /// A lifeline is released (locomotion).
-    Released {
         /// Whose.
         service: ServiceId,
         /// Which life of it.
@@ -154,6 +143,13 @@ impl Line {
         }
         let slices = [std::io::IoSlice::new(&bytes)];
         sendmsg(&self.0, &slices, &mut ancillary, SendFlags::NOSIGNAL | SendFlags::DONTWAIT).is_ok()
+    }
+
+    /// Whether the other end is still held by somebody. What waits in the line is left there.
+    #[must_use]
+    pub fn is_open(&self) -> bool {
+        let peeked = rustix::net::recv(&self.0, &mut [0u8; 1], RecvFlags::DONTWAIT | RecvFlags::PEEK);
+        matches!(peeked, Ok((n, _)) if n > 0) || peeked.is_err_and(|errno| errno == Errno::AGAIN)
     }
 
     /// Receives bytes into `buffer` without blocking: the length of the message.
@@ -236,7 +232,9 @@ mod tests {
             panic!("message and descriptor arrive together");
         };
         assert!(matches!(near.receive_bytes(&mut [0; 8]), Received::Nothing));
+        assert!(near.is_open());
         drop(fd);
+        assert!(!near.is_open());
         assert!(matches!(near.receive_bytes(&mut [0; 8]), Received::Closed));
         assert!(matches!(b.receive::<ToChild>(), Received::Nothing));
     }

@@ -327,15 +327,6 @@ where
         self.waker.wake();
         Ok(header)
     }
-
-    /// Publishes with a seq of the caller's: for recorded frames, whose gaps must stay visible.
-    ///
-    /// # Errors
-    /// As [`FramePublisher::publish`].
-    pub fn publish_as(&mut self, stamp_ns: u64, seq: u64, loan: FrameLoan<F>) -> Result<Header, TransportError> {
-        self.seq = seq.saturating_sub(1);
-        self.publish(stamp_ns, loan)
-    }
 }
 
 /// A frame in shared memory, held until it is dropped.

@@ -16,6 +16,20 @@ use crate::{ClockKind, TransportError};
 /// Longest path of a run directory: iceoryx2's sockets below it must stay under the 108 bytes of a Unix socket name.
 const MAX_DIR_BYTES: usize = 40;
 
+/// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
+const OURS: [&str; 10] = [
+    "lock",
+    "run.json",
+    "settings.toml",
+    "control.sock",
+    "robot.sock",
+    "handler.json",
+    "handler.new",
+    "logs",
+    "iox",
+    "plain",
+];
+
 /// What every process of a run must know.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunInfo {
@@ -71,7 +85,11 @@ impl RunDir {
         for _ in 0..16 {
             match DirBuilder::new().mode(0o750).create(&path) {
                 Ok(()) => {}
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {}
+                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                    if !may_be_a_run(&path) {
+                        return Err(fail(&path, "holds files that are no run's; it is left as it is"));
+                    }
+                }
                 Err(error) => return Err(fail(&path, error)),
             }
             match take_lock(&path) {
@@ -183,6 +201,12 @@ impl RunDir {
     }
 }
 
+/// Whether everything in a directory is what a run leaves there: nothing else is ever removed.
+fn may_be_a_run(dir: &Path) -> bool {
+    fs::read_dir(dir)
+        .is_ok_and(|entries| entries.flatten().all(|entry| OURS.iter().any(|name| entry.file_name() == *name)))
+}
+
 /// Takes the lock of a run directory; `None` while another process holds it.
 fn take_lock(dir: &Path) -> Result<Option<File>, TransportError> {
     let path = dir.join("lock");
@@ -222,7 +246,8 @@ fn remove_run(path: &Path) {
 /// Removes what runs left behind that are no longer alive: every run directory whose lock is free.
 pub fn sweep() {
     let Ok(entries) = fs::read_dir(runs_root()) else { return };
-    for path in entries.flatten().map(|entry| entry.path()).filter(|path| path.is_dir()) {
+    let dirs = entries.flatten().map(|entry| entry.path());
+    for path in dirs.filter(|path| path.join("lock").is_file() && may_be_a_run(path)) {
         if let Ok(Some(_lock)) = take_lock(&path) {
             remove_run(&path);
         }
@@ -244,12 +269,21 @@ pub fn live_runs() -> Vec<String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{RunDir, prefix_of};
+    use super::{RunDir, may_be_a_run, prefix_of};
     use std::path::Path;
 
     #[test]
     fn runs_do_not_share_a_prefix() {
         assert_ne!(prefix_of(Path::new("/tmp/a")), prefix_of(Path::new("/tmp/b")));
+    }
+
+    #[test]
+    fn a_directory_with_anything_else_in_it_is_no_runs() {
+        let dir = tempfile::tempdir().expect("a folder");
+        std::fs::write(dir.path().join("lock"), "").expect("written");
+        assert!(may_be_a_run(dir.path()));
+        std::fs::write(dir.path().join("thesis.tex"), "").expect("written");
+        assert!(!may_be_a_run(dir.path()));
     }
 
     #[test]

@@ -2,9 +2,7 @@
 //!
 //! Beats are published from this very loop, so a service that is stuck in its work is silent.
 
-use messages::{
-    ClockAck, ClockStep, Health, MAX_MEMBERS, Member, PortRole, QUANTUM_NS, ServiceId, ServiceState, TopicId,
-};
+use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, Member, QUANTUM_NS, ServiceId, ServiceState};
 
 use crate::io::{Io, TOKEN_CONTROL, TOKEN_OWN};
 use crate::line::{FromChild, Received, ToChild};
@@ -275,11 +273,6 @@ impl WaitLoop {
         health.port_count = counters.len() as u32;
         for (slot, port) in health.ports.iter_mut().zip(counters.iter()) {
             *slot = *port;
-            match port.role {
-                PortRole::Subscriber => health.input_seq += port.count,
-                PortRole::Publisher if port.topic != TopicId::Health => health.output_seq += port.count,
-                PortRole::Publisher => {}
-            }
         }
         drop(counters);
         service.fill_health(&mut health);

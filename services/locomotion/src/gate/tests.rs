@@ -43,6 +43,7 @@ fn permit(stamp_ms: u64, expiry_ms: u64) -> Permit {
 fn moving() -> Gate {
     let mut gate = Gate::new(GateLimits::of(&Settings::default()));
     gate.line_armed(ServiceId::Lidar, 1);
+    gate.line_armed(ServiceId::Shield, 1);
     gate.take_mode(&mode(ModeClass::Fault, 2, 900));
     gate.take_mode(&mode(ModeClass::Run, 2, 950));
     gate.take_odometry(&Odometry { header: header(990, 5, 1), ..Odometry::default() });
@@ -63,6 +64,36 @@ fn a_fresh_permit_moves_the_robot_and_its_expiry_stops_it() {
     gate.take_odometry(&Odometry { header: header(1100, 6, 1), ..Odometry::default() });
     assert_eq!(kind(&mut gate, 1100), StopKind::None);
     assert_eq!(kind(&mut gate, 1101), StopKind::PermitExpired);
+}
+
+#[test]
+fn a_permit_needs_its_shields_open_line_here() {
+    let mut gate = moving();
+    gate.lines.retain(|line| line.service != ServiceId::Shield);
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit, "no line of a shield is watched");
+    gate.line_armed(ServiceId::Shield, 2);
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit, "it is another shield's");
+}
+
+#[test]
+fn a_stop_that_was_overtaken_by_resume_and_cue_stops_nothing_and_a_lost_supervisor_for_good() {
+    let mut gate = moving();
+    gate.stop_by(StopReason::of(StopKind::OperatorStop), 1);
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    gate.stop_by(StopReason::of(StopKind::SupervisorLost), u64::MAX);
+    gate.take_mode(&mode(ModeClass::Run, 9, 1000));
+    gate.take_permit(&Permit { epoch: 9, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1000), StopKind::SupervisorLost);
+}
+
+#[test]
+fn what_was_stamped_in_the_future_moves_nothing() {
+    let mut gate = moving();
+    gate.take_mode(&mode(ModeClass::Run, 2, 5000));
+    assert_eq!(kind(&mut gate, 1000), StopKind::ModeStale);
+    let mut gate = moving();
+    gate.take_odometry(&Odometry { header: header(5000, 6, 1), ..Odometry::default() });
+    assert_eq!(kind(&mut gate, 1000), StopKind::OdometryStale);
 }
 
 #[test]
@@ -192,13 +223,13 @@ fn a_planned_change_is_ramped() {
 #[test]
 fn the_operators_stop_needs_a_greater_epoch() {
     let mut gate = moving();
-    gate.stop_by(StopReason::of(StopKind::OperatorStop));
+    gate.stop_by(StopReason::of(StopKind::OperatorStop), 3);
     gate.take_mode(&mode(ModeClass::Run, 2, 1000));
     gate.take_permit(&permit(990, 1100));
     assert_eq!(kind(&mut gate, 1000), StopKind::OperatorStop);
-    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+    gate.take_mode(&mode(ModeClass::Run, 4, 1000));
     let mut fresh = permit(1000, 1100);
-    fresh.epoch = 3;
+    fresh.epoch = 4;
     gate.take_permit(&fresh);
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
 }

@@ -1,8 +1,8 @@
 use super::{Action, Event, Machine, Now, Phase};
 use crate::plan::Plan;
 use messages::{
-    Cue, CueKind, Header, Health, LocomotionState, ModeClass, PortCounters, PortRole, ServiceId, StopKind, StopReason,
-    TopicId,
+    Cue, CueKind, Header, Health, LocomotionState, Member, ModeClass, PortCounters, PortRole, ServiceId, StopKind,
+    StopReason, TopicId,
 };
 use settings::Settings;
 use transport::ClockKind;
@@ -51,7 +51,7 @@ impl Bench {
                         self.alive.push((*service, *incarnation, true));
                         self.machine.started(*service, *incarnation, 7);
                         self.machine.handle(Event::Ready(*service, *incarnation), now);
-                        self.machine.handle(Event::Armed(*service, *incarnation), now);
+                        self.arm(now);
                     }
                     Action::Kill(service, incarnation) => {
                         self.alive.retain(|(s, i, _)| (s, i) != (service, incarnation));
@@ -60,6 +60,17 @@ impl Bench {
                     _ => {}
                 }
                 self.actions.push(action);
+            }
+        }
+    }
+
+    /// Locomotion and brake watch all lines that they are given.
+    fn arm(&mut self, now: Now) {
+        let life = |alive: &[(ServiceId, u32, bool)], of| alive.iter().find(|(s, ..)| *s == of).map(|(_, i, _)| *i);
+        for (service, incarnation, _) in self.alive.clone() {
+            let watcher = if service == ServiceId::Locomotion { ServiceId::Brake } else { ServiceId::Locomotion };
+            if let Some(by) = life(&self.alive, watcher) {
+                self.machine.handle(Event::Armed { service, incarnation, by }, now);
             }
         }
     }
@@ -302,8 +313,8 @@ fn a_spent_budget_locks_and_resume_restores_it() {
 fn a_lock_is_not_left_by_a_fault_nor_by_a_cue() {
     let mut bench = Bench::running();
     bench.handle(Event::OperatorStop);
-    assert!(bench.actions.contains(&Action::StopLine));
     let epoch = bench.machine.mode().epoch;
+    assert!(bench.actions.contains(&Action::StopLine { epoch }));
     bench.die(ServiceId::Lidar);
     assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::OperatorStop));
     assert!(bench.machine.mode().epoch > epoch);
@@ -339,6 +350,76 @@ fn the_brake_and_a_latched_locomotion_are_faults() {
     }
     assert_eq!(bench.reason(), StopKind::ModeStale);
     assert_eq!(bench.machine.mode().epoch, epoch + 1);
+}
+
+#[test]
+fn a_new_locomotion_watches_nobody_yet_and_a_new_brake_not_locomotion() {
+    for (watcher, watched) in [(ServiceId::Locomotion, ServiceId::Lidar), (ServiceId::Brake, ServiceId::Locomotion)] {
+        let mut bench = Bench::running();
+        bench.die(watcher);
+        // It starts, but has not acknowledged a line.
+        let now = Now { wall_ns: bench.now().wall_ns + 1000 * MS, ..bench.now() };
+        bench.machine.tick_starts(now);
+        assert!(bench.machine.take_actions().contains(&Action::Spawn(watcher, 2)));
+        bench.machine.handle(Event::Ready(watcher, 2), now);
+        let why = bench.machine.not_ready(now);
+        assert!(why.as_ref().is_some_and(|why| why.contains("is not armed")), "{why:?}");
+        // What the dead one acknowledged is not heard.
+        bench.machine.handle(Event::Armed { service: watched, incarnation: 1, by: 1 }, now);
+        assert_eq!(bench.machine.not_ready(now), why);
+        bench.alive.push((watcher, 2, true));
+        bench.arm(now);
+        assert_eq!(bench.machine.not_ready(now), None);
+    }
+}
+
+#[test]
+fn in_stepped_time_only_who_keeps_it_waiting_is_condemned() {
+    let mut bench = Bench::new(STEPPED);
+    bench.pass(200);
+    bench.handle(Event::TimeStands(&[Member { service: ServiceId::Policy, incarnation: 1 }]));
+    let killed = |bench: &Bench| {
+        let kills = bench.actions.iter().filter_map(|action| match action {
+            Action::Kill(service, _) => Some(*service),
+            _ => None,
+        });
+        kills.collect::<Vec<_>>()
+    };
+    assert_eq!(killed(&bench), [ServiceId::Policy]);
+    assert!(!bench.actions.iter().any(|action| matches!(action, Action::EndRun(_))));
+    bench.handle(Event::TimeStands(&[]));
+    assert_eq!(killed(&bench), [ServiceId::Policy, ServiceId::Simulator], "nobody is late but the master");
+}
+
+#[test]
+fn a_pose_that_jumped_is_a_fault_that_names_the_stream() {
+    let mut bench = Bench::running();
+    let mut health = Health {
+        header: Header { stamp_ns: bench.now_ms * MS, incarnation: 1, ..Header::default() },
+        service: ServiceId::Shield,
+        pose_jumps: 1,
+        ..Health::default()
+    };
+    bench.handle(Event::Beat(&health));
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Fault, StopKind::PoseJump));
+    assert_eq!(bench.machine.mode().reason.topic, TopicId::Odometry);
+    let epoch = bench.machine.mode().epoch;
+    health.header.seq += 1;
+    bench.handle(Event::Beat(&health));
+    assert_eq!(bench.machine.mode().epoch, epoch, "the same jump is told once");
+}
+
+#[test]
+fn a_camera_that_motion_does_not_need_stops_nothing() {
+    let mut settings = Settings::default();
+    settings.depth.needed = false;
+    let mut bench =
+        Bench { machine: Machine::new(Plan::of(&settings, ClockKind::Real)), ..Bench::new(ClockKind::Real) };
+    assert!(!bench.machine.has_line(ServiceId::Depth));
+    bench.pass(400);
+    bench.cue(CueKind::Forward, 0);
+    bench.die(ServiceId::Depth);
+    assert_eq!(bench.class(), ModeClass::Run);
 }
 
 #[test]

@@ -1,0 +1,98 @@
+//! Stepped time: who keeps it waiting. Pure.
+
+use std::collections::BTreeMap;
+
+use messages::{ClockAck, Member, QUANTUM_NS, ServiceId};
+
+/// A loop that slept this much longer than it meant to has no right to judge others.
+const OVERSLEPT_NS: u64 = 100_000_000;
+
+/// What every member has acknowledged, and since when time stands.
+#[derive(Debug)]
+pub struct StepWatch {
+    limit_ns: u64,
+    acknowledged: BTreeMap<(ServiceId, u32), u64>,
+    step: u64,
+    /// Wall time since which the step is the same.
+    since_ns: u64,
+    looked_ns: u64,
+}
+
+impl StepWatch {
+    /// A watch that lets a step take `limit_ns` of wall time.
+    #[must_use]
+    pub fn new(limit_ns: u64, now_ns: u64) -> Self {
+        Self { limit_ns, acknowledged: BTreeMap::new(), step: 0, since_ns: now_ns, looked_ns: now_ns }
+    }
+
+    /// Takes an acknowledgement.
+    pub fn take(&mut self, ack: &ClockAck) {
+        let step = ack.header.stamp_ns / QUANTUM_NS;
+        let last = self.acknowledged.entry((ack.member.service, ack.member.incarnation)).or_default();
+        *last = step.max(*last);
+    }
+
+    /// The members that have not done the step, once it takes too long; none of them: the master gives no next one.
+    /// Not while the supervisor itself holds time, nor after this very loop overslept.
+    pub fn late(&mut self, step: u64, roster: &[Member], held: bool, now_ns: u64) -> Option<Vec<Member>> {
+        let overslept = now_ns.saturating_sub(self.looked_ns) > OVERSLEPT_NS;
+        self.looked_ns = now_ns;
+        if step != self.step || held || overslept {
+            (self.step, self.since_ns) = (step, now_ns);
+            return None;
+        }
+        if now_ns.saturating_sub(self.since_ns) <= self.limit_ns {
+            return None;
+        }
+        self.since_ns = now_ns;
+        let done = |m: &Member| self.acknowledged.get(&(m.service, m.incarnation)).is_some_and(|last| *last >= step);
+        Some(roster.iter().filter(|m| m.service != ServiceId::Supervisor && !done(m)).copied().collect())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::StepWatch;
+    use messages::{ClockAck, Header, Member, QUANTUM_NS, ServiceId};
+
+    const MS: u64 = 1_000_000;
+    const LIDAR: Member = Member { service: ServiceId::Lidar, incarnation: 1 };
+    const SHIELD: Member = Member { service: ServiceId::Shield, incarnation: 2 };
+    const SUPERVISOR: Member = Member { service: ServiceId::Supervisor, incarnation: 1 };
+    const ROSTER: [Member; 3] = [SUPERVISOR, LIDAR, SHIELD];
+
+    fn ack(member: Member, step: u64) -> ClockAck {
+        let header = Header { stamp_ns: step * QUANTUM_NS, ..Header::default() };
+        ClockAck { header, member, ..ClockAck::default() }
+    }
+
+    /// What is found while step 7 lasts, looked at every 50 ms.
+    fn found(watch: &mut StepWatch, held: bool) -> Vec<Vec<Member>> {
+        (0..30).filter_map(|i| watch.late(7, &ROSTER, held, i * 50 * MS)).collect()
+    }
+
+    #[test]
+    fn who_has_not_done_the_step_is_late_and_nobody_else() {
+        let mut watch = StepWatch::new(1000 * MS, 0);
+        watch.take(&ack(LIDAR, 6));
+        watch.take(&ack(SHIELD, 7));
+        assert_eq!(found(&mut watch, false), [vec![LIDAR]]);
+    }
+
+    #[test]
+    fn where_all_have_done_it_the_master_is_late() {
+        let mut watch = StepWatch::new(1000 * MS, 0);
+        watch.take(&ack(LIDAR, 7));
+        watch.take(&ack(SHIELD, 7));
+        assert_eq!(found(&mut watch, false), [vec![]]);
+    }
+
+    #[test]
+    fn time_that_is_held_and_a_watch_that_slept_condemn_nobody() {
+        let mut watch = StepWatch::new(1000 * MS, 0);
+        assert!(found(&mut watch, true).is_empty());
+        let mut watch = StepWatch::new(1000 * MS, 0);
+        assert_eq!(watch.late(7, &ROSTER, false, 0), None);
+        assert_eq!(watch.late(7, &ROSTER, false, 5000 * MS), None);
+    }
+}
