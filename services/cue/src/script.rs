@@ -96,7 +96,7 @@ impl Script {
         if !now.pose_known {
             return None;
         }
-        self.follow(mode);
+        self.follow(mode, now.now_ns);
         let ready = mode.class == ModeClass::Run || mode.ready_for_cue;
         // A service may be back between two looks: every new epoch, and every run, begins the wait again.
         if mode.class == ModeClass::Run || mode.epoch != self.epoch {
@@ -112,10 +112,16 @@ impl Script {
         Some(due)
     }
 
-    /// A done turn goes on as forward: that is what is in force, and wanted again.
-    fn follow(&mut self, mode: &Mode) {
-        if mode.cue.valid && mode.cue.cue.source == CueSource::TurnDone {
+    /// What is in force in run is what is wanted again after a fault, whoever said it: a done turn goes on as forward, and
+    /// after anybody's "stop" nothing is. A cue that was given a moment ago may not be in force yet.
+    fn follow(&mut self, mode: &Mode, now_ns: u64) {
+        if mode.class != ModeClass::Run {
+            return;
+        }
+        if mode.cue.valid {
             self.wanted = Some(mode.cue.cue.kind);
+        } else if self.given_at_ns.is_none_or(|at| now_ns >= at + RETRY_NS) {
+            self.wanted = self.wanted.and(Some(CueKind::Stop));
         }
     }
 
@@ -159,7 +165,7 @@ mod tests {
         let mut script = Script::forward_when_ready();
         assert_eq!(script.due(&at(100, &fault(false))), None);
         assert_eq!(script.due(&at(200, &fault(true))), Some((CueKind::Forward, CueSource::Script)));
-        let run = Mode { class: ModeClass::Run, ready_for_cue: true, ..Mode::default() };
+        let run = running(CueKind::Forward, 0);
         assert_eq!(script.due(&at(5000, &run)), None);
         assert_eq!(script.due(&at(6000, &fault(false))), None);
         assert_eq!(script.due(&at(7000, &fault(true))), None);
@@ -171,7 +177,7 @@ mod tests {
     fn a_fault_between_two_looks_is_waited_for_all_the_same() {
         let mut script = Script::forward_when_ready();
         script.due(&at(200, &Mode { epoch: 1, ..fault(true) }));
-        let run = Mode { class: ModeClass::Run, ready_for_cue: true, epoch: 1, ..Mode::default() };
+        let run = running(CueKind::Forward, 1);
         assert_eq!(script.due(&at(5000, &run)), None);
         let again = Mode { epoch: 2, ..fault(true) };
         assert_eq!(script.due(&at(5050, &again)), None);
@@ -179,9 +185,27 @@ mod tests {
         assert_eq!(script.due(&at(7050, &again)), Some((CueKind::Forward, CueSource::ScriptAgain)));
     }
 
+    fn running(kind: CueKind, epoch: u64) -> Mode {
+        let cue = CueInForce { valid: true, cue: Cue { kind, ..Cue::default() } };
+        Mode { class: ModeClass::Run, ready_for_cue: true, epoch, cue, ..Mode::default() }
+    }
+
+    #[test]
+    fn after_anybodys_stop_nothing_is_given_again() {
+        let mut script = Script::forward_when_ready();
+        script.due(&at(200, &fault(true)));
+        assert_eq!(script.due(&at(5000, &running(CueKind::Forward, 1))), None);
+        let stopped = Mode { class: ModeClass::Run, ready_for_cue: true, epoch: 1, ..Mode::default() };
+        assert_eq!(script.due(&at(6000, &stopped)), None);
+        for t in (7000..20_000).step_by(50) {
+            assert_eq!(script.due(&at(t, &Mode { epoch: 2, ..fault(true) })), None, "{t}");
+        }
+    }
+
     #[test]
     fn after_a_done_turn_forward_is_what_is_given_again() {
         let mut script = Script { wanted: Some(CueKind::Left), ..Script::silent() };
+        // A turn that is done goes on as forward.
         let cue = Cue { kind: CueKind::Forward, source: CueSource::TurnDone, ..Cue::default() };
         let run = Mode { class: ModeClass::Run, cue: CueInForce { valid: true, cue }, ..Mode::default() };
         script.due(&at(1000, &run));

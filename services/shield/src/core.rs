@@ -4,11 +4,12 @@ use guidance::handler::{HandlerLimits, Sighting};
 use guidance::se2::{pose2, se2};
 use guidance::shield::{choose, suppress};
 use guidance::{
-    ActionTable, Beams, DelayedHarness, DepthView, Draw, HandlerEstimate, Judgement, Se2, Shield, ShieldConfig,
+    ActionTable, Beams, DelayedHarness, DepthView, Draw, HandlerEstimate, Judgement, PoseTrack, Se2, Shield,
+    ShieldConfig,
 };
 use messages::{
     DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction, ScanHeader,
-    TopicId, Twist2, s_from_ns,
+    TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Choice, Settings, Source};
 
@@ -106,6 +107,8 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     handler: HandlerEstimate,
+    /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now.
+    stamped_beams: Beams,
     beams: Beams,
     scan: Option<ScanHeader>,
     scan_usable: bool,
@@ -114,8 +117,11 @@ pub struct Core {
     depth_header: Option<DepthHeader>,
     depth_usable: bool,
     odometry: Option<Odometry>,
+    track: PoseTrack,
+    /// Where the robot is now.
     odom_from_robot: Se2,
     jumped_at_ns: Option<u64>,
+    jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
     last_decision: Option<u64>,
@@ -133,6 +139,7 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             handler: HandlerEstimate::new(config.harness.clone(), config.limits.clone()),
+            stamped_beams: Beams::default(),
             beams: Beams::default(),
             scan: None,
             scan_usable: false,
@@ -141,8 +148,10 @@ impl Core {
             depth_header: None,
             depth_usable: false,
             odometry: None,
+            track: PoseTrack::default(),
             odom_from_robot: Se2::identity(),
             jumped_at_ns: None,
+            jumps: 0,
             mode: None,
             running: None,
             last_decision: None,
@@ -171,19 +180,22 @@ impl Core {
         let pose = se2(odometry.odom_from_robot);
         let new_frame = self.odometry.is_none_or(|old| old.header.incarnation != odometry.header.incarnation);
         if new_frame {
+            self.track.clear();
             self.handler.reset(&pose);
         } else if let Some(old) = self.odometry {
             let dt_s = s_from_ns(odometry.header.stamp_ns.saturating_sub(old.header.stamp_ns));
-            let moved = self.odom_from_robot.inverse() * pose;
+            let moved = se2(old.odom_from_robot).inverse() * pose;
             if moved.translation.vector.norm() > self.config.speed_max_mps.max(2.0) * dt_s + JUMP_M
                 || moved.rotation.angle().abs() > self.config.turn_max_radps.max(2.5) * dt_s + JUMP_RAD
             {
-                self.invalid_inputs += 1;
+                (self.invalid_inputs, self.jumps) = (self.invalid_inputs + 1, self.jumps + 1);
                 self.jumped_at_ns = Some(odometry.header.stamp_ns);
+                self.track.clear();
                 self.handler.reset(&pose);
             }
         }
         self.odometry = Some(*odometry);
+        self.track.push(odometry);
         self.odom_from_robot = pose;
     }
 
@@ -204,10 +216,10 @@ impl Core {
                 self.scan_period_ns = period.max(self.config.scan_period_ns / 2).min(self.config.scan_max_age_ns);
             }
         }
-        self.scan_usable = self.beams.fill(header, ranges_m).is_ok();
+        self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok();
         self.invalid_inputs += u64::from(!self.scan_usable);
         self.scan = Some(*header);
-        self.predict_handler(now_ns);
+        self.come_to(now_ns);
         if self.scan_usable {
             let _: Sighting = self.handler.correct(&self.beams, now_ns);
         }
@@ -222,15 +234,27 @@ impl Core {
         if action.header.incarnation != active || self.last_decision.is_some_and(|last| action.decision <= last) {
             return None;
         }
+        if !self.is_of_now(now_ns, action) {
+            self.invalid_inputs += 1;
+            self.running = None;
+            return Some(Permit { outcome: Outcome::InvalidAction, ..self.blank(PermitCause::Decision) });
+        }
         if let Some(last) = self.last_decision {
             self.missed += action.decision - last - 1;
         }
         self.last_decision = Some(action.decision);
         self.decisions += 1;
-        self.predict_handler(now_ns);
+        self.come_to(now_ns);
         self.handler.begin_step(&self.odom_from_robot);
         self.running = Some(self.draw(now_ns, action));
         Some(self.verdict(now_ns, PermitCause::Decision))
+    }
+
+    /// Whether a decision is of now: made for this period, or for one beside it. No other number is ever booked, so that
+    /// a policy that counts wrong cannot block those that count right.
+    fn is_of_now(&self, now_ns: u64, action: &PolicyAction) -> bool {
+        action.decision.abs_diff(now_ns / self.config.dt_ns) <= 1
+            && age_ns(now_ns, action.header.stamp_ns) <= self.config.dt_ns * 3 / 2
     }
 
     fn draw(&mut self, now_ns: u64, action: &PolicyAction) -> Running {
@@ -273,6 +297,28 @@ impl Core {
         running
     }
 
+    /// Brings everything to the robot frame of now: scan and frame were taken a while ago, and the robot has moved on.
+    fn come_to(&mut self, now_ns: u64) {
+        if let Some(now) = self.track.at(now_ns) {
+            self.odom_from_robot = now;
+        }
+        let then_in_now = |stamp_ns| self.track.at(stamp_ns).map(|then| self.odom_from_robot.inverse() * then);
+        if let Some(scan) = &self.scan {
+            match then_in_now(scan.header.stamp_ns) {
+                Some(shift) => self.stamped_beams.seen_from(&shift, &mut self.beams),
+                // Nobody knows where the robot was: the scan says nothing about now.
+                None => self.scan_usable = false,
+            }
+        }
+        if let Some(depth) = &self.depth_header {
+            match then_in_now(depth.header.stamp_ns) {
+                Some(shift) => self.depth.move_to(&shift),
+                None => self.depth_usable = false,
+            }
+        }
+        self.predict_handler(now_ns);
+    }
+
     fn predict_handler(&mut self, now_ns: u64) {
         let begin = self.running.map_or(now_ns, |running| running.begin_ns);
         let fraction = now_ns.saturating_sub(begin) as f64 / self.config.dt_ns as f64;
@@ -281,13 +327,13 @@ impl Core {
 
     /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
     fn depth_is_fresh(&self, now_ns: u64) -> bool {
-        let age = |header: &DepthHeader| now_ns.saturating_sub(header.header.stamp_ns);
+        let age = |header: &DepthHeader| age_ns(now_ns, header.header.stamp_ns);
         self.depth_usable && self.depth_header.as_ref().is_some_and(|d| age(d) <= self.config.depth_max_age_ns)
     }
 
     /// Why nothing can be judged now, if so.
     fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
-        let age = |stamp_ns: u64| now_ns.saturating_sub(stamp_ns);
+        let age = |stamp_ns: u64| age_ns(now_ns, stamp_ns);
         let Some(scan) = self.scan.filter(|_| self.scan_usable) else { return Some(Outcome::InvalidScan) };
         if age(scan.header.stamp_ns) > self.config.scan_max_age_ns {
             return Some(Outcome::StaleScan);
@@ -317,7 +363,7 @@ impl Core {
             Some(mode) if mode.class == ModeClass::Run => mode,
             _ => return Outcome::NotInRun,
         };
-        if now_ns.saturating_sub(mode.header.stamp_ns) > self.config.mode_max_age_ns {
+        if age_ns(now_ns, mode.header.stamp_ns) > self.config.mode_max_age_ns {
             return Outcome::NotInRun;
         }
         let Some(running) = self.running else { return Outcome::NoAction };
@@ -409,6 +455,7 @@ impl Core {
         health.missed_decisions = self.missed;
         health.outcomes = self.outcomes;
         health.invalid_inputs = self.invalid_inputs;
+        health.pose_jumps = self.jumps;
     }
 }
 

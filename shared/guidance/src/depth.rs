@@ -3,16 +3,20 @@
 use messages::DepthHeader;
 use nalgebra::Vector2;
 
-use crate::se2::Point;
+use crate::se2::{Point, Se2};
 
 /// What is lower is floor or can be walked over, metres.
 const FLOOR_M: f64 = 0.08;
 /// What is higher is over everybody's head, metres.
 const HEAD_M: f64 = 1.90;
-/// Only every so many columns and rows are looked at.
+/// Only every so many columns are looked at, but every row: a bar across the way is thin in height.
 const STRIDE: usize = 4;
-/// So many pixels of a column must agree that something is there: a single one is noise.
-const MIN_PIXELS: u32 = 2;
+/// A pixel is an obstacle where the next one to the right or below is about as near; one alone is noise.
+const AGREE_M: f64 = 0.10;
+/// The same, as a share of the depth.
+const AGREE_SHARE: f64 = 0.03;
+/// Pixels that say nothing hide something that is higher than this, metres.
+const HIDDEN_M: f64 = 0.05;
 
 /// A depth frame cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -32,22 +36,71 @@ pub enum DepthError {
     Geometry(&'static str),
 }
 
-/// One column: nearest obstacle and how far it sees.
-#[derive(Debug, Clone, Copy, Default)]
+/// One column of the image.
+#[derive(Debug, Clone, Copy)]
 struct Column {
     /// Tangent of the angle to the left of the camera's axis.
     left: f64,
-    /// Along the camera's axis, metres: nothing between head and floor is nearer.
+    /// The nearest obstacle: along the camera's axis over the floor, and its depth, metres.
+    near_m: f64,
+    near_depth_m: f64,
+    /// Nothing between floor and head is nearer, as far as the image reaches up, metres.
     free_m: f64,
+    /// How far its rays reach within the band between floor and head, metres.
+    far_m: f64,
+    /// Pixels in a row, up to here, that say nothing.
+    unknown: u32,
+}
+
+impl Column {
+    fn new(left: f64) -> Self {
+        let none = f64::INFINITY;
+        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, unknown: 0 }
+    }
+
+    /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
+    fn take_unknown(&mut self, fy_px: f64) {
+        self.unknown += 1;
+        self.free_m = self.free_m.min(HIDDEN_M * fy_px / f64::from(self.unknown));
+    }
+
+    fn end(&mut self) {
+        self.free_m = self.free_m.min(self.near_m).min(self.far_m);
+    }
+}
+
+/// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the camera.
+#[derive(Debug, Clone, Copy)]
+struct Row {
+    along: f64,
+    rise: f64,
 }
 
 /// A depth frame as the shield sees it. Reused from frame to frame.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct DepthView {
+    /// Obstacles in the robot frame of the frame's stamp.
+    stamped: Vec<Point>,
+    /// The same in the robot frame of now.
     points: Vec<Point>,
     columns: Vec<Column>,
     camera: Point,
     forward: Vector2<f64>,
+    /// The robot of the frame's stamp, in the robot frame of now.
+    now_from_stamped: Se2,
+}
+
+impl Default for DepthView {
+    fn default() -> Self {
+        Self {
+            stamped: Vec::new(),
+            points: Vec::new(),
+            columns: Vec::new(),
+            camera: Point::origin(),
+            forward: Vector2::x(),
+            now_from_stamped: Se2::identity(),
+        }
+    }
 }
 
 impl DepthView {
@@ -74,47 +127,62 @@ impl DepthView {
         }
         self.camera = Point::new(mount.x_m, mount.y_m);
         self.forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
-        for u in (0..width).step_by(STRIDE) {
-            let left = -(u as f64 - header.cx_px) / fx;
-            self.look_at_column(header, pixels_mm, u, left);
+        let left_of = |u: usize| -(u as f64 - header.cx_px) / fx;
+        self.columns.extend((0..width).step_by(STRIDE).map(|u| Column::new(left_of(u))));
+        let (sin, cos) = mount.pitch_rad.sin_cos();
+        for v in 0..height {
+            // The camera is tilted down: its axis loses height with distance.
+            let up = -(v as f64 - header.cy_px) / fy;
+            let row = Row { along: cos + up * sin, rise: up * cos - sin };
+            let below = pixels_mm.get((v + 1) * width..(v + 2) * width).unwrap_or_default();
+            self.look_at_row(row, mount.z_m, fy, &pixels_mm[v * width..(v + 1) * width], below);
         }
+        for i in 0..self.columns.len() {
+            self.columns[i].end();
+            let Column { left, near_m, near_depth_m, .. } = self.columns[i];
+            if near_m.is_finite() {
+                self.stamped.push(self.place(near_m, left * near_depth_m));
+            }
+        }
+        self.points.clone_from(&self.stamped);
         Ok(())
     }
 
-    fn look_at_column(&mut self, header: &DepthHeader, pixels_mm: &[u16], u: usize, left: f64) {
-        let (sin, cos) = header.robot_from_camera.pitch_rad.sin_cos();
-        let (mut near, mut second, mut seen, mut far) = (f64::INFINITY, f64::INFINITY, 0u32, 0.0f64);
-        let mut near_depth = 0.0;
-        for v in (0..header.height as usize).step_by(STRIDE) {
-            let mm = pixels_mm[v * header.width as usize + u];
-            if mm == 0 {
+    fn look_at_row(&mut self, row: Row, camera_m: f64, fy_px: f64, pixels_mm: &[u16], below_mm: &[u16]) {
+        for (column, u) in self.columns.iter_mut().zip((0..pixels_mm.len()).step_by(STRIDE)) {
+            if pixels_mm[u] == 0 {
+                column.take_unknown(fy_px);
                 continue;
             }
-            seen += 1;
-            let depth = f64::from(mm) / 1000.0;
-            let up = -(v as f64 - header.cy_px) / header.fy_px * depth;
-            // The camera is tilted down: its axis loses height with distance.
-            let along = depth * cos + up * sin;
-            let height = header.robot_from_camera.z_m - depth * sin + up * cos;
-            far = far.max(along);
-            if !(FLOOR_M..=HEAD_M).contains(&height) {
+            column.unknown = 0;
+            let depth_m = f64::from(pixels_mm[u]) / 1000.0;
+            let (along_m, height_m) = (depth_m * row.along, camera_m + depth_m * row.rise);
+            if !(FLOOR_M..=HEAD_M).contains(&height_m) {
+                // The ray left the band before it ended.
+                let edge_m = if height_m < FLOOR_M { FLOOR_M } else { HEAD_M };
+                let share = ((edge_m - camera_m) / (height_m - camera_m)).clamp(0.0, 1.0);
+                column.far_m = column.far_m.max(along_m * share);
                 continue;
             }
-            if along < near {
-                (second, near, near_depth) = (near, along, depth);
-            } else if along < second {
-                second = along;
+            column.far_m = column.far_m.max(along_m);
+            if along_m >= column.near_m {
+                continue;
+            }
+            column.free_m = column.free_m.min(along_m);
+            let near = AGREE_M + AGREE_SHARE * depth_m;
+            let agrees = |mm: Option<&u16>| mm.is_some_and(|mm| (f64::from(*mm) / 1000.0 - depth_m).abs() <= near);
+            if agrees(pixels_mm.get(u + 1)) || agrees(below_mm.get(u)) {
+                (column.near_m, column.near_depth_m) = (along_m, depth_m);
             }
         }
-        // One pixel alone is noise; the second nearest must be about as near.
-        let obstacle = if second - near < 0.3 || MIN_PIXELS < 2 { near } else { second };
-        if obstacle.is_finite() && near_depth > 0.0 {
-            // A pixel's offset to the side goes with its depth, which a tilt makes different from the way along.
-            let side = left * near_depth * (obstacle / near);
-            self.points.push(self.place(obstacle, side));
-        }
-        let free_m = if obstacle.is_finite() { obstacle } else { far };
-        self.columns.push(Column { left, free_m: if seen >= 8 { free_m } else { 0.0 } });
+    }
+
+    /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot
+    /// frame of now.
+    pub fn move_to(&mut self, now_from_stamped: &Se2) {
+        self.now_from_stamped = *now_from_stamped;
+        self.points.clear();
+        self.points.extend(self.stamped.iter().map(|point| now_from_stamped * point));
     }
 
     fn place(&self, along: f64, left: f64) -> Point {
@@ -123,8 +191,10 @@ impl DepthView {
 
     /// Nothing seen.
     pub fn clear(&mut self) {
+        self.stamped.clear();
         self.points.clear();
         self.columns.clear();
+        self.now_from_stamped = Se2::identity();
     }
 
     /// The nearest obstacle of each column between floor and head, robot frame.
@@ -136,7 +206,7 @@ impl DepthView {
     /// Whether the camera sees that nothing is at a point, nor on the way to it.
     #[must_use]
     pub fn sees_free(&self, point: Point) -> bool {
-        let to = point - self.camera;
+        let to = self.now_from_stamped.inverse() * point - self.camera;
         let along = to.dot(&self.forward);
         if along <= 0.0 || self.columns.is_empty() {
             return false;
@@ -152,7 +222,7 @@ impl DepthView {
 #[cfg(test)]
 mod tests {
     use super::{DepthError, DepthView};
-    use crate::se2::Point;
+    use crate::se2::{Point, Se2};
     use messages::{DepthHeader, Pose3};
 
     fn header() -> DepthHeader {
@@ -191,6 +261,68 @@ mod tests {
         let mut view = DepthView::default();
         view.fill(&header(), &pixels).expect("usable");
         assert!(view.points().is_empty());
+    }
+
+    /// The floor as far as a ray reaches it within 10 m, and nothing above.
+    fn floor() -> Vec<u16> {
+        let mut pixels = vec![0u16; 64 * 48];
+        for v in 0..48 {
+            let depth = 0.45 * 32.0 / (v as f64 - 23.5);
+            let seen = v > 23 && depth < 10.0;
+            // The upper half sees a wall 9 m away.
+            pixels[v * 64..(v + 1) * 64].fill(if seen { (depth * 1000.0) as u16 } else { 9000 });
+        }
+        pixels
+    }
+
+    #[test]
+    fn a_thin_bar_across_the_way_is_seen() {
+        for row in 0..48 {
+            let mut pixels = floor();
+            let height = 0.45 - (f64::from(row) - 23.5) / 32.0 * 1.0;
+            pixels[row as usize * 64..(row as usize + 1) * 64].fill(1000);
+            let mut view = DepthView::default();
+            view.fill(&header(), &pixels).expect("usable");
+            let seen = view.points().iter().filter(|p| (p.x - 1.25).abs() < 1e-6).count();
+            assert_eq!(seen == 16, (0.08..=1.90).contains(&height), "row {row}, {height} m high: {seen}");
+        }
+    }
+
+    #[test]
+    fn one_pixel_alone_is_no_obstacle_but_is_not_free_either() {
+        let mut pixels = floor();
+        pixels[20 * 64 + 32] = 1000;
+        let mut view = DepthView::default();
+        view.fill(&header(), &pixels).expect("usable");
+        assert!(view.points().iter().all(|p| p.x > 5.0));
+        let ahead = |x: f64| Point::new(0.25 + x, -0.01 * x);
+        assert!(view.sees_free(ahead(0.9)) && !view.sees_free(ahead(1.1)));
+    }
+
+    #[test]
+    fn what_no_pixel_says_anything_about_is_not_free() {
+        let mut view = DepthView::default();
+        let mut pixels = floor();
+        view.fill(&header(), &pixels).expect("usable");
+        let ahead = Point::new(3.0, 0.0);
+        assert!(view.sees_free(ahead));
+        // A black thing on the floor returns nothing: rows 10 to 40 of the middle.
+        for v in 10..40 {
+            pixels[v * 64 + 24..v * 64 + 40].fill(0);
+        }
+        view.fill(&header(), &pixels).expect("usable");
+        assert!(!view.sees_free(ahead));
+        view.fill(&header(), &vec![0; 64 * 48]).expect("usable");
+        assert!(!view.sees_free(Point::new(0.5, 0.0)) && view.points().is_empty());
+    }
+
+    #[test]
+    fn a_robot_that_moved_on_is_nearer_to_what_it_saw() {
+        let mut view = DepthView::default();
+        view.fill(&header(), &vec![2000; 64 * 48]).expect("usable");
+        view.move_to(&Se2::translation(-0.5, 0.0));
+        assert!(view.points().iter().all(|p| (p.x - 1.75).abs() < 1e-9));
+        assert!(view.sees_free(Point::new(1.5, 0.1)) && !view.sees_free(Point::new(1.9, 0.1)));
     }
 
     #[test]

@@ -11,6 +11,7 @@ pub mod interaction;
 pub mod scan;
 pub mod se2;
 pub mod shield;
+pub mod track;
 
 pub use action::{Action, ActionTable};
 pub use depth::DepthView;
@@ -20,3 +21,4 @@ pub use interaction::{DelayedHarness, HarnessError};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};
+pub use track::PoseTrack;

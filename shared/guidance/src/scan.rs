@@ -81,6 +81,19 @@ impl Beams {
         Ok(())
     }
 
+    /// The same beams seen from where the robot is now, into `seen`: `now_from_stamped` is the robot of the scan's stamp
+    /// in the robot frame of now.
+    pub fn seen_from(&self, now_from_stamped: &Se2, seen: &mut Self) {
+        seen.beams.clear();
+        seen.beams.extend(self.beams.iter().map(|beam| Beam {
+            direction: now_from_stamped.rotation * beam.direction,
+            end: now_from_stamped * beam.end,
+            ..*beam
+        }));
+        seen.origin = (now_from_stamped * Point::from(self.origin)).coords;
+        (seen.increment_rad, seen.sigma_m, seen.whole_turn) = (self.increment_rad, self.sigma_m, self.whole_turn);
+    }
+
     /// The beams, in the order of their angles.
     #[must_use]
     pub fn beams(&self) -> &[Beam] {
@@ -150,6 +163,7 @@ fn classify(range_m: f64, header: &ScanHeader) -> (BeamKind, f64) {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::{BeamKind, Beams, ScanError};
+    use crate::se2::{Point, se2};
     use messages::{Pose2, ScanHeader};
 
     /// A lidar of 360 beams at the robot's origin that reads 0.1 to 10 m.
@@ -185,6 +199,20 @@ pub(crate) mod tests {
         // Beam 180 looks along the lidar's x axis, which is the robot's y axis.
         let end = beams.beams()[180].end;
         assert!((end.x - 0.2).abs() < 1e-9 && (end.y - 2.1).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_robot_that_moved_on_sees_the_same_ends() {
+        let (mut beams, mut seen) = (Beams::default(), Beams::default());
+        beams.fill(&header(), &[2.0; 360]).expect("usable");
+        // The robot has gone 0.3 m ahead and turned left by a quarter since.
+        let stamped_from_now = se2(Pose2::new(0.3, 0.0, std::f64::consts::FRAC_PI_2));
+        beams.seen_from(&stamped_from_now.inverse(), &mut seen);
+        // Beam 180 looked ahead: now it ends to the right, 1.7 m away.
+        let beam = seen.beams()[180];
+        assert!((beam.end - Point::new(0.0, -1.7)).norm() < 1e-9 && (beam.reading_m - 2.0).abs() < 1e-9);
+        assert!((seen.origin() - Point::new(0.0, 0.3)).norm() < 1e-9);
+        assert!((seen.origin() + beam.direction * beam.reading_m - beam.end).norm() < 1e-9);
     }
 
     #[test]

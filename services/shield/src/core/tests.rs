@@ -74,6 +74,10 @@ fn action(decision: u64, index: usize) -> PolicyAction {
     action
 }
 
+fn action_at(decision: u64, stamp_ms: u64) -> PolicyAction {
+    PolicyAction { decision, header: header(stamp_ms, decision), ..action(2, 1) }
+}
+
 fn depth_header(stamp_ms: u64) -> DepthHeader {
     DepthHeader {
         header: header(stamp_ms, stamp_ms),
@@ -126,7 +130,7 @@ fn each_decision_is_drawn_once_and_only_the_active_policys() {
     let mut shadow = action(3, 1);
     shadow.header.incarnation = 2;
     assert!(core.on_action(1000 * MS, &shadow).is_none(), "not the active policy");
-    core.on_action(1000 * MS, &action(5, 1));
+    core.on_action(2500 * MS, &action(5, 1));
     let mut health = messages::Health::default();
     core.fill_health(&mut health);
     assert_eq!((health.decisions, health.missed_decisions), (2, 2), "3 and 4 did not come");
@@ -143,6 +147,66 @@ fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
     let permit = core.on_scan(1100 * MS, &scan_header(1090), &blocked);
     assert_eq!(permit.outcome, Outcome::RemainderUnsafe);
     assert!(permit.velocity.is_zero() && permit.margin_m < 0.0);
+}
+
+#[test]
+fn what_was_measured_then_is_judged_from_where_the_robot_is_now() {
+    // A wall that leaves 0.1 m beside the hull of forward where the scan was taken.
+    let wall = |x_m: f64| -> Vec<f32> {
+        let mut ranges = open_scan();
+        for (i, range) in ranges.iter_mut().enumerate() {
+            let angle = -std::f64::consts::PI + (i as f64).to_radians();
+            let reading = x_m / angle.cos();
+            if angle.cos() > 0.3 {
+                *range = range.min(reading as f32);
+            }
+        }
+        ranges
+    };
+    for (moved_m, expected) in [(0.0, Outcome::Granted), (0.15, Outcome::AllUnsafe)] {
+        let mut core = ready();
+        core.on_scan(1000 * MS, &scan_header(990), &wall(0.65));
+        // The robot went on since the scan was taken; the decision is judged later on the same scan.
+        core.take_odometry(&odometry(1090, moved_m));
+        core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+        let mut late = action(2, 1);
+        late.header.stamp_ns = 1095 * MS;
+        let permit = core.on_action(1100 * MS, &late).expect("a verdict");
+        let forward_is_unsafe = permit.unsafe_mask >> 1 & 1 == 1;
+        assert_eq!(forward_is_unsafe, expected != Outcome::Granted, "moved {moved_m} m: {permit:?}");
+    }
+}
+
+#[test]
+fn a_scan_from_before_anything_is_known_of_the_robots_place_is_refused() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1));
+    assert_eq!(core.on_scan(1010 * MS, &scan_header(985), &open_scan()).outcome, Outcome::InvalidScan);
+}
+
+#[test]
+fn what_is_stamped_in_the_future_is_refused() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1));
+    assert_eq!(core.on_scan(1010 * MS, &scan_header(1500), &open_scan()).outcome, Outcome::StaleScan);
+}
+
+#[test]
+fn a_decision_of_another_time_is_refused_and_blocks_none_that_follow() {
+    let mut core = ready();
+    for wrong in [u64::MAX, 900, 4] {
+        assert_eq!(core.on_action(1000 * MS, &action_at(wrong, 1000)).map(|p| p.outcome), Some(Outcome::InvalidAction));
+    }
+    assert_eq!(core.on_action(1000 * MS, &action(2, 1)).map(|p| p.outcome), Some(Outcome::Granted));
+}
+
+#[test]
+fn a_pose_that_jumps_is_counted_for_the_supervisor() {
+    let mut core = ready();
+    core.take_odometry(&odometry(1010, 3.0));
+    let mut health = messages::Health::default();
+    core.fill_health(&mut health);
+    assert_eq!(health.pose_jumps, 1);
 }
 
 #[test]

@@ -1,0 +1,101 @@
+//! Where the robot was a moment ago, so that what was measured then is judged from where the robot is now.
+
+use std::collections::VecDeque;
+
+use messages::{NS_PER_S, Odometry, s_from_ns};
+
+use crate::se2::{Se2, exp, log, se2};
+
+/// Poses are kept for this long: longer than any input may be old.
+const KEPT_NS: u64 = 2 * NS_PER_S;
+/// The robot is taken to move on with its last velocity for at most this long, seconds.
+const AHEAD_MAX_S: f64 = 0.2;
+
+/// The last poses of one odometry frame, the oldest first.
+#[derive(Debug, Clone, Default)]
+pub struct PoseTrack {
+    poses: VecDeque<(u64, Se2)>,
+    newest: Option<Odometry>,
+}
+
+impl PoseTrack {
+    /// Forgets everything: a new frame, or a jump within one.
+    pub fn clear(&mut self) {
+        self.poses.clear();
+        self.newest = None;
+    }
+
+    /// Takes a pose. One that is not newer than the last is not taken.
+    pub fn push(&mut self, odometry: &Odometry) {
+        let stamp_ns = odometry.header.stamp_ns;
+        if self.newest.is_some_and(|newest| stamp_ns <= newest.header.stamp_ns) {
+            return;
+        }
+        self.poses.push_back((stamp_ns, se2(odometry.odom_from_robot)));
+        self.newest = Some(*odometry);
+        while self.poses.front().is_some_and(|(at_ns, _)| at_ns + KEPT_NS < stamp_ns) {
+            self.poses.pop_front();
+        }
+    }
+
+    /// `odom_from_robot` at a time: between two poses on the way from one to the other, after the last one on with its
+    /// velocity. `None` before the first one.
+    #[must_use]
+    pub fn at(&self, time_ns: u64) -> Option<Se2> {
+        let newest = self.newest.as_ref()?;
+        if time_ns >= newest.header.stamp_ns {
+            let ahead_s = s_from_ns(time_ns - newest.header.stamp_ns).min(AHEAD_MAX_S);
+            return Some(se2(newest.odom_from_robot) * exp(newest.twist, ahead_s));
+        }
+        let next = self.poses.partition_point(|(at_ns, _)| *at_ns <= time_ns);
+        let (before_ns, before) = *self.poses.get(next.checked_sub(1)?)?;
+        let (after_ns, after) = *self.poses.get(next)?;
+        let share = (time_ns - before_ns) as f64 / (after_ns - before_ns) as f64;
+        Some(before * exp(log(&(before.inverse() * after), 1.0), share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::PoseTrack;
+    use crate::se2::pose2;
+    use messages::{Header, Odometry, Pose2, Twist2};
+
+    const MS: u64 = 1_000_000;
+
+    fn track() -> PoseTrack {
+        let mut track = PoseTrack::default();
+        for i in 0..5u64 {
+            track.push(&Odometry {
+                header: Header { stamp_ns: (1000 + 20 * i) * MS, ..Header::default() },
+                odom_from_robot: Pose2::new(0.01 * i as f64, 0.0, 0.1 * i as f64),
+                twist: Twist2 { vx_mps: 0.5, ..Twist2::ZERO },
+                ..Odometry::default()
+            });
+        }
+        track
+    }
+
+    #[test]
+    fn between_two_poses_the_robot_is_on_the_way() {
+        let at = pose2(&track().at(1050 * MS).expect("known"));
+        assert!((at.x_m - 0.025).abs() < 1e-3 && (at.yaw_rad - 0.25).abs() < 1e-9);
+    }
+
+    #[test]
+    fn after_the_last_pose_it_goes_on_and_before_the_first_nothing_is_known() {
+        let at = pose2(&track().at(1100 * MS).expect("known"));
+        let ahead = ((at.x_m - 0.04).powi(2) + at.y_m.powi(2)).sqrt();
+        assert!((ahead - 0.01).abs() < 1e-9, "20 ms at 0.5 m/s");
+        assert!(track().at(999 * MS).is_none());
+        assert!(PoseTrack::default().at(0).is_none());
+    }
+
+    #[test]
+    fn a_pose_that_is_not_newer_is_not_taken() {
+        let mut track = track();
+        let old = Odometry { odom_from_robot: Pose2::new(9.0, 0.0, 0.0), ..Odometry::default() };
+        track.push(&old);
+        assert!(track.at(1080 * MS).is_some_and(|pose| pose.translation.x < 1.0));
+    }
+}
