@@ -105,7 +105,7 @@ pub struct PaceArgs {
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = speed)]
     pub speed: Option<f64>,
     /// Name of the run
-    #[arg(long, value_name = "RUN")]
+    #[arg(long, value_name = "RUN", value_parser = run_name)]
     pub name: Option<String>,
 }
 
@@ -244,6 +244,10 @@ fn speed(text: &str) -> Result<f64, String> {
     if speed.is_finite() && speed >= 0.0 { Ok(speed) } else { Err("not 0 (as fast as it goes) or more".to_owned()) }
 }
 
+fn run_name(text: &str) -> Result<String, String> {
+    transport::check_run_name(text).map(|()| text.to_owned())
+}
+
 fn duration(text: &str) -> Result<Millis, String> {
     Millis::try_from(text.to_owned())
 }
@@ -262,7 +266,11 @@ fn start(text: &str) -> Result<Pose2, String> {
     if yaw_rad.abs() > std::f64::consts::TAU {
         return Err(format!("yaw {yaw} is over a whole turn; it is in radians, or say {yaw}deg"));
     }
-    Ok(Pose2::new(number("x", x)?, number("y", y)?, guidance::se2::wrap_angle(yaw_rad)))
+    let place = |what: &str, text: &str| {
+        number(what, text)
+            .and_then(|n| if n.abs() <= 1e6 { Ok(n) } else { Err(format!("{what} {text} is over 1e6 m")) })
+    };
+    Ok(Pose2::new(place("x", x)?, place("y", y)?, guidance::se2::wrap_angle(yaw_rad)))
 }
 
 #[cfg(test)]
@@ -289,6 +297,7 @@ mod tests {
             "guidedog walk --map m.yaml",
             "guidedog walk --start 1,2,3",
             "guidedog walk --scenario a --map m.yaml --start 0,0,0",
+            "guidedog walk --name ../x",
             "guidedog walk --time-limit 0s",
             "guidedog walk --time-limit 5",
             "guidedog cue up",
@@ -317,8 +326,13 @@ mod tests {
 
     #[test]
     fn a_wrong_start_says_what_is_wrong() {
-        for (text, what) in [("1,2", "x,y,yaw"), ("1,2,3,4", "x,y,yaw"), ("a,2,0", "x \"a\""), ("1,inf,0", "y \"inf\"")]
-        {
+        for (text, what) in [
+            ("1,2", "x,y,yaw"),
+            ("1,2,3,4", "x,y,yaw"),
+            ("a,2,0", "x \"a\""),
+            ("1,inf,0", "y \"inf\""),
+            ("1e30,0,0", "over 1e6 m"),
+        ] {
             assert!(start(text).expect_err(text).contains(what), "{text}");
         }
         assert!(start("1,2,90").expect_err("over a turn").contains("90deg"));

@@ -56,7 +56,14 @@ pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
     // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
     let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
     let name = choose(&live, run)?;
-    let failed = |error: io::Error| Failure::run(format!("run {name}: its supervisor does not answer: {error}"));
+    let failed = |error: io::Error| match error.kind() {
+        io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
+            let pid = RunDir::open(&runs_root().join(&name)).read_info().map_or(0, |info| info.supervisor_pid);
+            let limit_s = ANSWER_WITHIN.as_secs();
+            Failure::run(format!("run {name}: its supervisor (process {pid}) has not answered for {limit_s} s"))
+        }
+        _ => Failure::run(format!("run {name}: its supervisor does not answer: {error}")),
+    };
     let mut client = Client::connect(&socket(&name)).map_err(|error| match error.kind() {
         io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
         _ => failed(error),

@@ -49,7 +49,7 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     let checks = [shared_memory(&pools), open_files(), run_root(), services(), leftovers(), kernel(), cpus()];
     let ok = checks.iter().all(|check| check.ok);
     if as_json {
-        out::json(&report(ok, &checks, &pools));
+        out::json(&report(ok, &checks, &pools))?;
     } else {
         tell(&checks, &pools, settings.depth.width, settings.depth.height);
     }

@@ -32,27 +32,29 @@ pub struct Failure {
     pub code: u8,
     /// One line that names file, line, key or topic.
     pub message: String,
+    /// Whether the JSON object on stdout has told it.
+    pub told: bool,
 }
 
 impl Failure {
     /// Arguments, configuration or an input file are at fault.
     pub fn input(message: impl Into<String>) -> Self {
-        Self { code: EXIT_BAD_INPUT, message: message.into() }
+        Self { code: EXIT_BAD_INPUT, message: message.into(), told: false }
     }
 
     /// The run is at fault.
     pub fn run(message: impl Into<String>) -> Self {
-        Self { code: EXIT_RUN_FAILED, message: message.into() }
+        Self { code: EXIT_RUN_FAILED, message: message.into(), told: false }
     }
 
     /// There is no such run.
     pub fn no_run(message: impl Into<String>) -> Self {
-        Self { code: EXIT_NO_RUN, message: message.into() }
+        Self { code: EXIT_NO_RUN, message: message.into(), told: false }
     }
 
     /// The supervisor refused.
     pub fn refused(message: impl Into<String>) -> Self {
-        Self { code: EXIT_REFUSED, message: message.into() }
+        Self { code: EXIT_REFUSED, message: message.into(), told: false }
     }
 
     /// For `map_err`: an input is at fault, and the error says which.

@@ -2,7 +2,7 @@
 
 use recording::Existing;
 use recording::carmen::{ImportOptions, ImportReport, import as import_carmen};
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::args::{ImportArgs, ImportFormat};
 use crate::exit::Failure;
@@ -26,7 +26,7 @@ pub fn import(args: &ImportArgs, as_json: bool) -> Result<(), Failure> {
         Failure::input(format!("{}{hint}", crate::exit::chain(&error)))
     })?;
     if as_json {
-        out::json(&serde_json::to_value(&report).unwrap_or_else(|error| json!({ "error": error.to_string() })));
+        out::json(&serde_json::to_value(&report).map_err(Failure::of_run)?)?;
     } else {
         lines(&report).iter().for_each(say);
     }

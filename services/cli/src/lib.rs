@@ -38,8 +38,9 @@ pub fn main() -> ExitCode {
     match perform(cli) {
         Ok(code) => ExitCode::from(code),
         Err(failure) => {
-            if as_json {
-                out::json(&json!({ "error": failure.message }));
+            if as_json && !failure.told {
+                // Where nothing can be written there either, stderr and the exit code say it.
+                let _ = out::json(&json!({ "error": failure.message }));
             }
             out::say(format!("guidedog: {}", failure.message));
             ExitCode::from(failure.code)
@@ -52,7 +53,8 @@ fn usage(error: &clap::Error) -> ExitCode {
     if error.use_stderr() && std::env::args().any(|arg| arg == "--json") {
         let text = error.to_string();
         let first = text.split("\n\n").next().unwrap_or_default();
-        out::json(&json!({ "error": one_line(first).trim_start_matches("error: ") }));
+        // Where nothing can be written there, stderr and the exit code say it.
+        let _ = out::json(&json!({ "error": one_line(first).trim_start_matches("error: ") }));
     }
     // The reader may be gone; the exit code says the rest.
     let _ = error.print();

@@ -14,7 +14,7 @@ use crate::out::{self, count, elements, entries, number, say, table, text};
 pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let status = ask(run.run.as_deref(), &json!({ "verb": "status" }))?;
     if as_json {
-        out::json(&status);
+        out::json(&status)?;
     } else {
         status_lines(&status).iter().for_each(say);
     }
@@ -28,7 +28,7 @@ pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let why = ask(run.run.as_deref(), &json!({ "verb": "why" }))?;
     if as_json {
-        out::json(&why);
+        out::json(&why)?;
     } else {
         why_lines(&why).iter().for_each(say);
     }
@@ -63,9 +63,9 @@ pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 fn tell(run: &RunArg, request: &Value, done: &str, as_json: bool) -> Result<(), Failure> {
     let answer = ask(run.run.as_deref(), request)?;
     if as_json {
-        out::json(&answer)
+        out::json(&answer)?;
     } else {
-        say(done)
+        say(done);
     }
     Ok(())
 }

@@ -4,6 +4,8 @@ use std::io::Write;
 
 use serde_json::Value;
 
+use crate::exit::Failure;
+
 /// One line for people.
 pub fn say(line: impl AsRef<str>) {
     // Whoever closed stderr does not want to hear it.
@@ -11,15 +13,25 @@ pub fn say(line: impl AsRef<str>) {
 }
 
 /// The one JSON object of a verb with `--json`.
-pub fn json(value: &Value) {
-    raw(&value.to_string());
+///
+/// # Errors
+/// As [`raw`].
+pub fn json(value: &Value) -> Result<(), Failure> {
+    raw(&value.to_string())
 }
 
 /// A line on stdout.
-pub fn raw(line: &str) {
+///
+/// # Errors
+/// Where it cannot be written, as on a full disk. A reader that has gone away wanted no more, which is no error.
+pub fn raw(line: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    // The reader may be gone; the exit code says the rest.
-    let _ = writeln!(out, "{line}").and_then(|()| out.flush());
+    match writeln!(out, "{line}").and_then(|()| out.flush()) {
+        Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
+            Err(Failure::run(format!("failed to write to standard output: {error}")))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// The text at a path of keys, or nothing.

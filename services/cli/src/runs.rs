@@ -1,11 +1,12 @@
 //! `up`, `walk`, `replay`: runs from their start to their report.
 
 use serde_json::{Value, json};
+use transport::live_runs;
 use world::Route;
 
 use crate::args::{ReplayArgs, WalkArgs, WorldArgs};
 use crate::control::free_name;
-use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, EXIT_RUN_FAILED, Failure};
+use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::launch::{Launch, Outcome};
 use crate::live::Live;
 use crate::map_view::MapView;
@@ -22,6 +23,9 @@ pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
         Err(failure) => return failure,
     };
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("run"));
+    if live_runs().contains(&name) {
+        return Failure::run(format!("a run {name} is alive already; give this one another --name"));
+    }
     say(format!("run {name} starts as process {}; `guidedog status --run {name}`, Ctrl-C ends it", std::process::id()));
     Launch { settings: &prepared.settings, name, speed: args.pace.speed }.exec(as_json)
 }
@@ -108,7 +112,7 @@ fn replay_ending(outcome: &Outcome, expected_s: f64) -> RunEnding {
     RunEnding { words: "came to its end".to_owned(), well: true }
 }
 
-/// Tells the report; a run that failed is an error even so.
+/// Tells the report; a run that failed is an error even so, which the JSON object tells already.
 fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
     let failure = text(report, "/failure");
     if as_json {
@@ -116,11 +120,11 @@ fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) 
         if !failure.is_empty() {
             report["error"] = json!(failure);
         }
-        out::json(&report);
+        out::json(&report)?;
     } else {
         summary().iter().for_each(say);
     }
-    if failure.is_empty() { Ok(()) } else { Err(Failure { code: EXIT_RUN_FAILED, message: failure.to_owned() }) }
+    if failure.is_empty() { Ok(()) } else { Err(Failure { told: as_json, ..Failure::run(failure) }) }
 }
 
 #[cfg(test)]

@@ -81,9 +81,12 @@ pub fn main() -> ExitCode {
     };
     match run(&arguments, &settings, &dir) {
         Ok((report, failure)) => {
-            if arguments.report {
-                // The reader may be gone.
-                let _ = writeln!(std::io::stdout(), "{report}");
+            if arguments.report
+                && let Err(error) = writeln!(std::io::stdout(), "{report}")
+                // A reader that is gone wanted no more.
+                && error.kind() != std::io::ErrorKind::BrokenPipe
+            {
+                return fail(EXIT_RUN_FAILED, format!("failed to write the report: {error}"));
             }
             match failure {
                 Some(why) => fail(EXIT_RUN_FAILED, why),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::sections::{Settings, Source};
+use crate::sections::{LinkKind, Settings, Source};
 
 /// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -131,18 +131,10 @@ fn check(settings: &Settings) -> Result<(), String> {
     if !(near > 0.0 && near < far && far <= 65.0) {
         return Err("depth.range_m is not [near, far] with 0 < near < far <= 65".to_owned());
     }
-    for (name, rate, limit) in [
-        ("lidar", lidar.rate_hz, 50.0),
-        ("depth", depth.rate_hz, 100.0),
-        ("odometry", settings.odometry.rate_hz, 100.0),
-        ("locomotion", settings.locomotion.rate_hz, 100.0),
-    ] {
-        if rate.get() > limit {
-            return Err(format!("{name}.rate_hz = {} is over {limit}", rate.get()));
-        }
-    }
-    if !(-0.2..=0.5).contains(&settings.shield.margin_m) {
-        return Err(format!("shield.margin_m = {} is not in -0.2..0.5", settings.shield.margin_m));
+    check_rates(settings)?;
+    check_ages(settings)?;
+    if !(0.0..=0.5).contains(&settings.shield.margin_m) {
+        return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
     }
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
@@ -153,6 +145,49 @@ fn check(settings: &Settings) -> Result<(), String> {
     }
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+fn check_rates(settings: &Settings) -> Result<(), String> {
+    // A slower lidar leaves gaps longer than a permit lives; recorded logs may, with the null link.
+    let slowest_lidar = if settings.lidar.source == Source::Replayed { 1.0 } else { 8.0 };
+    for (name, rate, from, to) in [
+        ("lidar", settings.lidar.rate_hz, slowest_lidar, 50.0),
+        ("depth", settings.depth.rate_hz, 1.0, 100.0),
+        ("odometry", settings.odometry.rate_hz, 20.0, 100.0),
+        ("locomotion", settings.locomotion.rate_hz, 20.0, 100.0),
+    ] {
+        if !(from..=to).contains(&rate.get()) {
+            return Err(format!("{name}.rate_hz = {} is not in {from}..{to}", rate.get()));
+        }
+    }
+    Ok(())
+}
+
+/// The promise that a stop never waits for longer than this is not the configuration's to give away; recorded logs move
+/// no robot, and may be slower.
+fn check_ages(settings: &Settings) -> Result<(), String> {
+    let null = settings.locomotion.link == LinkKind::Null;
+    let (age, supervision) = (&settings.max_age, &settings.supervision);
+    for (name, value, most_ms) in [
+        ("max_age.scan", age.scan, if null { 2000 } else { 300 }),
+        ("max_age.depth", age.depth, if null { 2000 } else { 300 }),
+        ("max_age.odometry", age.odometry, if null { 2000 } else { 150 }),
+        ("max_age.mode", age.mode, 300),
+        ("max_age.cue", age.cue, 5000),
+        ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
+        ("supervision.beat_limit", supervision.beat_limit, 250),
+        ("supervision.brake_limit", supervision.brake_limit, 200),
+    ] {
+        if value.ns() > most_ms * 1_000_000 {
+            return Err(format!("{name} is over {most_ms} ms"));
+        }
+    }
+    for (name, value) in [("beat_limit", supervision.beat_limit), ("brake_limit", supervision.brake_limit)] {
+        if value.ns() < 60_000_000 {
+            return Err(format!("supervision.{name} is under 60 ms: beats come every 20 ms"));
+        }
     }
     Ok(())
 }
@@ -186,6 +221,22 @@ mod tests {
         ] {
             let error = parse(Path::new("x.toml"), text).expect_err("it is wrong").to_string();
             assert!(error.contains("x.toml") && error.contains(line) && error.contains(what), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_would_give_the_stop_away_is_refused_with_its_key() {
+        for (text, key) in [
+            ("[lidar]\nrate_hz = 2.0\n", "lidar.rate_hz"),
+            ("[locomotion]\nrate_hz = 1.0\n", "locomotion.rate_hz"),
+            ("[locomotion]\npermit_life = \"5s\"\n", "locomotion.permit_life"),
+            ("[max_age]\nscan = \"10s\"\n", "max_age.scan"),
+            ("[supervision]\nbrake_limit = \"1h\"\n", "supervision.brake_limit"),
+            ("[supervision]\nbeat_limit = \"1ms\"\n", "supervision.beat_limit"),
+            ("[shield]\nmargin_m = -0.1\n", "shield.margin_m"),
+        ] {
+            let settings: Settings = toml::from_str(text).expect("each key by itself is right");
+            assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");
         }
     }
 

@@ -23,5 +23,5 @@ pub use io::Io;
 pub use janitor::Janitor;
 pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
-pub use run_dir::{RunDir, RunInfo, live_runs, runs_root, sweep};
+pub use run_dir::{RunDir, RunInfo, check_run_name, live_runs, runs_root, sweep};
 pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, run, run_supervisor, service_main};

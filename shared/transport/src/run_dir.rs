@@ -57,6 +57,15 @@ fn fail(path: &Path, reason: impl std::fmt::Display) -> TransportError {
     TransportError::RunDir { path: path.to_owned(), reason: reason.to_string() }
 }
 
+/// Whether a run may have that name; its path is checked when it is made.
+///
+/// # Errors
+/// Says what a name is like.
+pub fn check_run_name(name: &str) -> Result<(), String> {
+    let usable = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
+    if usable { Ok(()) } else { Err("a run's name has letters, digits, '-' and '_' only".to_owned()) }
+}
+
 /// Where runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
 #[must_use]
 pub fn runs_root() -> PathBuf {
@@ -72,10 +81,7 @@ impl RunDir {
     pub fn create(name: &str) -> Result<Self, TransportError> {
         let root = runs_root();
         let path = root.join(name);
-        let usable = !name.is_empty() && name.chars().all(|c| c.is_ascii_alphanumeric() || "-_".contains(c));
-        if !usable {
-            return Err(fail(&path, "a run's name has letters, digits, '-' and '_' only"));
-        }
+        check_run_name(name).map_err(|why| fail(&path, why))?;
         if path.as_os_str().len() > MAX_DIR_BYTES {
             return Err(fail(&path, format!("longer than {MAX_DIR_BYTES} bytes: socket names below it would not fit")));
         }

@@ -166,7 +166,15 @@ fn decode(decoder: impl ImageDecoder) -> Result<(usize, Vec<Pixel>), String> {
     if pixels == 0 || pixels > MAX_PIXELS {
         return Err(format!("image has {width} x {height} pixels, not 1 to {MAX_PIXELS}"));
     }
-    let image = DynamicImage::from_decoder(decoder).map_err(|error| first_line(&error.to_string()))?;
+    let image = DynamicImage::from_decoder(decoder).map_err(|error| {
+        let what = first_line(&error.to_string());
+        // The decoder's own words say what it did, not what is wrong.
+        if what.contains("failed to fill whole buffer") {
+            format!("cut short: {width} x {height} pixels are not there")
+        } else {
+            what
+        }
+    })?;
     let pixels = if image.color().has_alpha() {
         let image = image.into_luma_alpha8();
         image.pixels().map(|pixel| (pixel.0[1] == 255).then_some(pixel.0[0])).collect()

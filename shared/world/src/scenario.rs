@@ -174,9 +174,9 @@ struct GoalEntry {
 #[serde(deny_unknown_fields)]
 struct CueEntry {
     kind: CueKind,
-    at_s: Option<f64>,
-    at: Option<[f64; 2]>,
-    within_m: Option<f64>,
+    at_s: Option<Spanned<f64>>,
+    at: Option<Spanned<[f64; 2]>>,
+    within_m: Option<Spanned<f64>>,
 }
 
 fn one_metre() -> f64 {
@@ -189,6 +189,8 @@ const PLACE_M: (f64, f64) = (-1e6, 1e6);
 const WITHIN_M: (f64, f64) = (0.01, 100.0);
 /// A day, seconds.
 const TIME_S: (f64, f64) = (0.0, 86_400.0);
+/// A walk that ends at once is none, seconds.
+const LIMIT_S: (f64, f64) = (1.0, 86_400.0);
 
 impl Scenario {
     /// Reads a scenario file. Its world is not read; see [`Scenario::load_world`].
@@ -256,7 +258,7 @@ impl RouteFile {
             Ok(Goal { at: place(toml, &span, "goal.at", goal.at)?, within_m: goal.within_m })
         });
         if let Some(limit) = &self.time_limit_s {
-            toml.check(&limit.span(), "time_limit_s", *limit.get_ref(), TIME_S)?;
+            toml.check(&limit.span(), "time_limit_s", *limit.get_ref(), LIMIT_S)?;
         }
         let cues = self.cue.iter().map(|entry| cue(toml, entry)).collect::<Result<Vec<_>, _>>()?;
         Ok(Route {
@@ -269,15 +271,17 @@ impl RouteFile {
 
 fn cue(toml: &TomlText<'_>, entry: &Spanned<CueEntry>) -> Result<CuePoint, WorldError> {
     let (span, cue) = (entry.span(), entry.get_ref());
-    let trigger = match (cue.at_s, cue.at, cue.within_m) {
+    let trigger = match (&cue.at_s, &cue.at, &cue.within_m) {
         (Some(at_s), None, None) => {
-            toml.check(&span, "at_s", at_s, TIME_S)?;
-            CueTrigger::Time(at_s)
+            toml.check(&at_s.span(), "at_s", *at_s.get_ref(), TIME_S)?;
+            CueTrigger::Time(*at_s.get_ref())
         }
         (None, Some(at), within_m) => {
-            let within_m = within_m.unwrap_or_else(one_metre);
-            toml.check(&span, "within_m", within_m, WITHIN_M)?;
-            CueTrigger::Place(place(toml, &span, "at", at)?, within_m)
+            if let Some(within_m) = within_m {
+                toml.check(&within_m.span(), "within_m", *within_m.get_ref(), WITHIN_M)?;
+            }
+            let within_m = within_m.as_ref().map_or_else(one_metre, |within_m| *within_m.get_ref());
+            CueTrigger::Place(place(toml, &at.span(), "at", *at.get_ref())?, within_m)
         }
         _ => return Err(toml.refuse(&span, "cue", "needs either at_s, or at with within_m".to_owned())),
     };

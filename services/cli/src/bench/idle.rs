@@ -51,9 +51,9 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
         (measured, _) => measured?,
     };
     if as_json {
-        out::json(&report)
+        out::json(&report)?;
     } else {
-        tell(&report)
+        tell(&report);
     }
     Ok(())
 }

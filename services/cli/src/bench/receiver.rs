@@ -23,13 +23,12 @@ pub fn receive(args: &ReceiverArgs) -> Result<(), Failure> {
         Program::Ours => ours(args)?,
         Program::Plain => plain(args)?,
     };
-    out::raw(&serde_json::to_string(&taken).map_err(Failure::of_run)?);
-    Ok(())
+    out::raw(&serde_json::to_string(&taken).map_err(Failure::of_run)?)
 }
 
 fn plain(args: &ReceiverArgs) -> Result<Vec<(u64, u64)>, Failure> {
     let receiver = PlainReceiver::open(&args.dir)?;
-    out::raw("ready");
+    out::raw("ready")?;
     let mut taken = Vec::new();
     receiver.run(END_NS, |seq, ns| taken.push((seq, ns)))?;
     Ok(taken)
@@ -50,7 +49,7 @@ struct OurReceiver {
 impl OurReceiver {
     fn open(io: &mut Io) -> Result<Self, TransportError> {
         let frames = io.frame_subscriber()?;
-        out::raw("ready");
+        out::raw("ready").map_err(|failure| TransportError::Service(failure.message))?;
         Ok(Self { frames, taken: Vec::new(), done: false })
     }
 }

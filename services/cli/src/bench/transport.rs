@@ -53,7 +53,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let rows: Vec<Value> = rows.iter().map(|row| row_json(row, &ours, &plain)).collect();
     if as_json {
         let cpus = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        out::json(&json!({ "seconds": seconds, "cpus": cpus, "rows": rows }));
+        out::json(&json!({ "seconds": seconds, "cpus": cpus, "rows": rows }))?;
     } else {
         tell(&rows);
     }
