@@ -1,5 +1,7 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
+mod tap;
+
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::fs;
@@ -9,6 +11,9 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+
+pub use tap::{Seen, Tap};
+pub use transport::monotonic_ns;
 
 /// No wait of a test takes longer on any machine.
 pub const WATCHDOG: Duration = Duration::from_secs(120);
@@ -173,6 +178,12 @@ impl<'a> Live<'a> {
             status["mode"]["class"] == "run"
                 && status["locomotion"]["velocity"][0].as_f64().is_some_and(|vx| vx.abs() > 0.2)
         })
+    }
+
+    /// The run's directory.
+    #[must_use]
+    pub fn dir(&self) -> PathBuf {
+        self.place.path().join("r").join(&self.name)
     }
 
     /// Process id of the supervisor.

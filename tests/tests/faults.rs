@@ -4,30 +4,60 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Live, Place, WATCHDOG, is_alive, pid_of, service, signal};
+use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, service, signal};
 use serde_json::Value;
 
 const CRITICAL: [&str; 8] = ["locomotion", "brake", "odometry", "lidar", "depth", "cue", "policy", "shield"];
 
-/// Sends a signal to a service of a walking robot, and waits until it walks again with a new life of that service.
-fn strike(run: &mut Live<'_>, victim: &str, with: &str) {
+/// Below this a robot stands, metres and radians per second added up.
+const STANDING: f64 = 0.02;
+
+/// Sends a signal to a service of a walking robot, sees the robot stand, and waits until it walks again with a new life
+/// of that service.
+fn strike(run: &mut Live<'_>, victim: &str, with: &str, tap: Option<&Tap>) {
     let before = run.wait_walking();
     let incarnation = service(&before, victim)["incarnation"].as_u64();
     let epoch = before["mode"]["epoch"].as_u64();
+    let struck_ns = monotonic_ns();
     signal(pid_of(&before, victim), with);
     run.wait(&format!("{victim} is struck by {with} and the fault is seen"), |status| {
         status["mode"]["epoch"].as_u64() > epoch && service(status, victim)["incarnation"].as_u64() > incarnation
     });
+    if let Some(tap) = tap {
+        saw_it_stand(tap, struck_ns, victim);
+    }
     run.wait_walking();
+}
+
+/// Waits until the robot has stood since it was struck; zero came to its link, but where locomotion itself is struck:
+/// the brake has a path of its own.
+fn saw_it_stand(tap: &Tap, struck_ns: u64, victim: &str) {
+    let since = Instant::now();
+    loop {
+        let seen = tap.since(struck_ns);
+        let first = |what: fn(&Seen) -> bool| seen.iter().find(|(_, seen)| what(seen)).map(|(at_ns, _)| *at_ns);
+        let zero = first(|seen| matches!(seen, Seen::Command { zero: true }));
+        if let Some(stood) = first(|seen| matches!(seen, Seen::Speed(speed) if *speed < STANDING)) {
+            let ms = |at: u64| at.saturating_sub(struck_ns) / 1_000_000;
+            eprintln!("{victim}: zero at the link after {:?} ms, standing after {} ms", zero.map(ms), ms(stood));
+            assert!(zero.is_some() || victim == "locomotion", "{victim}: no zero at the link");
+            return;
+        }
+        assert!(since.elapsed() < WATCHDOG, "{victim}: the robot did not stand");
+        std::thread::sleep(Duration::from_millis(5));
+    }
 }
 
 #[test]
 fn any_critical_service_may_die_and_the_walk_goes_on() {
     let place = Place::new();
     let mut run = Live::up(&place, "kill", &["--scenario", "corridor"]);
+    run.wait_walking();
+    let tap = Tap::on(run.dir());
     for victim in CRITICAL {
-        strike(&mut run, victim, "KILL");
+        strike(&mut run, victim, "KILL", Some(&tap));
     }
+    tap.stop();
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     assert_eq!(report["collisions"]["robot"], 0);
@@ -45,9 +75,12 @@ fn any_critical_service_may_die_and_the_walk_goes_on() {
 fn a_stopped_process_is_found_by_its_silence_and_replaced() {
     let place = Place::new();
     let mut run = Live::up(&place, "hang", &["--scenario", "corridor"]);
-    for victim in ["lidar", "shield", "locomotion"] {
-        strike(&mut run, victim, "STOP");
+    run.wait_walking();
+    let tap = Tap::on(run.dir());
+    for victim in ["lidar", "shield", "locomotion", "policy"] {
+        strike(&mut run, victim, "STOP", Some(&tap));
     }
+    tap.stop();
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();
@@ -65,6 +98,11 @@ fn when_the_supervisor_dies_nobody_is_left_and_the_next_run_cleans_up() {
         .filter_map(|service| service["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok()))
         .collect();
     assert_eq!(pids.len(), 9);
+    let tap = Tap::on(run.dir());
+    while tap.since(0).is_empty() {
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    let struck_ns = monotonic_ns();
     signal(run.pid(), "KILL");
     let since = Instant::now();
     while pids.iter().any(|pid| is_alive(*pid)) {
@@ -73,6 +111,11 @@ fn when_the_supervisor_dies_nobody_is_left_and_the_next_run_cleans_up() {
     }
     // The contract says 1 s; a machine under the load of other tests gets some more.
     assert!(since.elapsed() < Duration::from_secs(5), "{:?}", since.elapsed());
+    saw_it_stand(&tap, struck_ns, "supervisor");
+    let seen = tap.since(struck_ns);
+    let last = seen.iter().rev().find_map(|(_, seen)| if let Seen::Speed(speed) = seen { Some(*speed) } else { None });
+    assert!(last.is_some_and(|speed| speed < STANDING), "it stands to the end: {last:?}");
+    tap.stop();
     drop(run);
     let (report, _) = place.json(&["walk", "--speed", "0", "--time-limit", "3s", "--json"]);
     assert!(report["duration_s"].is_number(), "{report:#}");
@@ -154,7 +197,7 @@ fn in_stepped_time_only_the_member_that_hangs_is_replaced() {
     let config = config.to_string_lossy().into_owned();
     let mut run = Live::up(&place, "hold", &["--scenario", "corridor", "--speed", "2", "--config", &config]);
     for victim in ["lidar", "cue", "policy"] {
-        strike(&mut run, victim, "STOP");
+        strike(&mut run, victim, "STOP", None);
     }
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
@@ -181,8 +224,8 @@ fn idle_connections_do_not_keep_a_stop_out() {
 fn in_stepped_time_a_killed_driver_joins_again() {
     let place = Place::new();
     let mut run = Live::up(&place, "step", &["--scenario", "corridor", "--speed", "4"]);
-    strike(&mut run, "lidar", "KILL");
-    strike(&mut run, "policy", "KILL");
+    strike(&mut run, "lidar", "KILL", None);
+    strike(&mut run, "policy", "KILL", None);
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();

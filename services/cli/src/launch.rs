@@ -14,6 +14,7 @@ use std::time::Duration;
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
 use settings::Settings;
+use transport::SupervisorArgs;
 
 use crate::exit::{EXIT_BAD_INPUT, Failure, one_line};
 
@@ -23,10 +24,6 @@ const TICK: Duration = Duration::from_millis(200);
 const LAST_WORDS_WITHIN: Duration = Duration::from_millis(500);
 /// A dead supervisor's children have ended after this long (DESIGN 6: at the latest 700 ms).
 const ORPHANS_END_WITHIN: Duration = Duration::from_secs(1);
-
-/// Environment variables that the supervisor reads.
-const SETTINGS_VARIABLE: &str = "GUIDEDOG_SETTINGS";
-const OWNER_VARIABLE: &str = "GUIDEDOG_OWNER_FD";
 
 /// A run to start.
 #[derive(Debug)]
@@ -78,7 +75,7 @@ impl Launch<'_> {
         }
         let settings = toml::to_string(self.settings).map_err(Failure::of_input)?;
         let mut command = Command::new(program);
-        command.args(["--name", &self.name]).env(SETTINGS_VARIABLE, settings);
+        command.args(["--name", &self.name]).env(SupervisorArgs::SETTINGS, settings);
         if let Some(speed) = self.speed {
             command.args(["--speed", &speed.to_string()]);
         }
@@ -107,7 +104,7 @@ impl Launch<'_> {
         let mut command = self.command(true)?;
         let (read, write) = rustix::pipe::pipe_with(rustix::pipe::PipeFlags::CLOEXEC).map_err(Failure::of_run)?;
         command
-            .env(OWNER_VARIABLE, read.as_raw_fd().to_string())
+            .env(SupervisorArgs::OWNER_FD, read.as_raw_fd().to_string())
             .stdin(Stdio::null())
             .stdout(Stdio::piped())
             .stderr(Stdio::piped());

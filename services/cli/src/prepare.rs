@@ -73,7 +73,12 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     if settings.lidar.source != Source::Replayed {
         return Err(Failure::input("lidar.source is not \"replayed\": the configuration is not one for a replay"));
     }
-    let info = recording::Reader::open(&args.recording).map_err(Failure::of_input)?.info().clone();
+    let records = recording::Reader::open(&args.recording).map_err(Failure::of_input)?;
+    let info = records.info().clone();
+    // All of it, so that a damaged recording is told now and not in the middle of the run.
+    for record in records {
+        record.map_err(Failure::of_input)?;
+    }
     settings.replay.recording = Some(absolute(&args.recording)?);
     settings.replay.duration = args.duration.or(settings.replay.duration);
     Ok(PreparedReplay { settings, info })

@@ -112,8 +112,8 @@ impl Script {
         Some(due)
     }
 
-    /// What is in force in run is what is wanted again after a fault, whoever said it: a done turn goes on as forward, and
-    /// after anybody's "stop" nothing is. A cue that was given a moment ago may not be in force yet.
+    /// What is in force in run is what is wanted again after a fault, whoever said it: a done turn goes on as
+    /// forward, and after anybody's "stop" nothing is. A cue that was given a moment ago may not be in force yet.
     fn follow(&mut self, mode: &Mode, now_ns: u64) {
         if mode.class != ModeClass::Run {
             return;

@@ -2,7 +2,7 @@
 
 use messages::{DepthFrame, WorldTruth};
 use settings::Settings;
-use transport::{FramePublisher, Io, Subscriber, TransportError};
+use transport::{FramePublisher, Io, Rhythm, Subscriber, TransportError};
 use world::{DepthConfig, DepthSensor, Scene, World};
 
 use crate::FrameSource;
@@ -14,9 +14,7 @@ pub struct SimulatedDepth {
     sensor: DepthSensor,
     truths: Subscriber<WorldTruth>,
     truth: Option<WorldTruth>,
-    period_ns: u64,
-    /// Frames are due at whole periods of run time, so that a restarted driver keeps the rhythm.
-    next_ns: u64,
+    rhythm: Rhythm,
 }
 
 impl SimulatedDepth {
@@ -29,8 +27,13 @@ impl SimulatedDepth {
         let config = DepthConfig::from(&settings.depth);
         let sensor = DepthSensor::new(config, settings.simulation.seed, io.identity().incarnation)
             .map_err(TransportError::service)?;
-        let period_ns = (1e9 / settings.depth.rate_hz.get()) as u64;
-        Ok(Self { world, sensor, truths: io.quiet_subscriber()?, truth: None, period_ns, next_ns: 0 })
+        Ok(Self {
+            world,
+            sensor,
+            truths: io.quiet_subscriber()?,
+            truth: None,
+            rhythm: Rhythm::at_hz(settings.depth.rate_hz.get()),
+        })
     }
 }
 
@@ -40,23 +43,19 @@ impl FrameSource for SimulatedDepth {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        Some(self.next_ns)
+        Some(self.rhythm.next_ns())
     }
 
     fn poll(&mut self, now_ns: u64, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError> {
         if let Some(truth) = self.truths.take_newest()? {
             self.truth = Some(truth);
         }
-        if now_ns < self.next_ns {
-            return Ok(());
-        }
-        self.next_ns = (now_ns / self.period_ns + 1) * self.period_ns;
+        let Some(number) = self.rhythm.due(now_ns) else { return Ok(()) };
         // Without news from the world there is nothing to measure.
         let Some(truth) = self.truth.take() else { return Ok(()) };
         let mut loan = frames.loan(self.pixels_max())?;
         *loan.meta_mut() = self.sensor.depth_header();
-        let frame = now_ns / self.period_ns;
-        self.sensor.render(&Scene::from_truth(&self.world, &truth), frame, loan.data_mut());
+        self.sensor.render(&Scene::from_truth(&self.world, &truth), number, loan.data_mut());
         frames.publish(truth.header.stamp_ns, loan).map(|_| ())
     }
 }

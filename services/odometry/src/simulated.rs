@@ -2,7 +2,7 @@
 
 use messages::{Odometry, WorldTruth};
 use settings::Settings;
-use transport::{Io, Subscriber, TransportError};
+use transport::{Io, Rhythm, Subscriber, TransportError};
 use world::{OdometryConfig, OdometrySensor};
 
 use crate::PoseSource;
@@ -13,8 +13,7 @@ pub struct SimulatedOdometry {
     sensor: OdometrySensor,
     truths: Subscriber<WorldTruth>,
     newest: Option<(u64, Odometry)>,
-    period_ns: u64,
-    next_ns: u64,
+    rhythm: Rhythm,
 }
 
 impl SimulatedOdometry {
@@ -26,14 +25,14 @@ impl SimulatedOdometry {
         let config = OdometryConfig::from(&settings.odometry);
         let sensor = OdometrySensor::new(config, settings.simulation.seed, io.identity().incarnation)
             .map_err(TransportError::service)?;
-        let period_ns = (1e9 / settings.odometry.rate_hz.get()) as u64;
-        Ok(Self { sensor, truths: io.quiet_subscriber()?, newest: None, period_ns, next_ns: 0 })
+        let rhythm = Rhythm::at_hz(settings.odometry.rate_hz.get());
+        Ok(Self { sensor, truths: io.quiet_subscriber()?, newest: None, rhythm })
     }
 }
 
 impl PoseSource for SimulatedOdometry {
     fn next_timer_ns(&self) -> Option<u64> {
-        Some(self.next_ns)
+        Some(self.rhythm.next_ns())
     }
 
     fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError> {
@@ -47,10 +46,6 @@ impl PoseSource for SimulatedOdometry {
             };
             self.newest = Some((truth.header.stamp_ns, pose));
         }
-        if now_ns < self.next_ns {
-            return Ok(None);
-        }
-        self.next_ns = (now_ns / self.period_ns + 1) * self.period_ns;
-        Ok(self.newest.take())
+        Ok(self.rhythm.due(now_ns).and_then(|_| self.newest.take()))
     }
 }

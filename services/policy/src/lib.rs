@@ -4,12 +4,12 @@ pub mod geometric;
 
 use geometric::{GeometricConfig, GeometricEngine, Observation};
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, DelayedHarness, DepthView};
+use guidance::{ActionTable, DepthView};
 use messages::{
     CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
-    PolicyAction,
+    PolicyAction, age_ns,
 };
-use settings::{ActionTableName, Settings, Source};
+use settings::{Settings, Source};
 use transport::{FrameSample, FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
 
 /// The service.
@@ -45,10 +45,7 @@ impl PolicyService {
     /// Where a port cannot be opened or the settings are not readable.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let table = match settings.policy.actions {
-            ActionTableName::Eight => ActionTable::eight(),
-            ActionTableName::Ten => ActionTable::ten(),
-        };
+        let table = settings.policy.actions.table();
         let has_depth = settings.depth.source != Source::Absent;
         let dt_ns = settings.policy.dt.ns();
         Ok(Self {
@@ -108,7 +105,7 @@ impl PolicyService {
         (action.cue_incarnation, action.cue_seq) = cue_id;
         let cue_is_new = cue_id != self.last_cue;
         self.last_cue = cue_id;
-        let fresh = |stamp_ns: u64, max_age_ns: u64| now_ns.saturating_sub(stamp_ns) <= max_age_ns;
+        let fresh = |stamp_ns: u64, max_age_ns: u64| age_ns(now_ns, stamp_ns) <= max_age_ns;
         let (Some(scan), Some(pose)) = (&self.scan, &self.pose) else { return action };
         if !fresh(scan.meta().header.stamp_ns, self.scan_max_age_ns) {
             return action;
@@ -151,9 +148,7 @@ fn finite_or_stop(probabilities: [f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
 }
 
 fn engine_config(settings: &Settings) -> Result<GeometricConfig, TransportError> {
-    let handler = &settings.handler;
-    let harness = DelayedHarness::new(handler.robot_from_handler, handler.alpha.get(), settings.policy.dt.s())
-        .map_err(|error| TransportError::Service(format!("[handler]: {error}")))?;
+    let harness = settings.harness().map_err(TransportError::service)?;
     Ok(GeometricConfig {
         dt_s: settings.policy.dt.s(),
         robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,

@@ -11,6 +11,9 @@ const LEAD_IN_NS: u64 = NS_PER_S / 10;
 /// From the last record to the run's end, so that everything published is taken.
 const LEAD_OUT_NS: u64 = NS_PER_S / 2;
 
+/// From one scan to the next, where several are due.
+const SCAN_DISTANCE_NS: u64 = 5_000_000;
+
 /// The service.
 pub struct Replay {
     records: Reader,
@@ -25,6 +28,8 @@ pub struct Replay {
     last_ns: u64,
     ended_ns: Option<u64>,
     over: bool,
+    /// Run time before which no further scan is published.
+    next_scan_ns: u64,
     scan_count: u64,
     distance_m: f64,
     last_pose: Option<Pose2>,
@@ -51,6 +56,7 @@ impl Replay {
             last_ns: 0,
             ended_ns: None,
             over: false,
+            next_scan_ns: 0,
             scan_count: 0,
             distance_m: 0.0,
             last_pose: None,
@@ -92,16 +98,18 @@ impl Replay {
         Ok(())
     }
 
-    /// Publishes what is due; a step carries one scan at most, as a driver's would.
-    fn publish_due(&mut self, begins_at_ns: u64, now_ns: u64, stepped: bool) -> Result<(), TransportError> {
-        let mut scans = 0;
+    /// Publishes what is due. Scans keep a distance, so that one that is late does not push another out of a reader's
+    /// queue.
+    fn publish_due(&mut self, begins_at_ns: u64, now_ns: u64) -> Result<(), TransportError> {
         while let Some(record) = &self.next {
             let stamp_ns = begins_at_ns + self.since_start(record);
             let is_scan = matches!(record, Record::Scan { .. });
-            if stamp_ns > now_ns || (stepped && is_scan && scans == 1) {
+            if stamp_ns > now_ns || (is_scan && now_ns < self.next_scan_ns) {
                 return Ok(());
             }
-            scans += usize::from(is_scan);
+            if is_scan {
+                self.next_scan_ns = now_ns + SCAN_DISTANCE_NS;
+            }
             self.last_ns = stamp_ns;
             if let Some(record) = self.next.take() {
                 self.publish(&record, stamp_ns)?;
@@ -129,7 +137,7 @@ impl Service for Replay {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
         if let Some(begins_at) = self.begins_at_ns {
-            self.publish_due(begins_at, now, io.domain.clock.is_stepped())?;
+            self.publish_due(begins_at, now)?;
         }
         self.over |= self.ended_ns.is_some_and(|ended| now >= ended + LEAD_OUT_NS);
         Ok(())
@@ -138,6 +146,9 @@ impl Service for Replay {
     fn next_timer_ns(&self) -> Option<u64> {
         let begins_at = self.begins_at_ns?;
         match (&self.next, self.ended_ns) {
+            (Some(record @ Record::Scan { .. }), _) => {
+                Some((begins_at + self.since_start(record)).max(self.next_scan_ns))
+            }
             (Some(record), _) => Some(begins_at + self.since_start(record)),
             (None, Some(ended)) if !self.over => Some(ended + LEAD_OUT_NS),
             _ => None,

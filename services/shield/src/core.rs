@@ -250,8 +250,8 @@ impl Core {
         Some(self.verdict(now_ns, PermitCause::Decision))
     }
 
-    /// Whether a decision is of now: made for this period, or for one beside it. No other number is ever booked, so that
-    /// a policy that counts wrong cannot block those that count right.
+    /// Whether a decision is of now: made for this period, or for one beside it. No other number is ever booked, so
+    /// that a policy that counts wrong cannot block those that count right.
     fn is_of_now(&self, now_ns: u64, action: &PolicyAction) -> bool {
         action.decision.abs_diff(now_ns / self.config.dt_ns) <= 1
             && age_ns(now_ns, action.header.stamp_ns) <= self.config.dt_ns * 3 / 2

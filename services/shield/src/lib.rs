@@ -4,11 +4,10 @@
 mod core;
 mod digest;
 
-use guidance::{ActionTable, DelayedHarness};
 use messages::{
     DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PermitCause, PolicyAction,
 };
-use settings::{ActionTableName, Settings, Source};
+use settings::Source;
 use transport::{FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
 
 pub use crate::core::{Core, CoreConfig};
@@ -35,7 +34,8 @@ impl ShieldService {
     /// Where the settings make no harness or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let core = Core::new(config_of(&settings)?);
+        let harness = settings.harness().map_err(TransportError::service)?;
+        let core = Core::new(CoreConfig::of(&settings, harness, settings.policy.actions.table()));
         let has_depth = settings.depth.source != Source::Absent;
         Ok(Self {
             core,
@@ -76,17 +76,6 @@ impl ShieldService {
         }
         Ok(())
     }
-}
-
-fn config_of(settings: &Settings) -> Result<CoreConfig, TransportError> {
-    let handler = &settings.handler;
-    let harness = DelayedHarness::new(handler.robot_from_handler, handler.alpha.get(), settings.policy.dt.s())
-        .map_err(|error| TransportError::Service(format!("[handler]: {error}")))?;
-    let table = match settings.policy.actions {
-        ActionTableName::Eight => ActionTable::eight(),
-        ActionTableName::Ten => ActionTable::ten(),
-    };
-    Ok(CoreConfig::of(settings, harness, table))
 }
 
 impl Service for ShieldService {

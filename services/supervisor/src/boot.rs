@@ -8,7 +8,7 @@ use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use settings::Settings;
-use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, TransportError};
+use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, SupervisorArgs, TransportError};
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
@@ -24,11 +24,6 @@ use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 pub const EXIT_BAD_SETTINGS: u8 = 2;
 /// Exit code: the run could not begin or go on.
 pub const EXIT_RUN_FAILED: u8 = 3;
-
-/// Environment variable with the resolved settings, as TOML.
-pub const SETTINGS_VARIABLE: &str = "GUIDEDOG_SETTINGS";
-/// Environment variable that names a descriptor whose closing ends the run: its other end is the starter's.
-pub const OWNER_VARIABLE: &str = "GUIDEDOG_OWNER_FD";
 
 struct Arguments {
     name: String,
@@ -68,12 +63,17 @@ pub fn main() -> ExitCode {
         Ok(arguments) => arguments,
         Err(why) => return fail(EXIT_BAD_SETTINGS, why),
     };
-    let settings = match std::env::var(SETTINGS_VARIABLE) {
+    let settings = match std::env::var(SupervisorArgs::SETTINGS) {
         Ok(text) => match toml::from_str::<Settings>(&text) {
             Ok(settings) => settings,
-            Err(error) => return fail(EXIT_BAD_SETTINGS, format!("{SETTINGS_VARIABLE}: {error}")),
+            Err(error) => return fail(EXIT_BAD_SETTINGS, format!("{}: {error}", SupervisorArgs::SETTINGS)),
         },
-        Err(_) => return fail(EXIT_BAD_SETTINGS, format!("{SETTINGS_VARIABLE} is not set: start with `guidedog up`")),
+        Err(_) => {
+            return fail(
+                EXIT_BAD_SETTINGS,
+                format!("{} is not set: start with `guidedog up`", SupervisorArgs::SETTINGS),
+            );
+        }
     };
     let dir = match new_run_dir(&arguments.name) {
         Ok(dir) => dir,
@@ -153,7 +153,7 @@ impl Supervisor {
         let plan = Plan::of(settings, clock);
         let health = plan.services.iter().map(|s| io.health_of(s.service)).collect::<Result<_, _>>()?;
         io.watch(signals.as_fd(), TOKEN_SIGNAL)?;
-        let owner = inherited_fd(OWNER_VARIABLE).ok();
+        let owner = inherited_fd(SupervisorArgs::OWNER_FD).ok();
         if let Some(owner) = &owner {
             io.watch(owner, TOKEN_OWNER)?;
         }

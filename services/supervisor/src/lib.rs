@@ -97,7 +97,8 @@ impl Supervisor {
     }
 
     fn perform(&mut self, actions: Vec<Action>, io: &mut Io) -> Result<(), TransportError> {
-        // The stop is out before anything else is done about its cause; first over the line, which needs no shared memory.
+        // The stop is out before anything else is done about its cause; first over the line, which needs no shared
+        // memory.
         for action in &actions {
             if let Action::StopLine { epoch } = action {
                 self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch });

@@ -69,7 +69,8 @@ impl Column {
     }
 }
 
-/// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the camera.
+/// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the
+/// camera.
 #[derive(Debug, Clone, Copy)]
 struct Row {
     along: f64,

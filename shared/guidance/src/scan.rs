@@ -81,8 +81,8 @@ impl Beams {
         Ok(())
     }
 
-    /// The same beams seen from where the robot is now, into `seen`: `now_from_stamped` is the robot of the scan's stamp
-    /// in the robot frame of now.
+    /// The same beams seen from where the robot is now, into `seen`: `now_from_stamped` is the robot of the scan's
+    /// stamp in the robot frame of now.
     pub fn seen_from(&self, now_from_stamped: &Se2, seen: &mut Self) {
         seen.beams.clear();
         seen.beams.extend(self.beams.iter().map(|beam| Beam {

@@ -143,6 +143,7 @@ fn check(settings: &Settings) -> Result<(), String> {
     if dt_ns < 50_000_000 || !dt_ns.is_multiple_of(messages::QUANTUM_NS) {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
+    settings.harness().map_err(|error| format!("[handler]: {error}"))?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
     }
@@ -234,6 +235,7 @@ mod tests {
             ("[supervision]\nbrake_limit = \"1h\"\n", "supervision.brake_limit"),
             ("[supervision]\nbeat_limit = \"1ms\"\n", "supervision.beat_limit"),
             ("[shield]\nmargin_m = -0.1\n", "shield.margin_m"),
+            ("[handler]\nalpha = 1.0\n", "[handler]"),
         ] {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");

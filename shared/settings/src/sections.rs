@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use guidance::{ActionTable, DelayedHarness, HarnessError};
 use messages::{Pose2, Pose3};
 use serde::{Deserialize, Serialize};
 
@@ -39,6 +40,16 @@ pub struct Settings {
     pub walk: Walk,
     /// The recording, where the run replays one.
     pub replay: Replay,
+}
+
+impl Settings {
+    /// The handler's harness, one step of which is a decision.
+    ///
+    /// # Errors
+    /// Where the parameters are no harness's; the reason says which.
+    pub fn harness(&self) -> Result<DelayedHarness, HarnessError> {
+        DelayedHarness::new(self.handler.robot_from_handler, self.handler.alpha.get(), self.policy.dt.s())
+    }
 }
 
 /// The robot's body.
@@ -216,6 +227,17 @@ pub enum ActionTableName {
     Eight,
     /// The eight and two arcs of our own.
     Ten,
+}
+
+impl ActionTableName {
+    /// The table of that name.
+    #[must_use]
+    pub fn table(self) -> ActionTable {
+        match self {
+            Self::Eight => ActionTable::eight(),
+            Self::Ten => ActionTable::ten(),
+        }
+    }
 }
 
 /// The policy.

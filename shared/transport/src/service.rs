@@ -36,6 +36,17 @@ pub struct ChildArgs {
     pub incarnation: u32,
 }
 
+/// What the command line passes to the supervisor.
+#[derive(Debug)]
+pub struct SupervisorArgs;
+
+impl SupervisorArgs {
+    /// Environment variable with the resolved settings, as TOML.
+    pub const SETTINGS: &'static str = "GUIDEDOG_SETTINGS";
+    /// Environment variable that names a descriptor whose closing ends the run: its other end is the starter's.
+    pub const OWNER_FD: &'static str = "GUIDEDOG_OWNER_FD";
+}
+
 impl ChildArgs {
     /// Environment variable that names the descriptor of the control line.
     pub const CONTROL_FD: &'static str = "GUIDEDOG_CONTROL_FD";
