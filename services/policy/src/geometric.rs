@@ -19,7 +19,7 @@ use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
-use guidance::{ActionTable, DelayedHarness, Se2};
+use guidance::{ActionTable, DelayedHarness, InteractionModel, Se2};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use rollout::Scene;
 use route::Route;
@@ -47,7 +47,7 @@ pub struct GeometricConfig {
     /// Radius of the handler's disc, metres.
     pub handler_radius_m: f64,
     /// How the handler follows.
-    pub harness: DelayedHarness,
+    pub model: InteractionModel,
     /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
     pub handler_mask_m: f64,
     /// What was seen is remembered for so long, seconds.
@@ -62,7 +62,7 @@ impl Default for GeometricConfig {
             dt_s: 0.5,
             robot_radius_m: 0.30,
             handler_radius_m: 0.25,
-            harness: DelayedHarness::default(),
+            model: DelayedHarness::default().into(),
             handler_mask_m: 0.40,
             memory_s: 10.0,
             reserve_m: 0.04,

@@ -148,12 +148,12 @@ fn finite_or_stop(probabilities: [f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
 }
 
 fn engine_config(settings: &Settings) -> Result<GeometricConfig, TransportError> {
-    let harness = settings.harness().map_err(TransportError::service)?;
+    let model = settings.interaction().map_err(TransportError::service)?;
     Ok(GeometricConfig {
         dt_s: settings.policy.dt.s(),
         robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
         handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
-        harness,
+        model,
         ..GeometricConfig::default()
     })
 }

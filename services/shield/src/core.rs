@@ -4,7 +4,7 @@ use guidance::handler::{HandlerLimits, Sighting};
 use guidance::se2::{pose2, se2};
 use guidance::shield::{choose, suppress};
 use guidance::{
-    ActionTable, Beams, DelayedHarness, DepthView, Draw, HandlerEstimate, Judgement, PoseTrack, Se2, Shield,
+    ActionTable, Beams, DepthView, Draw, HandlerEstimate, InteractionModel, Judgement, PoseTrack, Se2, Shield,
     ShieldConfig,
 };
 use messages::{
@@ -28,7 +28,7 @@ const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
     table: ActionTable,
-    harness: DelayedHarness,
+    model: InteractionModel,
     limits: HandlerLimits,
     shield: ShieldConfig,
     draw: Draw,
@@ -48,14 +48,14 @@ pub struct CoreConfig {
 impl CoreConfig {
     /// The configuration of a run.
     #[must_use]
-    pub fn of(settings: &Settings, harness: DelayedHarness, table: ActionTable) -> Self {
+    pub fn of(settings: &Settings, model: InteractionModel, table: ActionTable) -> Self {
         let speed_max_mps = settings.locomotion.limits.speed_mps.get();
         let forward_mps =
             table.actions().iter().map(|a| a.velocity(settings.policy.dt.s()).speed_mps()).fold(0.0, f64::max);
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
         let shield = &settings.shield;
         Self {
-            harness,
+            model,
             table,
             limits: HandlerLimits {
                 radius_m: settings.handler.radius_m.get(),
@@ -138,7 +138,7 @@ impl Core {
     pub fn new(config: CoreConfig) -> Self {
         Self {
             shield: Shield::new(config.shield.clone()),
-            handler: HandlerEstimate::new(config.harness.clone(), config.limits.clone()),
+            handler: HandlerEstimate::new(config.model.clone(), config.limits.clone()),
             stamped_beams: Beams::default(),
             beams: Beams::default(),
             scan: None,

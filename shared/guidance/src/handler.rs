@@ -1,7 +1,7 @@
-//! The shield's estimate of where the handler is: predicted by the delayed harness along the robot's own motion,
+//! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
-use crate::interaction::{DelayedHarness, place};
+use crate::interaction::{Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 
@@ -43,7 +43,7 @@ pub enum Sighting {
 /// The handler's estimate, in the robot frame.
 #[derive(Debug, Clone)]
 pub struct HandlerEstimate {
-    harness: DelayedHarness,
+    model: InteractionModel,
     limits: HandlerLimits,
     /// At the beginning of the running step.
     start_robot_from_handler: Se2,
@@ -58,10 +58,11 @@ pub struct HandlerEstimate {
 impl HandlerEstimate {
     /// An estimate that knows nothing yet: the default offset, widened by the model's largest lag.
     #[must_use]
-    pub fn new(harness: DelayedHarness, limits: HandlerLimits) -> Self {
-        let default = *harness.robot_from_default();
+    pub fn new(model: impl Into<InteractionModel>, limits: HandlerLimits) -> Self {
+        let model = model.into();
+        let default = model.robot_from_default();
         let mut estimate = Self {
-            harness,
+            model,
             limits,
             start_robot_from_handler: default,
             odom_from_start: Se2::identity(),
@@ -74,19 +75,19 @@ impl HandlerEstimate {
     }
 
     fn largest_lag_m(&self) -> f64 {
-        self.harness.lag_m(self.limits.speed_max_mps)
+        self.model.lag_m(self.limits.speed_max_mps)
     }
 
     /// After a gap, a restart or a new odometry frame: nothing is known any more.
     pub fn reset(&mut self, odom_from_robot: &Se2) {
-        *self = Self::new(self.harness.clone(), self.limits.clone());
+        *self = Self::new(self.model.clone(), self.limits.clone());
         self.odom_from_start = *odom_from_robot;
     }
 
-    /// The harness.
+    /// The model by which it is predicted.
     #[must_use]
-    pub fn harness(&self) -> &DelayedHarness {
-        &self.harness
+    pub fn model(&self) -> &InteractionModel {
+        &self.model
     }
 
     /// Where the handler is now, robot frame.
@@ -105,7 +106,7 @@ impl HandlerEstimate {
     pub fn begin_step(&mut self, odom_from_robot: &Se2) {
         self.start_robot_from_handler = self.robot_from_handler;
         self.odom_from_start = *odom_from_robot;
-        self.widening_m *= self.harness.alpha();
+        self.widening_m *= self.model.remembered();
         if self.widening_m < 1e-3 {
             self.widening_m = 0.0;
         }
@@ -115,14 +116,14 @@ impl HandlerEstimate {
     /// made, so that a robot that was stopped in the middle of an action does not lose its handler.
     pub fn predict(&mut self, odom_from_robot: &Se2, fraction: f64) {
         let moved = self.odom_from_start.inverse() * odom_from_robot;
-        self.robot_from_handler = self.harness.follow(&self.start_robot_from_handler, &moved, fraction);
+        self.robot_from_handler = self.model.follow(&self.start_robot_from_handler, &moved, fraction);
     }
 
     /// Where the handler will be after the further motion `now_from_then`, at the share `fraction` of the step.
     #[must_use]
     pub fn ahead(&self, odom_from_robot: &Se2, now_from_then: &Se2, fraction: f64) -> Se2 {
         let moved = self.odom_from_start.inverse() * odom_from_robot * now_from_then;
-        self.harness.follow(&self.start_robot_from_handler, &moved, fraction)
+        self.model.follow(&self.start_robot_from_handler, &moved, fraction)
     }
 
     /// Whether a beam that ends there ends on the handler: within the handler's radius and three sigma, never wider.
@@ -179,7 +180,7 @@ impl HandlerEstimate {
         let error = center - place(&self.robot_from_handler);
         let step = (error * GAIN).cap_magnitude(CORRECTION_MAX_M);
         let moved = self.robot_from_handler.translation.vector + step;
-        let default = self.harness.robot_from_default().translation.vector;
+        let default = self.model.robot_from_default().translation.vector;
         let bounded = default + (moved - default).cap_magnitude(self.largest_lag_m() + STRAY_MAX_M);
         let correction = bounded - self.robot_from_handler.translation.vector;
         self.robot_from_handler.translation.vector = bounded;

@@ -17,7 +17,7 @@ pub use action::{Action, ActionTable};
 pub use depth::DepthView;
 pub use handler::{HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Hull};
-pub use interaction::{DelayedHarness, HarnessError};
+pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};

@@ -7,7 +7,7 @@ use crate::action::ActionTable;
 use crate::depth::DepthView;
 use crate::handler::HandlerEstimate;
 use crate::hull::{Disc, Hull};
-use crate::interaction::place;
+use crate::interaction::{Interaction, place};
 use crate::scan::{Beam, BeamKind, Beams};
 use crate::se2::{Point, Se2, exp, log};
 
@@ -104,7 +104,7 @@ impl Shield {
     /// Where an action of `start_from_end` leads to when it begins now (Kim et al. 2023, alg. 1 line 5).
     #[must_use]
     pub fn predict(handler: &HandlerEstimate, start_from_end: &Se2) -> Motion {
-        let after = handler.harness().step(handler.robot_from_handler(), start_from_end);
+        let after = handler.model().step(handler.robot_from_handler(), start_from_end);
         Motion { robot: *start_from_end, handler: start_from_end * after }
     }
 

@@ -143,7 +143,7 @@ fn check(settings: &Settings) -> Result<(), String> {
     if dt_ns < 50_000_000 || !dt_ns.is_multiple_of(messages::QUANTUM_NS) {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
-    settings.harness().map_err(|error| format!("[handler]: {error}"))?;
+    settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
     }

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use guidance::{ActionTable, DelayedHarness, HarnessError};
+use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, RigidHarness, RotatingRod};
 use messages::{Pose2, Pose3};
 use serde::{Deserialize, Serialize};
 
@@ -43,12 +43,23 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// The handler's harness, one step of which is a decision.
+    /// The handler's interaction model, one step of which is a decision.
     ///
     /// # Errors
-    /// Where the parameters are no harness's; the reason says which.
-    pub fn harness(&self) -> Result<DelayedHarness, HarnessError> {
-        DelayedHarness::new(self.handler.robot_from_handler, self.handler.alpha.get(), self.policy.dt.s())
+    /// Where the parameters are no handler's; the reason says which.
+    pub fn interaction(&self) -> Result<InteractionModel, HarnessError> {
+        let handler = &self.handler;
+        Ok(match handler.model {
+            HandlerModel::Delayed => {
+                let alpha = handler.alpha.get();
+                InteractionModel::Delayed(DelayedHarness::new(handler.robot_from_handler, alpha, self.policy.dt.s())?)
+            }
+            HandlerModel::Rigid => InteractionModel::Rigid(RigidHarness::new(handler.robot_from_handler)?),
+            HandlerModel::Rod => {
+                let [x_m, y_m] = handler.rod_grip_m;
+                InteractionModel::Rod(RotatingRod::new(x_m, y_m, handler.rod_length_m.get())?)
+            }
+        })
     }
 }
 
@@ -66,21 +77,46 @@ impl Default for Robot {
     }
 }
 
+/// Which interaction model predicts the handler.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HandlerModel {
+    /// A fixed offset.
+    Rigid,
+    /// A rod that turns about the robot's grip.
+    Rod,
+    /// The delayed harness.
+    Delayed,
+}
+
 /// The handler, as fitted (Kim et al. 2023, section 4).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Handler {
+    /// How they follow.
+    pub model: HandlerModel,
     /// Radius of the disc that stands for the handler, metres.
     pub radius_m: Positive,
     /// Default offset: where the handler walks, in the robot frame.
     pub robot_from_handler: Pose2,
-    /// Remembered share of the offset per decision; 0 = rigid.
+    /// Delayed harness: remembered share of the offset per decision; 0 = rigid.
     pub alpha: Share,
+    /// Rod: where the robot holds it, x and y in the robot frame, metres.
+    pub rod_grip_m: [f64; 2],
+    /// Rod: from the grip to the handler's middle, metres.
+    pub rod_length_m: Positive,
 }
 
 impl Default for Handler {
     fn default() -> Self {
-        Self { radius_m: Positive::of(0.25), robot_from_handler: Pose2::new(-0.75, -0.35, 0.0), alpha: Share::of(0.4) }
+        Self {
+            model: HandlerModel::Delayed,
+            radius_m: Positive::of(0.25),
+            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            alpha: Share::of(0.4),
+            rod_grip_m: [-0.3, 0.0],
+            rod_length_m: Positive::of(0.8),
+        }
     }
 }
 

@@ -3,15 +3,15 @@
 use super::GeometricConfig;
 use super::grid::Window;
 use guidance::se2::Point;
-use guidance::{DelayedHarness, Disc, Hull, Se2};
+use guidance::{Disc, Hull, Interaction, InteractionModel, Se2};
 
 /// Discs that fill the room between robot and handler.
 const BETWEEN: usize = 4;
 
-/// The delayed harness and the two discs.
+/// The interaction model and the two discs.
 #[derive(Debug, Clone)]
 pub struct Team {
-    harness: DelayedHarness,
+    model: InteractionModel,
     robot_radius_m: f64,
     handler_radius_m: f64,
 }
@@ -20,7 +20,7 @@ impl Team {
     /// The team that the configuration describes.
     pub fn new(config: &GeometricConfig) -> Self {
         Self {
-            harness: config.harness.clone(),
+            model: config.model.clone(),
             robot_radius_m: config.robot_radius_m,
             handler_radius_m: config.handler_radius_m,
         }
@@ -28,12 +28,12 @@ impl Team {
 
     /// Where the handler walks when nothing disturbs them.
     pub fn robot_from_handler(&self) -> Se2 {
-        *self.harness.robot_from_default()
+        self.model.robot_from_default()
     }
 
     /// The handler after the robot has moved, both times in the robot's frame of the moment.
     pub fn follow(&self, start_from_end: &Se2, robot_from_handler: &Se2) -> Se2 {
-        self.harness.step(robot_from_handler, start_from_end)
+        self.model.step(robot_from_handler, start_from_end)
     }
 
     /// The swept hull of a motion from one place of the team to another, as the shield has it.

@@ -95,7 +95,7 @@ fn depth_header(stamp_ms: u64) -> DepthHeader {
 fn ready() -> Core {
     let settings = Settings::default();
     let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let mut core = Core::new(CoreConfig::of(&settings, harness, ActionTable::eight()));
+    let mut core = Core::new(CoreConfig::of(&settings, harness.into(), ActionTable::eight()));
     core.take_mode(&mode(ModeClass::Run, 990));
     core.take_odometry(&odometry(990, 0.0));
     core.take_depth(&depth_header(990), &[5000; PIXELS]);
