@@ -3,6 +3,7 @@
 //! No I/O, no clock, no thread, no randomness of its own: same input, same output, to the bit.
 
 pub mod action;
+pub mod boundary;
 pub mod cue;
 pub mod depth;
 pub mod handler;
@@ -20,5 +21,5 @@ pub use hull::{Disc, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
-pub use shield::{Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};
+pub use shield::{Cause, Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};
 pub use track::PoseTrack;

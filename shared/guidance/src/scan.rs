@@ -3,6 +3,7 @@
 use messages::{MAX_BEAMS, ScanHeader};
 use nalgebra::Vector2;
 
+use crate::boundary::Directions;
 use crate::se2::{Point, Se2, pose2, se2};
 
 /// What a beam says.
@@ -44,13 +45,30 @@ pub enum ScanError {
 }
 
 /// A scan taken to the robot frame. Reused from scan to scan, so that a steady state allocates nothing.
+///
+/// The beams are kept in the order in which they turn counter-clockwise, whichever way the lidar turns.
 #[derive(Debug, Clone, Default)]
 pub struct Beams {
     beams: Vec<Beam>,
+    /// The beams' directions once more, apart, for who works on many side by side.
+    x: Vec<f64>,
+    y: Vec<f64>,
     origin: Vector2<f64>,
+    first_rad: f64,
     increment_rad: f64,
     sigma_m: f64,
     whole_turn: bool,
+    /// The lidar turns clockwise: the first beam here is its last.
+    reversed: bool,
+    layout: Layout,
+}
+
+/// What the directions of a scan follow from: a lidar keeps it, and its sines and cosines with it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Layout {
+    first_rad: f64,
+    increment_rad: f64,
+    count: usize,
 }
 
 impl Beams {
@@ -66,11 +84,14 @@ impl Beams {
         self.increment_rad = header.angle_increment_rad.abs();
         self.sigma_m = header.sigma_m;
         self.whole_turn = self.increment_rad * (ranges_m.len() as f64 + 0.5) >= std::f64::consts::TAU;
-        let yaw = pose2(&robot_from_lidar).yaw_rad;
-        for (i, range) in ranges_m.iter().enumerate() {
-            let angle = yaw + header.angle_min_rad + i as f64 * header.angle_increment_rad;
-            let direction = Vector2::new(angle.cos(), angle.sin());
-            let (kind, reading_m) = classify(f64::from(*range), header);
+        self.reversed = header.angle_increment_rad < 0.0;
+        let last = header.angle_min_rad + (ranges_m.len() - 1) as f64 * header.angle_increment_rad;
+        self.first_rad = pose2(&robot_from_lidar).yaw_rad + if self.reversed { last } else { header.angle_min_rad };
+        self.turn_to(ranges_m.len());
+        for i in 0..ranges_m.len() {
+            let range = ranges_m[self.number(i, ranges_m.len())];
+            let direction = Vector2::new(self.x[i], self.y[i]);
+            let (kind, reading_m) = classify(f64::from(range), header);
             self.beams.push(Beam { kind, reading_m, direction, end: Point::from(self.origin + direction * reading_m) });
         }
         if self.beams.iter().all(|beam| beam.kind == BeamKind::Unknown) {
@@ -81,20 +102,59 @@ impl Beams {
         Ok(())
     }
 
+    /// Computes the directions, where they are not those of the scan before.
+    fn turn_to(&mut self, count: usize) {
+        let layout = Layout { first_rad: self.first_rad, increment_rad: self.increment_rad, count };
+        if self.layout == layout && self.x.len() == count {
+            return;
+        }
+        self.layout = layout;
+        let angle = |i: usize| layout.first_rad + i as f64 * layout.increment_rad;
+        self.x.clear();
+        self.y.clear();
+        self.x.extend((0..count).map(|i| angle(i).cos()));
+        self.y.extend((0..count).map(|i| angle(i).sin()));
+    }
+
+    /// The lidar's own number of a beam.
+    #[must_use]
+    pub fn number_of(&self, beam: usize) -> usize {
+        self.number(beam, self.beams.len())
+    }
+
+    fn number(&self, beam: usize, count: usize) -> usize {
+        if self.reversed { count - 1 - beam } else { beam }
+    }
+
+    /// The beams' directions, robot frame.
+    #[must_use]
+    pub fn directions(&self) -> Directions<'_> {
+        Directions { x: &self.x, y: &self.y, first_rad: self.first_rad, increment_rad: self.increment_rad }
+    }
+
     /// The same beams seen from where the robot is now, into `seen`: `now_from_stamped` is the robot of the scan's
     /// stamp in the robot frame of now.
     pub fn seen_from(&self, now_from_stamped: &Se2, seen: &mut Self) {
         seen.beams.clear();
-        seen.beams.extend(self.beams.iter().map(|beam| Beam {
+        let turned = self.beams.iter().map(|beam| Beam {
             direction: now_from_stamped.rotation * beam.direction,
             end: now_from_stamped * beam.end,
             ..*beam
-        }));
+        });
+        seen.beams.extend(turned);
+        seen.x.clear();
+        seen.y.clear();
+        seen.x.extend(seen.beams.iter().map(|beam| beam.direction.x));
+        seen.y.extend(seen.beams.iter().map(|beam| beam.direction.y));
+        // These directions are of no layout.
+        seen.layout = Layout::default();
+        seen.first_rad = self.first_rad + now_from_stamped.rotation.angle();
+        seen.reversed = self.reversed;
         seen.origin = (now_from_stamped * Point::from(self.origin)).coords;
         (seen.increment_rad, seen.sigma_m, seen.whole_turn) = (self.increment_rad, self.sigma_m, self.whole_turn);
     }
 
-    /// The beams, in the order of their angles.
+    /// The beams, counter-clockwise.
     #[must_use]
     pub fn beams(&self) -> &[Beam] {
         &self.beams

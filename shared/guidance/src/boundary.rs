@@ -1,0 +1,508 @@
+//! The boundary of the shielding zone, piece by piece, in the order in which a turning ray meets it.
+//!
+//! Seen from within, each piece of the boundary of the hull of discs (an arc of a disc, or an outer tangent of two) covers
+//! one range of directions. So every beam has one piece to be held against, and neighbours mostly the same: what
+//! remains for a beam is one division or one root, whatever the number of discs.
+
+use nalgebra::Vector2;
+
+use crate::hull::Disc;
+use crate::se2::Point;
+
+/// The hull of four discs has at most so many arcs and tangents: seven of each, and one arc cut where the walk begins.
+const MAX_PIECES: usize = 16;
+/// Two tangents whose normals differ by less are one and the same, radians.
+const SAME_RAD: f64 = 1e-9;
+/// Lanes that the compiler may work on side by side.
+const LANES: usize = 8;
+
+/// One piece of the boundary, walked counter-clockwise.
+#[derive(Debug, Clone, Copy)]
+enum Piece {
+    /// Part of a disc's edge, from one outward normal to another.
+    Arc { disc: Disc, from_rad: f64, to_rad: f64 },
+    /// A tangent from one disc to the next.
+    Edge { from: Point, to: Point },
+}
+
+impl Piece {
+    fn from(&self) -> Point {
+        match self {
+            Self::Arc { disc, from_rad, .. } => on_edge(disc, *from_rad),
+            Self::Edge { from, .. } => *from,
+        }
+    }
+
+    /// Twice the area between the piece and a point, square metres (Green's theorem).
+    fn twice_area_from(&self, origin: Point) -> f64 {
+        match self {
+            Self::Edge { from, to } => (from - origin).perp(&(to - origin)),
+            Self::Arc { disc, from_rad, to_rad } => {
+                let chord = on_edge(disc, *to_rad) - on_edge(disc, *from_rad);
+                let turn = to_rad - from_rad;
+                disc.radius_m * disc.radius_m * turn + (disc.center - origin).perp(&chord)
+            }
+        }
+    }
+}
+
+fn on_edge(disc: &Disc, normal_rad: f64) -> Point {
+    disc.center + Vector2::new(normal_rad.cos(), normal_rad.sin()) * disc.radius_m
+}
+
+/// The boundary of the convex hull of four discs.
+#[derive(Debug, Clone)]
+pub struct Boundary {
+    pieces: [Piece; MAX_PIECES],
+    count: usize,
+}
+
+impl Boundary {
+    /// Walks once around the discs: from the one that reaches farthest in a direction, always to the next that a line
+    /// laid against them and turned counter-clockwise meets.
+    #[must_use]
+    pub fn of(discs: &[Disc; 4]) -> Self {
+        let mut walk =
+            Self { pieces: [Piece::Edge { from: Point::origin(), to: Point::origin() }; MAX_PIECES], count: 0 };
+        let mut current = first_disc(discs);
+        let mut turned_rad = 0.0;
+        while walk.count + 2 < MAX_PIECES {
+            let Some(next) = next_tangent(discs, current, turned_rad) else { break };
+            walk.push_arc(discs[current], turned_rad, next.normal_rad);
+            walk.push(Piece::Edge {
+                from: on_edge(&discs[current], next.normal_rad),
+                to: on_edge(&discs[next.disc], next.normal_rad),
+            });
+            (current, turned_rad) = (next.disc, next.normal_rad);
+        }
+        walk.push_arc(discs[current], turned_rad, std::f64::consts::TAU);
+        walk
+    }
+
+    fn push(&mut self, piece: Piece) {
+        if self.count < MAX_PIECES {
+            self.pieces[self.count] = piece;
+            self.count += 1;
+        }
+    }
+
+    fn push_arc(&mut self, disc: Disc, from_rad: f64, to_rad: f64) {
+        if to_rad > from_rad && disc.radius_m > 0.0 {
+            self.push(Piece::Arc { disc, from_rad, to_rad });
+        }
+    }
+}
+
+/// The disc that reaches farthest along x; of equals the one that is farthest along the walk.
+fn first_disc(discs: &[Disc; 4]) -> usize {
+    let reach = |disc: &Disc| (disc.center.x + disc.radius_m, disc.center.y);
+    let mut best = 0;
+    for i in 1..discs.len() {
+        let (mine, others) = (reach(&discs[i]), reach(&discs[best]));
+        if mine.0 > others.0 + SAME_RAD || (mine.0 >= others.0 - SAME_RAD && mine.1 > others.1) {
+            best = i;
+        }
+    }
+    best
+}
+
+struct Next {
+    disc: usize,
+    normal_rad: f64,
+    distance_m: f64,
+}
+
+/// The first tangent that a line turned on from `turned_rad` meets, before it is once around; of those that it meets at
+/// once the one to the farthest disc.
+fn next_tangent(discs: &[Disc; 4], current: usize, turned_rad: f64) -> Option<Next> {
+    let tau = std::f64::consts::TAU;
+    let mut best: Option<Next> = None;
+    for (i, disc) in discs.iter().enumerate().filter(|(i, _)| *i != current) {
+        let Some((normal, distance_m)) = tangent_normal(&discs[current], disc) else { continue };
+        let mut ahead = (normal.y.atan2(normal.x) - turned_rad).rem_euclid(tau);
+        if ahead > tau - SAME_RAD {
+            ahead = 0.0;
+        }
+        let normal_rad = turned_rad + ahead;
+        let better = best.as_ref().is_none_or(|best| {
+            normal_rad < best.normal_rad - SAME_RAD
+                || (normal_rad <= best.normal_rad + SAME_RAD && distance_m > best.distance_m)
+        });
+        if better && normal_rad < tau - SAME_RAD {
+            best = Some(Next { disc: i, normal_rad, distance_m });
+        }
+    }
+    best
+}
+
+/// Outward normal of the outer tangent that leads counter-clockwise from `a` to `b`; none where one holds the other.
+fn tangent_normal(a: &Disc, b: &Disc) -> Option<(Vector2<f64>, f64)> {
+    let between = b.center - a.center;
+    let distance = between.norm();
+    if distance <= (a.radius_m - b.radius_m).abs() || distance < 1e-12 {
+        return None;
+    }
+    let u = between / distance;
+    let cos = (a.radius_m - b.radius_m) / distance;
+    let sin = (1.0 - cos * cos).max(0.0).sqrt();
+    Some((u * cos - Vector2::new(-u.y, u.x) * sin, distance))
+}
+
+/// Directions of a scan's beams in the order in which they turn counter-clockwise.
+#[derive(Debug, Clone, Copy)]
+pub struct Directions<'a> {
+    /// Unit vectors.
+    pub x: &'a [f64],
+    /// Unit vectors.
+    pub y: &'a [f64],
+    /// Angle of the first, radians.
+    pub first_rad: f64,
+    /// From each to the next, radians, positive.
+    pub increment_rad: f64,
+}
+
+/// What the boundary is from one origin strictly within it: for each piece the beams that leave through it, and the line
+/// or circle that they meet.
+#[derive(Debug, Clone)]
+pub struct Seen<'a> {
+    boundary: &'a Boundary,
+    origin: Point,
+    /// Angle at which each piece begins, and the first's once more a turn later, radians.
+    begins_rad: [f64; MAX_PIECES + 1],
+}
+
+/// How far away a piece is in a direction `d`.
+#[derive(Debug, Clone, Copy)]
+enum Law {
+    /// `k / n.d`
+    Line { n: Vector2<f64>, k: f64 },
+    /// `m.d + sqrt((m.d)^2 - c)`
+    Circle { m: Vector2<f64>, c: f64 },
+}
+
+impl Law {
+    fn at(self, x: f64, y: f64) -> f64 {
+        match self {
+            Self::Line { n, k } => k / (n.x * x + n.y * y),
+            Self::Circle { m, c } => {
+                let b = m.x * x + m.y * y;
+                b + (b * b - c).max(0.0).sqrt()
+            }
+        }
+    }
+}
+
+impl Boundary {
+    /// The boundary seen from `origin`; none where that is not strictly within.
+    #[must_use]
+    pub fn seen_from(&self, origin: Point) -> Option<Seen<'_>> {
+        let pieces = &self.pieces[..self.count];
+        let within = pieces.iter().all(|piece| match piece {
+            Piece::Edge { from, to } => (to - from).perp(&(origin - from)) > 0.0,
+            Piece::Arc { disc, from_rad, to_rad } => {
+                let away = origin - disc.center;
+                let turn = (away.y.atan2(away.x) - from_rad).rem_euclid(std::f64::consts::TAU);
+                turn > to_rad - from_rad || away.norm() < disc.radius_m
+            }
+        });
+        if !within || pieces.is_empty() {
+            return None;
+        }
+        let mut begins_rad = [0.0; MAX_PIECES + 1];
+        let angle = |point: Point| (point.y - origin.y).atan2(point.x - origin.x);
+        begins_rad[0] = angle(pieces[0].from());
+        for i in 1..self.count {
+            let turn = (angle(pieces[i].from()) - begins_rad[i - 1]).rem_euclid(std::f64::consts::TAU);
+            // Seen from within the boundary never turns back: a whole turn by less than nothing is rounding.
+            let long = matches!(pieces[i - 1], Piece::Arc { from_rad, to_rad, .. } if to_rad - from_rad > 1.0);
+            let turn = if turn > std::f64::consts::TAU - SAME_RAD && !long { 0.0 } else { turn };
+            begins_rad[i] = begins_rad[i - 1] + turn;
+        }
+        begins_rad[self.count] = begins_rad[0] + std::f64::consts::TAU;
+        Some(Seen { boundary: self, origin, begins_rad })
+    }
+}
+
+impl Seen<'_> {
+    fn law(&self, piece: usize) -> Law {
+        match self.boundary.pieces[piece] {
+            Piece::Edge { from, to } => {
+                let along = to - from;
+                let n = Vector2::new(along.y, -along.x);
+                Law::Line { n, k: n.dot(&(from - self.origin)) }
+            }
+            Piece::Arc { disc, .. } => {
+                let m = disc.center - self.origin;
+                Law::Circle { m, c: m.norm_squared() - disc.radius_m * disc.radius_m }
+            }
+        }
+    }
+
+    /// No threshold of the piece is greater, metres.
+    fn farthest_m(&self, piece: usize) -> f64 {
+        match self.boundary.pieces[piece] {
+            Piece::Edge { from, to } => (from - self.origin).norm().max((to - self.origin).norm()),
+            Piece::Arc { disc, .. } => (disc.center - self.origin).norm() + disc.radius_m,
+        }
+    }
+
+    /// Calls `take` with each range of beams that leave through one piece, and the piece; every beam is in one range.
+    fn ranges(&self, beams: &Directions<'_>, mut take: impl FnMut(usize, std::ops::Range<usize>)) {
+        let (count, tau) = (beams.x.len(), std::f64::consts::TAU);
+        let pieces = self.boundary.count;
+        let start_rad = (self.begins_rad[0] - beams.first_rad).rem_euclid(tau);
+        let index = |rad: f64| ((rad / beams.increment_rad).ceil().max(0.0) as usize).min(count);
+        // The pieces a turn earlier have the beams before the first piece begins.
+        for (from_rad, to_rad) in [(start_rad - tau, start_rad), (start_rad, start_rad + tau)] {
+            let mut begin = index(from_rad);
+            for piece in 0..pieces {
+                let last = piece + 1 == pieces;
+                let end_rad = from_rad + (self.begins_rad[piece + 1] - self.begins_rad[0]);
+                let end = index(if last { to_rad } else { end_rad }).max(begin);
+                if end > begin {
+                    take(piece, begin..end);
+                }
+                begin = end;
+            }
+        }
+    }
+
+    /// Every beam's threshold: distance from the origin to where it leaves the hull, metres (Kim et al. 2023, alg. 1
+    /// line 7).
+    pub fn thresholds_m(&self, beams: &Directions<'_>, thresholds_m: &mut Vec<f64>) {
+        thresholds_m.clear();
+        thresholds_m.resize(beams.x.len(), 0.0);
+        self.ranges(beams, |piece, range| {
+            let out = &mut thresholds_m[range.clone()];
+            let directions = beams.x[range.clone()].iter().zip(&beams.y[range]);
+            // One loop for each law, so that it works on several beams side by side.
+            match self.law(piece) {
+                law @ Law::Line { .. } => {
+                    out.iter_mut().zip(directions).for_each(|(out, (x, y))| *out = law.at(*x, *y));
+                }
+                law @ Law::Circle { .. } => {
+                    out.iter_mut().zip(directions).for_each(|(out, (x, y))| *out = law.at(*x, *y));
+                }
+            }
+        });
+    }
+
+    /// The thresholds of some beams, in rising order, metres.
+    pub fn some_thresholds_m(&self, beams: &Directions<'_>, which: &[usize], mut take: impl FnMut(usize, f64)) {
+        if which.is_empty() {
+            return;
+        }
+        self.ranges(beams, |piece, range| {
+            let law = self.law(piece);
+            let begin = which.partition_point(|beam| *beam < range.start);
+            for beam in which[begin..].iter().take_while(|beam| **beam < range.end) {
+                take(*beam, law.at(beams.x[*beam], beams.y[*beam]));
+            }
+        });
+    }
+
+    /// The smallest reading minus threshold, and its beam; a reading that is not to be judged is infinite. What cannot be
+    /// smaller than `block_min_m` (the least reading of each [`BLOCK`] beams) allows is not looked at.
+    #[must_use]
+    pub fn least_margin_m(
+        &self,
+        beams: &Directions<'_>,
+        readings_m: &[f64],
+        block_min_m: &[f64],
+    ) -> (f64, Option<usize>) {
+        let mut least = (f64::INFINITY, None);
+        self.ranges(beams, |piece, range| {
+            let (law, farthest_m) = (self.law(piece), self.farthest_m(piece));
+            let mut begin = range.start;
+            while begin < range.end {
+                let block = begin / BLOCK;
+                let end = range.end.min((block + 1) * BLOCK);
+                if block_min_m[block] - farthest_m < least.0 {
+                    let part = begin..end;
+                    let (x, y, r) = (&beams.x[part.clone()], &beams.y[part.clone()], &readings_m[part]);
+                    let margin = least_of(law, x, y, r);
+                    if margin < least.0 {
+                        let of = |i: usize| r[i] - law.at(x[i], y[i]);
+                        let i = (0..r.len()).find(|i| of(*i) <= margin).unwrap_or(0);
+                        least = (margin, Some(begin + i));
+                    }
+                }
+                begin = end;
+            }
+        });
+        least
+    }
+
+    /// Area of the hull between two directions, counter-clockwise from the first, square metres.
+    #[must_use]
+    pub fn area_between_m2(&self, from_rad: f64, to_rad: f64) -> f64 {
+        let tau = std::f64::consts::TAU;
+        let from = self.begins_rad[0] + (from_rad - self.begins_rad[0]).rem_euclid(tau);
+        let to = from + (to_rad - from_rad);
+        let mut twice = 0.0;
+        for turn in [0.0, tau] {
+            for piece in 0..self.boundary.count {
+                let begin = (self.begins_rad[piece] + turn).max(from);
+                let end = (self.begins_rad[piece + 1] + turn).min(to);
+                if end > begin {
+                    twice += self.cut(piece, begin, end).twice_area_from(self.origin);
+                }
+            }
+        }
+        twice / 2.0
+    }
+
+    /// The part of a piece between two directions.
+    fn cut(&self, piece: usize, from_rad: f64, to_rad: f64) -> Piece {
+        let law = self.law(piece);
+        let at = |rad: f64| {
+            let d = Vector2::new(rad.cos(), rad.sin());
+            self.origin + d * law.at(d.x, d.y)
+        };
+        let (from, to) = (at(from_rad), at(to_rad));
+        match self.boundary.pieces[piece] {
+            Piece::Edge { .. } => Piece::Edge { from, to },
+            Piece::Arc { disc, .. } => {
+                let normal = |p: Point| (p.y - disc.center.y).atan2(p.x - disc.center.x);
+                let mut turn = (normal(to) - normal(from)).rem_euclid(std::f64::consts::TAU);
+                // A piece of next to no length, cut where it begins and ends.
+                if turn > std::f64::consts::TAU - SAME_RAD && to_rad - from_rad < 1.0 {
+                    turn = 0.0;
+                }
+                Piece::Arc { disc, from_rad: normal(from), to_rad: normal(from) + turn }
+            }
+        }
+    }
+}
+
+/// Beams of a block for [`Seen::least_margin_m`].
+pub const BLOCK: usize = 32;
+
+/// The least reading of each block.
+pub fn block_minima(readings_m: &[f64], minima_m: &mut Vec<f64>) {
+    minima_m.clear();
+    minima_m.extend(readings_m.chunks(BLOCK).map(|block| block.iter().copied().fold(f64::INFINITY, f64::min)));
+}
+
+/// The least of reading minus threshold, several beams side by side.
+fn least_of(law: Law, x: &[f64], y: &[f64], r: &[f64]) -> f64 {
+    match law {
+        Law::Line { n, k } => lanes(x, y, r, |x, y| k / (n.x * x + n.y * y)),
+        Law::Circle { m, c } => lanes(x, y, r, |x, y| {
+            let b = m.x * x + m.y * y;
+            b + (b * b - c).max(0.0).sqrt()
+        }),
+    }
+}
+
+#[inline(always)]
+fn lanes(x: &[f64], y: &[f64], r: &[f64], threshold: impl Fn(f64, f64) -> f64) -> f64 {
+    let mut least = [f64::INFINITY; LANES];
+    let (xs, ys, rs) = (x.chunks_exact(LANES), y.chunks_exact(LANES), r.chunks_exact(LANES));
+    let rest = xs.remainder().iter().zip(ys.remainder()).zip(rs.remainder());
+    for ((x, y), r) in rest {
+        least[0] = least[0].min(r - threshold(*x, *y));
+    }
+    for ((x, y), r) in xs.zip(ys).zip(rs) {
+        for lane in 0..LANES {
+            let margin = r[lane] - threshold(x[lane], y[lane]);
+            least[lane] = if margin < least[lane] { margin } else { least[lane] };
+        }
+    }
+    least.into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Boundary, Directions, block_minima};
+    use crate::hull::{Disc, Hull};
+    use crate::se2::Point;
+    use nalgebra::Vector2;
+    use proptest::prelude::*;
+
+    fn any_disc() -> impl Strategy<Value = Disc> {
+        (-1.5..1.5f64, -1.5..1.5f64, 0.05..0.5f64)
+            .prop_map(|(x, y, radius_m)| Disc { center: Point::new(x, y), radius_m })
+    }
+
+    /// Four discs as they are in practice too: some equal, some in one line, some within others.
+    fn any_discs() -> impl Strategy<Value = [Disc; 4]> {
+        ([any_disc(), any_disc(), any_disc(), any_disc()], 0..6u8).prop_map(|([a, b, c, d], kind)| match kind {
+            0 => [a, b, a, b],
+            1 => [a, a, a, a],
+            2 => {
+                let step = Vector2::new(0.25, 0.0);
+                [a, b, Disc { center: a.center + step, ..a }, Disc { center: b.center + step, ..b }]
+            }
+            3 => {
+                [a, Disc { radius_m: a.radius_m, ..b }, Disc { center: nalgebra::center(&a.center, &b.center), ..a }, a]
+            }
+            4 => [Disc { radius_m: 2.0, ..a }, b, c, d],
+            _ => [a, b, c, d],
+        })
+    }
+
+    fn fan(count: usize, first_rad: f64) -> (Vec<f64>, Vec<f64>, f64) {
+        let increment = std::f64::consts::TAU / count as f64;
+        let angle = |i: usize| first_rad + i as f64 * increment;
+        ((0..count).map(|i| angle(i).cos()).collect(), (0..count).map(|i| angle(i).sin()).collect(), increment)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(4000))]
+        #[test]
+        fn piece_by_piece_is_as_all_at_once(discs in any_discs(), which in 0..4usize, first in -7.0..7.0f64) {
+            let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
+            let origin = discs[which].center;
+            let (x, y, increment_rad) = fan(97, first);
+            let beams = Directions { x: &x, y: &y, first_rad: first, increment_rad };
+            let seen = boundary.seen_from(origin).expect("a disc's middle is within");
+            let mut thresholds = Vec::new();
+            seen.thresholds_m(&beams, &mut thresholds);
+            for i in 0..97 {
+                let truth = hull.threshold_m(origin, Vector2::new(x[i], y[i]));
+                prop_assert!((thresholds[i] - truth).abs() < 1e-6, "beam {i}: {} {}", thresholds[i], truth);
+            }
+            let readings: Vec<f64> = (0..97).map(|i| 0.5 + 0.02 * f64::from((i * 37 % 97) as u32)).collect();
+            let mut minima = Vec::new();
+            block_minima(&readings, &mut minima);
+            let (least, beam) = seen.least_margin_m(&beams, &readings, &minima);
+            let margins: Vec<f64> = readings.iter().zip(&thresholds).map(|(r, t)| r - t).collect();
+            prop_assert!((least - margins.iter().copied().fold(f64::INFINITY, f64::min)).abs() < 1e-12);
+            prop_assert!(beam.is_some_and(|beam| (margins[beam] - least).abs() < 1e-12));
+        }
+
+        #[test]
+        fn within_is_where_the_distance_is_negative(discs in any_discs(), x in -2.5..2.5f64, y in -2.5..2.5f64) {
+            let (hull, point) = (Hull::new(discs), Point::new(x, y));
+            let distance = hull.signed_distance_m(point);
+            if distance.abs() > 1e-7 {
+                prop_assert_eq!(Boundary::of(&discs).seen_from(point).is_some(), distance < 0.0, "{}", distance);
+            }
+        }
+
+        #[test]
+        fn areas_add_up_to_what_many_thin_triangles_have(discs in any_discs(), from in -4.0..4.0f64, turn in 0.0..6.2f64) {
+            let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
+            let seen = boundary.seen_from(discs[0].center).expect("a disc's middle is within");
+            let steps = 4000;
+            let thin: f64 = (0..steps)
+                .map(|i| {
+                    let angle = from + turn * (f64::from(i) + 0.5) / f64::from(steps);
+                    hull.threshold_m(discs[0].center, Vector2::new(angle.cos(), angle.sin())).powi(2) / 2.0
+                })
+                .sum::<f64>() * turn / f64::from(steps);
+            let area = seen.area_between_m2(from, from + turn);
+            prop_assert!((area - thin).abs() < 2e-4 * (1.0 + thin), "{area} {thin}");
+        }
+    }
+
+    #[test]
+    fn a_disc_alone_is_a_circle() {
+        let disc = Disc { center: Point::new(0.2, -0.1), radius_m: 0.5 };
+        let boundary = Boundary::of(&[disc; 4]);
+        let seen = boundary.seen_from(disc.center).expect("its middle is within");
+        assert!((seen.area_between_m2(0.3, 0.3 + std::f64::consts::TAU) - std::f64::consts::PI * 0.25).abs() < 1e-9);
+        assert!(boundary.seen_from(Point::new(0.8, -0.1)).is_none());
+    }
+}

@@ -1,0 +1,304 @@
+//! How one motion is judged: everything that all motions from one moment share is prepared once.
+
+use super::{Cause, Judgement, Motion, ShieldConfig};
+use crate::boundary::{Boundary, Seen, block_minima};
+use crate::depth::DepthView;
+use crate::handler::HandlerEstimate;
+use crate::hull::{Disc, Hull};
+use crate::interaction::place;
+use crate::scan::{BeamKind, Beams};
+use crate::se2::{Point, exp, log};
+
+/// An action's hull reaches beyond the present one where its threshold is greater by more than this, metres.
+const BEYOND_M: f64 = 1e-3;
+/// Parts of a motion at which the escape rule looks.
+const ESCAPE_STEPS: u32 = 8;
+/// Getting closer by less than this is rounding, metres.
+const CLOSER_M: f64 = 1e-6;
+
+/// The scan sorted by what each beam means now. Kept from scan to scan, so that a steady state allocates nothing.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Sorted {
+    /// Thresholds of the present hull, metres.
+    present_m: Vec<f64>,
+    /// Readings to be held against thresholds, metres; infinite for the beams of the lists below.
+    readings_m: Vec<f64>,
+    minima_m: Vec<f64>,
+    unknown: Vec<usize>,
+    masked: Vec<usize>,
+    /// Beams that end strictly inside the present hull, for the escape rule.
+    pressing: Vec<usize>,
+    thresholds_m: Vec<f64>,
+}
+
+/// What all motions from one moment have in common.
+pub(super) struct Present<'a> {
+    config: &'a ShieldConfig,
+    beams: &'a Beams,
+    depth: Option<&'a DepthView>,
+    handler: &'a HandlerEstimate,
+    robot_disc: Disc,
+    handler_disc: Disc,
+    hull: Hull,
+    sorted: &'a mut Sorted,
+}
+
+impl<'a> Present<'a> {
+    pub fn prepare(
+        config: &'a ShieldConfig,
+        beams: &'a Beams,
+        depth: Option<&'a DepthView>,
+        handler: &'a HandlerEstimate,
+        sorted: &'a mut Sorted,
+    ) -> Self {
+        let robot_disc = Disc { center: Point::origin(), radius_m: config.robot_radius_m + config.margin_m };
+        let handler_disc =
+            Disc { center: place(handler.robot_from_handler()), radius_m: handler.radius_m() + config.margin_m };
+        let discs = [robot_disc, handler_disc, robot_disc, handler_disc];
+        let mut present =
+            Self { config, beams, depth, handler, robot_disc, handler_disc, hull: Hull::new(discs), sorted };
+        present.sort(&Boundary::of(&discs));
+        present
+    }
+
+    fn sort(&mut self, boundary: &Boundary) {
+        let (beams, hull) = (self.beams, &self.hull);
+        let sorted = &mut *self.sorted;
+        let within = boundary.seen_from(beams.origin());
+        match &within {
+            Some(seen) => seen.thresholds_m(&beams.directions(), &mut sorted.present_m),
+            None => all_thresholds(hull, beams, &mut sorted.present_m),
+        }
+        for list in [&mut sorted.unknown, &mut sorted.masked, &mut sorted.pressing] {
+            list.clear();
+        }
+        sorted.readings_m.clear();
+        for (i, beam) in beams.beams().iter().enumerate() {
+            let hit = beam.kind == BeamKind::Hit;
+            let list = if beam.kind == BeamKind::Unknown {
+                Some(&mut sorted.unknown)
+            } else if hit && self.handler.masks(beam.end, beams.sigma_m()) {
+                Some(&mut sorted.masked)
+            } else if hit
+                && self.config.escape
+                && beam.reading_m < sorted.present_m[i]
+                && (within.is_some() || hull.contains(beam.end))
+            {
+                Some(&mut sorted.pressing)
+            } else {
+                None
+            };
+            sorted.readings_m.push(if list.is_some() { f64::INFINITY } else { beam.reading_m });
+            if let Some(list) = list {
+                list.push(i);
+            }
+        }
+        block_minima(&sorted.readings_m, &mut sorted.minima_m);
+    }
+
+    /// Judges one motion (Kim et al. 2023, alg. 1 lines 5-8).
+    pub fn judge(&mut self, motion: &Motion) -> Judgement {
+        let end = |pose, disc: &Disc| Disc { center: place(pose), radius_m: disc.radius_m };
+        let discs = [
+            self.robot_disc,
+            self.handler_disc,
+            end(&motion.robot, &self.robot_disc),
+            end(&motion.handler, &self.handler_disc),
+        ];
+        let boundary = Boundary::of(&discs);
+        let mut judgement = Judgement::free();
+        match boundary.seen_from(self.beams.origin()) {
+            Some(seen) => self.judge_from_within(&seen, motion, &mut judgement),
+            None => self.judge_from_outside(&Hull::new(discs), motion, &mut judgement),
+        }
+        self.judge_points(&discs, motion, &mut judgement);
+        if self.config.unseen_limit_m2.is_some_and(|limit| judgement.unseen_area_m2 > limit) {
+            judgement.forbid(Cause::Unseen);
+        }
+        judgement
+    }
+
+    /// A lidar inside the hull: each beam leaves it once.
+    fn judge_from_within(&mut self, seen: &Seen<'_>, motion: &Motion, judgement: &mut Judgement) {
+        let (beams, directions) = (self.beams, self.beams.directions());
+        let sorted = &*self.sorted;
+        let (margin_m, beam) = seen.least_margin_m(&directions, &sorted.readings_m, &sorted.minima_m);
+        if let Some(beam) = beam {
+            self.note(beam, margin_m, judgement);
+        }
+        let half = beams.increment_rad() / 2.0;
+        let mut unseen_m2 = 0.0;
+        let mut behind = |i: usize, threshold_m: f64| {
+            let reading_m = beams.beams()[i].reading_m.min(threshold_m);
+            unseen_m2 += (threshold_m * threshold_m - reading_m * reading_m) * half;
+        };
+        seen.some_thresholds_m(&directions, &sorted.masked, &mut behind);
+        seen.some_thresholds_m(&directions, &sorted.pressing, |i, threshold_m| {
+            behind(i, threshold_m);
+            if self.gets_closer(beams.beams()[i].end, motion) {
+                self.note(i, beams.beams()[i].reading_m - threshold_m, judgement);
+            }
+        });
+        let mut run = UnknownRun::default();
+        seen.some_thresholds_m(&directions, &sorted.unknown, |i, threshold_m| {
+            behind(i, threshold_m);
+            run.take(self, i, threshold_m, judgement);
+        });
+        run.close(self, judgement);
+        if margin_m < 0.0 {
+            // What is blocked hides what is behind it.
+            let mut thresholds_m = std::mem::take(&mut self.sorted.thresholds_m);
+            seen.thresholds_m(&directions, &mut thresholds_m);
+            for (i, threshold_m) in thresholds_m.iter().enumerate().filter(|(i, t)| self.sorted.readings_m[*i] < **t) {
+                behind(i, *threshold_m);
+            }
+            self.sorted.thresholds_m = thresholds_m;
+        }
+        judgement.unseen_area_m2 += unseen_m2;
+        // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either side.
+        let count = beams.beams().len() as f64;
+        let rest = std::f64::consts::TAU - count * beams.increment_rad();
+        if rest > half {
+            let last = directions.first_rad + (count - 0.5) * beams.increment_rad();
+            judgement.unseen_area_m2 += seen.area_between_m2(last, last + rest);
+        }
+    }
+
+    /// A lidar outside the hull: a beam may meet it or not, and whatever stands before or in it occludes it.
+    fn judge_from_outside(&mut self, swept: &Hull, motion: &Motion, judgement: &mut Judgement) {
+        let mut thresholds_m = std::mem::take(&mut self.sorted.thresholds_m);
+        all_thresholds(swept, self.beams, &mut thresholds_m);
+        let mut run = UnknownRun::default();
+        for (i, beam) in self.beams.beams().iter().enumerate() {
+            let threshold_m = thresholds_m[i];
+            let reading_m = beam.reading_m.min(threshold_m);
+            let half = self.beams.increment_rad() / 2.0;
+            judgement.unseen_area_m2 += (threshold_m * threshold_m - reading_m * reading_m) * half;
+            if beam.kind == BeamKind::Unknown {
+                run.take(self, i, threshold_m, judgement);
+            } else if self.sorted.readings_m[i].is_finite()
+                || (self.sorted.pressing.binary_search(&i).is_ok() && self.gets_closer(beam.end, motion))
+            {
+                self.note(i, beam.reading_m - threshold_m, judgement);
+            }
+        }
+        run.close(self, judgement);
+        self.sorted.thresholds_m = thresholds_m;
+    }
+
+    /// Kim et al. 2023, alg. 1 line 8: a reading less than its threshold is unsafe.
+    fn note(&self, beam: usize, margin_m: f64, judgement: &mut Judgement) {
+        if margin_m < judgement.margin_m {
+            let reading_m = self.beams.beams()[beam].reading_m;
+            judgement.margin_m = margin_m;
+            judgement.beam = Some(self.beams.number_of(beam));
+            (judgement.reading_m, judgement.threshold_m) = (reading_m, reading_m - margin_m);
+        }
+        if margin_m < 0.0 {
+            judgement.forbid(Cause::Beam);
+        }
+    }
+
+    /// Virtual beams from the depth frame: points strictly inside the hull.
+    fn judge_points(&self, discs: &[Disc; 4], motion: &Motion, judgement: &mut Judgement) {
+        let Some(depth) = self.depth else { return };
+        let reach_m = discs.iter().map(|disc| disc.center.coords.norm() + disc.radius_m).fold(0.0, f64::max);
+        let near = depth.points().iter().filter(|point| point.coords.norm_squared() < reach_m * reach_m);
+        let mut swept = None;
+        for point in near {
+            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
+            let inside_m = swept.signed_distance_m(*point);
+            if inside_m >= 0.0 || self.handler.masks(*point, self.beams.sigma_m()) {
+                continue;
+            }
+            if self.config.escape && self.hull.contains(*point) && !self.gets_closer(*point, motion) {
+                continue;
+            }
+            judgement.margin_m = judgement.margin_m.min(inside_m);
+            judgement.forbid(Cause::Point);
+        }
+    }
+
+    /// Whether a point comes closer to either disc along the motion: the escape rule allows only what does not.
+    fn gets_closer(&self, point: Point, motion: &Motion) -> bool {
+        let (robot, handler) = (self.robot_disc.center, self.handler_disc.center);
+        let twist = log(&motion.robot, 1.0);
+        let way = place(&motion.handler) - handler;
+        let (mut to_robot, mut to_handler) = ((point - robot).norm(), (point - handler).norm());
+        (1..=ESCAPE_STEPS).any(|i| {
+            let share = f64::from(i) / f64::from(ESCAPE_STEPS);
+            let next_robot = (point - place(&exp(twist, share))).norm();
+            let next_handler = (point - (handler + way * share)).norm();
+            let closer = next_robot < to_robot - CLOSER_M || next_handler < to_handler - CLOSER_M;
+            (to_robot, to_handler) = (next_robot, next_handler);
+            closer
+        })
+    }
+
+    /// Whether the camera sees that an unknown beam's way beyond the present hull is free.
+    fn seen_by_depth(&self, beam: usize, threshold_m: f64) -> bool {
+        let present_m = self.sorted.present_m[beam];
+        self.depth.is_some_and(|depth| {
+            let at = |t: f64| self.beams.origin() + self.beams.beams()[beam].direction * t;
+            depth.sees_free(at(threshold_m)) && depth.sees_free(at((threshold_m + present_m) / 2.0))
+        })
+    }
+}
+
+fn all_thresholds(hull: &Hull, beams: &Beams, thresholds_m: &mut Vec<f64>) {
+    thresholds_m.clear();
+    thresholds_m.extend(beams.beams().iter().map(|beam| hull.threshold_m(beams.origin(), beam.direction)));
+}
+
+/// A run of unknown beams within the part of the hull that is beyond the present one.
+#[derive(Debug, Default)]
+struct UnknownRun {
+    first: usize,
+    count: usize,
+    threshold_m: f64,
+    /// The run that began with the very first beam, for a lidar that sees all around.
+    at_start: Option<(usize, f64)>,
+}
+
+impl UnknownRun {
+    fn take(&mut self, present: &Present<'_>, beam: usize, threshold_m: f64, judgement: &mut Judgement) {
+        let counts =
+            threshold_m > present.sorted.present_m[beam] + BEYOND_M && !present.seen_by_depth(beam, threshold_m);
+        if !counts {
+            return;
+        }
+        if self.count > 0 && beam != self.first + self.count {
+            self.end(present, judgement);
+        }
+        if self.count == 0 {
+            self.first = beam;
+        }
+        self.count += 1;
+        self.threshold_m = self.threshold_m.max(threshold_m);
+    }
+
+    fn end(&mut self, present: &Present<'_>, judgement: &mut Judgement) {
+        if self.count > 0 && self.first == 0 {
+            self.at_start = Some((self.count, self.threshold_m));
+        }
+        if is_gap(present, self.count, self.threshold_m) {
+            judgement.forbid(Cause::Unknown);
+        }
+        (self.count, self.threshold_m) = (0, 0.0);
+    }
+
+    /// The last run of a whole turn goes on in the first.
+    fn close(&mut self, present: &Present<'_>, judgement: &mut Judgement) {
+        let reaches_end = self.count > 0 && self.first + self.count == present.beams.beams().len();
+        if let Some((count, threshold_m)) = self.at_start.filter(|_| reaches_end && present.beams.is_whole_turn()) {
+            self.count += count;
+            self.threshold_m = self.threshold_m.max(threshold_m);
+        }
+        self.end(present, judgement);
+    }
+}
+
+fn is_gap(present: &Present<'_>, count: usize, threshold_m: f64) -> bool {
+    let half = (count as f64 * present.beams.increment_rad() / 2.0).min(std::f64::consts::FRAC_PI_2);
+    count > 0 && 2.0 * threshold_m * half.sin() > present.config.unknown_gap_m
+}
