@@ -40,6 +40,25 @@ pub enum Sighting {
     NotVisible,
 }
 
+/// The room that the handler takes, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandlerBody {
+    /// Middle of the disc.
+    pub center: Point,
+    /// Radius of the disc, metres.
+    pub radius_m: f64,
+    /// What a beam meets within this distance of the middle is the handler, metres; none: nothing is.
+    pub mask_radius_m: Option<f64>,
+}
+
+impl HandlerBody {
+    /// Whether a beam that ends there ends on the handler.
+    #[must_use]
+    pub fn masks(&self, end: Point) -> bool {
+        self.mask_radius_m.is_some_and(|mask_m| (end - self.center).norm_squared() <= mask_m * mask_m)
+    }
+}
+
 /// The handler's estimate, in the robot frame.
 #[derive(Debug, Clone)]
 pub struct HandlerEstimate {
@@ -126,10 +145,15 @@ impl HandlerEstimate {
         self.model.follow(&self.start_robot_from_handler, &moved, fraction)
     }
 
-    /// Whether a beam that ends there ends on the handler: within the handler's radius and three sigma, never wider.
+    /// The handler as the shield has to reckon with them: a beam that ends within the handler's radius and three sigma ends
+    /// on the handler; never wider, however little is known.
     #[must_use]
-    pub fn masks(&self, end: Point, sigma_m: f64) -> bool {
-        (end - place(&self.robot_from_handler)).norm() <= self.limits.radius_m + 3.0 * sigma_m
+    pub fn body(&self, sigma_m: f64) -> HandlerBody {
+        HandlerBody {
+            center: place(&self.robot_from_handler),
+            radius_m: self.radius_m(),
+            mask_radius_m: Some(self.limits.radius_m + 3.0 * sigma_m),
+        }
     }
 
     /// Takes in what the lidar sees there.

@@ -16,7 +16,7 @@ pub mod track;
 
 pub use action::{Action, ActionTable};
 pub use depth::DepthView;
-pub use handler::{HandlerEstimate, HandlerLimits};
+pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
 pub use scan::{Beam, BeamKind, Beams, ScanError};

@@ -77,21 +77,33 @@ impl Beams {
     /// # Errors
     /// Where the scan cannot be used; the beams are then empty.
     pub fn fill(&mut self, header: &ScanHeader, ranges_m: &[f32]) -> Result<(), ScanError> {
+        self.fill_with(header, ranges_m.len(), |i| f64::from(ranges_m[i]))
+    }
+
+    /// The same with readings from wherever they are, in the lidar's order, metres; NaN says nothing.
+    ///
+    /// # Errors
+    /// As [`Beams::fill`].
+    pub fn fill_with(
+        &mut self,
+        header: &ScanHeader,
+        count: usize,
+        range_m: impl Fn(usize) -> f64,
+    ) -> Result<(), ScanError> {
         self.beams.clear();
-        check(header, ranges_m.len())?;
+        check(header, count)?;
         let robot_from_lidar: Se2 = se2(header.robot_from_lidar);
         self.origin = robot_from_lidar.translation.vector;
         self.increment_rad = header.angle_increment_rad.abs();
         self.sigma_m = header.sigma_m;
-        self.whole_turn = self.increment_rad * (ranges_m.len() as f64 + 0.5) >= std::f64::consts::TAU;
+        self.whole_turn = self.increment_rad * (count as f64 + 0.5) >= std::f64::consts::TAU;
         self.reversed = header.angle_increment_rad < 0.0;
-        let last = header.angle_min_rad + (ranges_m.len() - 1) as f64 * header.angle_increment_rad;
+        let last = header.angle_min_rad + (count - 1) as f64 * header.angle_increment_rad;
         self.first_rad = pose2(&robot_from_lidar).yaw_rad + if self.reversed { last } else { header.angle_min_rad };
-        self.turn_to(ranges_m.len());
-        for i in 0..ranges_m.len() {
-            let range = ranges_m[self.number(i, ranges_m.len())];
+        self.turn_to(count);
+        for i in 0..count {
             let direction = Vector2::new(self.x[i], self.y[i]);
-            let (kind, reading_m) = classify(f64::from(range), header);
+            let (kind, reading_m) = classify(range_m(self.number(i, count)), header);
             self.beams.push(Beam { kind, reading_m, direction, end: Point::from(self.origin + direction * reading_m) });
         }
         if self.beams.iter().all(|beam| beam.kind == BeamKind::Unknown) {

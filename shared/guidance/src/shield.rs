@@ -7,7 +7,7 @@ use messages::{MAX_ACTIONS, Twist2};
 
 use crate::action::ActionTable;
 use crate::depth::DepthView;
-use crate::handler::HandlerEstimate;
+use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::interaction::Interaction;
 use crate::scan::Beams;
 use crate::se2::{Se2, exp};
@@ -138,16 +138,24 @@ impl Shield {
         handler: &HandlerEstimate,
         judgements: &mut Vec<Judgement>,
     ) -> u32 {
+        let motions = table.actions().iter().map(|action| Self::predict(handler, &action.start_from_end()));
+        self.judge_motions(motions, beams, depth, handler.body(beams.sigma_m()), judgements);
+        let bits = judgements.iter().enumerate().map(|(i, judgement)| u32::from(!judgement.safe) << i);
+        bits.fold(0, |mask, bit| mask | bit)
+    }
+
+    /// Judges motions that begin now, all on one scan: one row of `judgements` for each.
+    pub fn judge_motions(
+        &mut self,
+        motions: impl Iterator<Item = Motion>,
+        beams: &Beams,
+        depth: Option<&DepthView>,
+        handler: HandlerBody,
+        judgements: &mut Vec<Judgement>,
+    ) {
         judgements.clear();
         let mut present = Present::prepare(&self.config, beams, depth, handler, &mut self.sorted);
-        let mut mask = 0;
-        for (i, action) in table.actions().iter().enumerate() {
-            let motion = Self::predict(handler, &action.start_from_end());
-            let judgement = present.judge(&motion);
-            mask |= u32::from(!judgement.safe) << i;
-            judgements.push(judgement);
-        }
-        mask
+        judgements.extend(motions.map(|motion| present.judge(&motion)));
     }
 
     /// Judges one motion on one scan.
@@ -158,7 +166,19 @@ impl Shield {
         depth: Option<&DepthView>,
         handler: &HandlerEstimate,
     ) -> Judgement {
-        Present::prepare(&self.config, beams, depth, handler, &mut self.sorted).judge(motion)
+        let body = handler.body(beams.sigma_m());
+        Present::prepare(&self.config, beams, depth, body, &mut self.sorted).judge(motion)
+    }
+
+    /// The thresholds of one motion, metres, in the lidar's own order of beams (Kim et al. 2023, alg. 1 line 7).
+    #[must_use]
+    pub fn thresholds_m(&mut self, motion: &Motion, beams: &Beams, handler: HandlerBody) -> Vec<f64> {
+        let thresholds_m = Present::prepare(&self.config, beams, None, handler, &mut self.sorted).thresholds_m(motion);
+        let mut ordered = vec![0.0; thresholds_m.len()];
+        for (beam, threshold_m) in thresholds_m.into_iter().enumerate() {
+            ordered[beams.number_of(beam)] = threshold_m;
+        }
+        ordered
     }
 
     /// Where the running action leads to from now: what is left of it, and one scan period more at the same velocity.
@@ -177,24 +197,33 @@ impl Shield {
 }
 
 /// Multiplies the probabilities of unsafe actions by `beta` and normalises (Kim et al. 2023, alg. 1 lines 8-12). Where
-/// every action is unsafe, beta 0 gives stop for certain, any other beta the probabilities as they were.
+/// every action is unsafe, beta 0 gives stop for certain, any other beta the probabilities as they were. Where what is left
+/// sums to nothing, it is stop as well.
 #[must_use]
 pub fn suppress(probabilities: &[f64], unsafe_mask: u32, beta: f64) -> Suppressed {
     let count = probabilities.len().min(MAX_ACTIONS);
-    let is_unsafe = |i: usize| unsafe_mask >> i & 1 == 1;
-    let all_unsafe = (0..count).all(is_unsafe);
     let mut out = [0.0; MAX_ACTIONS];
-    for i in 0..count {
-        out[i] = probabilities[i] * if is_unsafe(i) && !all_unsafe { beta } else { 1.0 };
-    }
-    let sum: f64 = out.iter().sum();
-    if (all_unsafe && beta == 0.0) || sum <= 0.0 {
-        out = [0.0; MAX_ACTIONS];
-        out[ActionTable::STOP] = 1.0;
-    } else {
-        out.iter_mut().for_each(|p| *p /= sum);
-    }
+    out[..count].copy_from_slice(&probabilities[..count]);
+    let all_unsafe = suppress_in_place(&mut out[..count], |i| unsafe_mask >> i & 1 == 1, beta, ActionTable::STOP);
     Suppressed { probabilities: out, all_unsafe }
+}
+
+/// [`suppress`] for any number of actions, stop being number `stop`: whether all are unsafe.
+pub fn suppress_in_place(probabilities: &mut [f64], is_unsafe: impl Fn(usize) -> bool, beta: f64, stop: usize) -> bool {
+    let all_unsafe = (0..probabilities.len()).all(&is_unsafe);
+    for (i, p) in probabilities.iter_mut().enumerate() {
+        *p *= if is_unsafe(i) && !all_unsafe { beta } else { 1.0 };
+    }
+    let sum: f64 = probabilities.iter().sum();
+    if (all_unsafe && beta == 0.0) || sum <= 0.0 {
+        probabilities.fill(0.0);
+        if let Some(p) = probabilities.get_mut(stop) {
+            *p = 1.0;
+        }
+    } else {
+        probabilities.iter_mut().for_each(|p| *p /= sum);
+    }
+    all_unsafe
 }
 
 /// Chooses an action of decision `n`.

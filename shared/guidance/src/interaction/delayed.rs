@@ -28,18 +28,30 @@ impl DelayedHarness {
     /// # Errors
     /// Where the parameters are no harness's.
     pub fn new(robot_from_handler: Pose2, alpha: f64, dt_s: f64) -> Result<Self, HarnessError> {
+        let harness = Self::unbounded(robot_from_handler, alpha, dt_s)?;
+        checked_offset(robot_from_handler)?;
+        let lag_m = harness.lag_m(LAG_SPEED_MPS);
+        if lag_m > HARNESS_M {
+            return Err(HarnessError::Lag { alpha, lag_m });
+        }
+        Ok(harness)
+    }
+
+    /// The model with any parameters for which it is defined, a harness's or not: for who fits them or compares models.
+    ///
+    /// # Errors
+    /// Where alpha is not in [0, 1), or a number is none.
+    pub fn unbounded(robot_from_handler: Pose2, alpha: f64, dt_s: f64) -> Result<Self, HarnessError> {
         if !(0.0..1.0).contains(&alpha) {
             return Err(HarnessError::Alpha(alpha));
         }
         if !(dt_s.is_finite() && dt_s > 0.0) {
             return Err(HarnessError::Dt(dt_s));
         }
-        let robot_from_default = checked_offset(robot_from_handler)?;
-        let lag_m = alpha / (1.0 - alpha) * LAG_SPEED_MPS * dt_s;
-        if lag_m > HARNESS_M {
-            return Err(HarnessError::Lag { alpha, lag_m });
+        if !robot_from_handler.is_finite() {
+            return Err(HarnessError::Offset { x_m: robot_from_handler.x_m, y_m: robot_from_handler.y_m });
         }
-        Ok(Self { robot_from_default, alpha, dt_s })
+        Ok(Self { robot_from_default: se2(robot_from_handler), alpha, dt_s })
     }
 
     /// The remembered share per step.

@@ -3,7 +3,7 @@
 use super::{Cause, Judgement, Motion, ShieldConfig};
 use crate::boundary::{Boundary, Seen, block_minima};
 use crate::depth::DepthView;
-use crate::handler::HandlerEstimate;
+use crate::handler::HandlerBody;
 use crate::hull::{Disc, Hull};
 use crate::interaction::place;
 use crate::scan::{BeamKind, Beams};
@@ -36,7 +36,7 @@ pub(super) struct Present<'a> {
     config: &'a ShieldConfig,
     beams: &'a Beams,
     depth: Option<&'a DepthView>,
-    handler: &'a HandlerEstimate,
+    handler: HandlerBody,
     robot_disc: Disc,
     handler_disc: Disc,
     hull: Hull,
@@ -48,12 +48,11 @@ impl<'a> Present<'a> {
         config: &'a ShieldConfig,
         beams: &'a Beams,
         depth: Option<&'a DepthView>,
-        handler: &'a HandlerEstimate,
+        handler: HandlerBody,
         sorted: &'a mut Sorted,
     ) -> Self {
         let robot_disc = Disc { center: Point::origin(), radius_m: config.robot_radius_m + config.margin_m };
-        let handler_disc =
-            Disc { center: place(handler.robot_from_handler()), radius_m: handler.radius_m() + config.margin_m };
+        let handler_disc = Disc { center: handler.center, radius_m: handler.radius_m + config.margin_m };
         let discs = [robot_disc, handler_disc, robot_disc, handler_disc];
         let mut present =
             Self { config, beams, depth, handler, robot_disc, handler_disc, hull: Hull::new(discs), sorted };
@@ -77,7 +76,7 @@ impl<'a> Present<'a> {
             let hit = beam.kind == BeamKind::Hit;
             let list = if beam.kind == BeamKind::Unknown {
                 Some(&mut sorted.unknown)
-            } else if hit && self.handler.masks(beam.end, beams.sigma_m()) {
+            } else if hit && self.handler.masks(beam.end) {
                 Some(&mut sorted.masked)
             } else if hit
                 && self.config.escape
@@ -96,15 +95,27 @@ impl<'a> Present<'a> {
         block_minima(&sorted.readings_m, &mut sorted.minima_m);
     }
 
+    /// Robot and handler, now and at the end.
+    fn discs(&self, motion: &Motion) -> [Disc; 4] {
+        let end = |pose, disc: &Disc| Disc { center: place(pose), radius_m: disc.radius_m };
+        let (robot, handler) = (self.robot_disc, self.handler_disc);
+        [robot, handler, end(&motion.robot, &robot), end(&motion.handler, &handler)]
+    }
+
+    /// Every beam's threshold, metres, counter-clockwise.
+    pub fn thresholds_m(&self, motion: &Motion) -> Vec<f64> {
+        let discs = self.discs(motion);
+        let mut thresholds_m = Vec::new();
+        match Boundary::of(&discs).seen_from(self.beams.origin()) {
+            Some(seen) => seen.thresholds_m(&self.beams.directions(), &mut thresholds_m),
+            None => all_thresholds(&Hull::new(discs), self.beams, &mut thresholds_m),
+        }
+        thresholds_m
+    }
+
     /// Judges one motion (Kim et al. 2023, alg. 1 lines 5-8).
     pub fn judge(&mut self, motion: &Motion) -> Judgement {
-        let end = |pose, disc: &Disc| Disc { center: place(pose), radius_m: disc.radius_m };
-        let discs = [
-            self.robot_disc,
-            self.handler_disc,
-            end(&motion.robot, &self.robot_disc),
-            end(&motion.handler, &self.handler_disc),
-        ];
+        let discs = self.discs(motion);
         let boundary = Boundary::of(&discs);
         let mut judgement = Judgement::free();
         match boundary.seen_from(self.beams.origin()) {
@@ -208,7 +219,7 @@ impl<'a> Present<'a> {
         for point in near {
             let swept = swept.get_or_insert_with(|| Hull::new(*discs));
             let inside_m = swept.signed_distance_m(*point);
-            if inside_m >= 0.0 || self.handler.masks(*point, self.beams.sigma_m()) {
+            if inside_m >= 0.0 || self.handler.masks(*point) {
                 continue;
             }
             if self.config.escape && self.hull.contains(*point) && !self.gets_closer(*point, motion) {

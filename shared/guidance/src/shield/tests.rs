@@ -172,7 +172,7 @@ proptest! {
         let angle = header.angle_min_rad + angle_deg as f64 * header.angle_increment_rad;
         let point = Point::new(range * angle.cos(), range * angle.sin());
         let handler = handler();
-        prop_assume!(!handler.masks(point, 0.01));
+        prop_assume!(!handler.body(0.01).masks(point));
         let motion = Shield::predict(&handler, &ActionTable::eight().actions()[action].start_from_end());
         let disc = |pose: &crate::Se2, radius_m| {
             crate::Disc { center: crate::interaction::place(pose), radius_m }
