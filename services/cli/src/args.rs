@@ -47,12 +47,26 @@ pub enum Verb {
     /// Run a recording's scans and odometry through policy, shield and locomotion
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
+    /// Ask the shield itself: one case a line on standard input, one answer a line on standard output
+    #[command(after_help = SHIELD_HELP)]
+    Shield(ShieldArgs),
     /// Measure
     Bench(BenchArgs),
     /// The other end of `bench transport`
     #[command(hide = true)]
     BenchReceiver(ReceiverArgs),
 }
+
+const SHIELD_HELP: &str = r#"
+A case (paper mode: no escape rule, no memory), on one line:
+  {"id": 1, "scan": {"angle_min_rad": -3.14, "angle_increment_rad": 0.0175, "range_min_m": 0.15, "range_max_m": 12,
+   "ranges_m": [1.5, "inf", null, ...]}, "robot_from_lidar": [x, y, yaw], "robot_from_handler": [x, y, yaw],
+   "interaction": {"model": "delayed", "alpha": 0.4, "dt_s": 0.5, "offset": [x, y, yaw]},
+   "actions": [{"name": "stop", "motion": [dx, dy, dyaw], "dt_s": 0.5}, ...], "robot_radius_m": 0.3,
+   "handler_radius_m": 0.25, "handler_mask_margin_m": 0.03, "probabilities": [...], "beta": 0.5, "unknown_gap_m": 0.1}
+Also {"model": "rigid", "offset": [..]} and {"model": "rod", "grip": [x, y], "length_m": 0.8}. A mask margin of null masks
+nothing; unknown_gap_m may be left out. A reading at or over range_max_m or "inf" hit nothing up to there; null or under
+range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included."#;
 
 const UP_EXAMPLES: &str = "\
 Examples:
@@ -190,6 +204,17 @@ pub struct ReplayArgs {
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,
+}
+
+/// `guidedog shield`.
+#[derive(Debug, Args)]
+pub struct ShieldArgs {
+    /// JSON lines, the only form there is
+    #[arg(long, required = true)]
+    pub jsonl: bool,
+    /// Also every beam's threshold for every action
+    #[arg(long)]
+    pub thresholds: bool,
 }
 
 /// `guidedog bench`.

@@ -17,6 +17,7 @@ mod operate;
 mod out;
 mod prepare;
 mod runs;
+mod shield;
 mod summary;
 
 use std::process::ExitCode;
@@ -79,6 +80,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
+        Verb::Shield(args) => done(shield::answer_lines(args.thresholds)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }
 }

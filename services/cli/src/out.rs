@@ -26,7 +26,15 @@ pub fn json(value: &Value) -> Result<(), Failure> {
 /// Where it cannot be written, as on a full disk. A reader that has gone away wanted no more, which is no error.
 pub fn raw(line: &str) -> Result<(), Failure> {
     let mut out = std::io::stdout().lock();
-    match writeln!(out, "{line}").and_then(|()| out.flush()) {
+    written(writeln!(out, "{line}").and_then(|()| out.flush()))
+}
+
+/// What writing to stdout came to.
+///
+/// # Errors
+/// As [`raw`].
+pub fn written(result: std::io::Result<()>) -> Result<(), Failure> {
+    match result {
         Err(error) if error.kind() != std::io::ErrorKind::BrokenPipe => {
             Err(Failure::run(format!("failed to write to standard output: {error}")))
         }

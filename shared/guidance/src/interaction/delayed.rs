@@ -72,17 +72,27 @@ impl DelayedHarness {
         self.alpha / (1.0 - self.alpha) * self.dt_s
     }
 
+    /// [`DelayedHarness::with_dt`] without asking whether the result is a harness's.
+    ///
+    /// # Errors
+    /// Where `dt_s` is not a time.
+    pub fn in_steps_of(&self, dt_s: f64) -> Result<Self, HarnessError> {
+        if !(dt_s.is_finite() && dt_s > 0.0) {
+            return Err(HarnessError::Dt(dt_s));
+        }
+        // The power of 1 would be off by rounding.
+        let alpha = if dt_s == self.dt_s { self.alpha } else { self.alpha.powf(dt_s / self.dt_s) };
+        Ok(Self { alpha, dt_s, ..self.clone() })
+    }
+
     /// The same handler described with another step: `alpha(dt) = alpha_ref ^ (dt / dt_ref)`. At standstill both recover
     /// alike; in a walk the conversion holds to first order only, and its error is told: a finer step lags more.
     ///
     /// # Errors
     /// Where `dt_s` is not a time, or the lag becomes more than a harness.
     pub fn with_dt(&self, dt_s: f64) -> Result<Converted, HarnessError> {
-        if !(dt_s.is_finite() && dt_s > 0.0) {
-            return Err(HarnessError::Dt(dt_s));
-        }
-        let alpha = self.alpha.powf(dt_s / self.dt_s);
-        let harness = Self::new(pose2(&self.robot_from_default), alpha, dt_s)?;
+        let converted = self.in_steps_of(dt_s)?;
+        let harness = Self::new(pose2(&converted.robot_from_default), converted.alpha, dt_s)?;
         let lag_error_s = harness.lag_s() - self.lag_s();
         Ok(Converted { harness, lag_error_s })
     }
