@@ -234,6 +234,8 @@ pub enum Bench {
         #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(4..=3600))]
         seconds: u32,
     },
+    /// The shield beside the paper's pseudo-code, one core
+    Shield,
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds

@@ -78,6 +78,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Import(args) => done(import::import(&args, json)),
         Verb::Bench(args) => match args.what {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
+            Bench::Shield => done(bench::shield::bench(json)),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Shield(args) => done(shield::answer_lines(args.thresholds)),

@@ -11,16 +11,17 @@ use crate::se2::Point;
 
 /// The hull of four discs has at most so many arcs and tangents: seven of each, and one arc cut where the walk begins.
 const MAX_PIECES: usize = 16;
-/// Two tangents whose normals differ by less are one and the same, radians.
-const SAME_RAD: f64 = 1e-9;
+/// Two tangents whose normals differ by less are one and the same, in the measure of [`turn_of`]; two directions likewise,
+/// radians.
+const SAME: f64 = 1e-9;
 /// Lanes that the compiler may work on side by side.
 const LANES: usize = 8;
 
 /// One piece of the boundary, walked counter-clockwise.
 #[derive(Debug, Clone, Copy)]
 enum Piece {
-    /// Part of a disc's edge, from one outward normal to another.
-    Arc { disc: Disc, from_rad: f64, to_rad: f64 },
+    /// Part of a disc's edge, from one outward normal (a unit vector) to another.
+    Arc { disc: Disc, from: Vector2<f64>, to: Vector2<f64>, whole: bool },
     /// A tangent from one disc to the next.
     Edge { from: Point, to: Point },
 }
@@ -28,7 +29,7 @@ enum Piece {
 impl Piece {
     fn from(&self) -> Point {
         match self {
-            Self::Arc { disc, from_rad, .. } => on_edge(disc, *from_rad),
+            Self::Arc { disc, from, .. } => disc.center + from * disc.radius_m,
             Self::Edge { from, .. } => *from,
         }
     }
@@ -37,17 +38,27 @@ impl Piece {
     fn twice_area_from(&self, origin: Point) -> f64 {
         match self {
             Self::Edge { from, to } => (from - origin).perp(&(to - origin)),
-            Self::Arc { disc, from_rad, to_rad } => {
-                let chord = on_edge(disc, *to_rad) - on_edge(disc, *from_rad);
-                let turn = to_rad - from_rad;
+            Self::Arc { disc, from, to, whole } => {
+                let turn = if *whole { std::f64::consts::TAU } else { positive_turn(from, to) };
+                let chord = (to - from) * disc.radius_m;
                 disc.radius_m * disc.radius_m * turn + (disc.center - origin).perp(&chord)
             }
         }
     }
 }
 
-fn on_edge(disc: &Disc, normal_rad: f64) -> Point {
-    disc.center + Vector2::new(normal_rad.cos(), normal_rad.sin()) * disc.radius_m
+/// Angle from one direction to another, counter-clockwise, radians in [0, 2 pi).
+fn positive_turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
+    let turn = from.perp(to).atan2(from.dot(to)).rem_euclid(std::f64::consts::TAU);
+    // A whole turn by less than nothing is rounding.
+    if turn > std::f64::consts::TAU - SAME { 0.0 } else { turn }
+}
+
+/// A measure of a direction that grows with its angle, from 0 along x to 4 once around, without a root or an arc tangent.
+fn turn_of(n: &Vector2<f64>) -> f64 {
+    let share = n.y / (n.x.abs() + n.y.abs());
+    let turn = if n.x < 0.0 { 2.0 - share } else { share };
+    if turn < 0.0 { turn + 4.0 } else { turn }
 }
 
 /// The boundary of the convex hull of four discs.
@@ -62,20 +73,18 @@ impl Boundary {
     /// laid against them and turned counter-clockwise meets.
     #[must_use]
     pub fn of(discs: &[Disc; 4]) -> Self {
-        let mut walk =
-            Self { pieces: [Piece::Edge { from: Point::origin(), to: Point::origin() }; MAX_PIECES], count: 0 };
-        let mut current = first_disc(discs);
-        let mut turned_rad = 0.0;
+        let nothing = Piece::Edge { from: Point::origin(), to: Point::origin() };
+        let mut walk = Self { pieces: [nothing; MAX_PIECES], count: 0 };
+        let tangents = tangents(discs);
+        let (mut current, mut turned, mut normal) = (first_disc(discs), 0.0, Vector2::x());
         while walk.count + 2 < MAX_PIECES {
-            let Some(next) = next_tangent(discs, current, turned_rad) else { break };
-            walk.push_arc(discs[current], turned_rad, next.normal_rad);
-            walk.push(Piece::Edge {
-                from: on_edge(&discs[current], next.normal_rad),
-                to: on_edge(&discs[next.disc], next.normal_rad),
-            });
-            (current, turned_rad) = (next.disc, next.normal_rad);
+            let Some((next, tangent)) = next_tangent(&tangents[current], turned) else { break };
+            walk.push_arc(discs[current], (turned, normal), (tangent.turn, tangent.normal));
+            let on = |disc: &Disc| disc.center + tangent.normal * disc.radius_m;
+            walk.push(Piece::Edge { from: on(&discs[current]), to: on(&discs[next]) });
+            (current, turned, normal) = (next, tangent.turn, tangent.normal);
         }
-        walk.push_arc(discs[current], turned_rad, std::f64::consts::TAU);
+        walk.push_arc(discs[current], (turned, normal), (4.0, Vector2::x()));
         walk
     }
 
@@ -86,9 +95,9 @@ impl Boundary {
         }
     }
 
-    fn push_arc(&mut self, disc: Disc, from_rad: f64, to_rad: f64) {
-        if to_rad > from_rad && disc.radius_m > 0.0 {
-            self.push(Piece::Arc { disc, from_rad, to_rad });
+    fn push_arc(&mut self, disc: Disc, from: (f64, Vector2<f64>), to: (f64, Vector2<f64>)) {
+        if to.0 > from.0 && disc.radius_m > 0.0 {
+            self.push(Piece::Arc { disc, from: from.1, to: to.1, whole: to.0 - from.0 == 4.0 });
         }
     }
 }
@@ -99,53 +108,62 @@ fn first_disc(discs: &[Disc; 4]) -> usize {
     let mut best = 0;
     for i in 1..discs.len() {
         let (mine, others) = (reach(&discs[i]), reach(&discs[best]));
-        if mine.0 > others.0 + SAME_RAD || (mine.0 >= others.0 - SAME_RAD && mine.1 > others.1) {
+        if mine.0 > others.0 + SAME || (mine.0 >= others.0 - SAME && mine.1 > others.1) {
             best = i;
         }
     }
     best
 }
 
-struct Next {
-    disc: usize,
-    normal_rad: f64,
+/// An outer tangent from one disc to another.
+#[derive(Debug, Clone, Copy)]
+struct Tangent {
+    /// Outward normal, and [`turn_of`] it.
+    normal: Vector2<f64>,
+    turn: f64,
     distance_m: f64,
 }
 
-/// The first tangent that a line turned on from `turned_rad` meets, before it is once around; of those that it meets at
-/// once the one to the farthest disc.
-fn next_tangent(discs: &[Disc; 4], current: usize, turned_rad: f64) -> Option<Next> {
-    let tau = std::f64::consts::TAU;
-    let mut best: Option<Next> = None;
-    for (i, disc) in discs.iter().enumerate().filter(|(i, _)| *i != current) {
-        let Some((normal, distance_m)) = tangent_normal(&discs[current], disc) else { continue };
-        let mut ahead = (normal.y.atan2(normal.x) - turned_rad).rem_euclid(tau);
-        if ahead > tau - SAME_RAD {
-            ahead = 0.0;
+/// The outer tangent that leads counter-clockwise from each disc to each other; none where one holds the other.
+fn tangents(discs: &[Disc; 4]) -> [[Option<Tangent>; 4]; 4] {
+    let mut all = [[None; 4]; 4];
+    for i in 0..4 {
+        for j in i + 1..4 {
+            let between = discs[j].center - discs[i].center;
+            let distance_m = between.norm();
+            let wider_m = discs[i].radius_m - discs[j].radius_m;
+            if distance_m <= wider_m.abs() || distance_m < 1e-12 {
+                continue;
+            }
+            let u = between / distance_m;
+            let cos = wider_m / distance_m;
+            let side = Vector2::new(-u.y, u.x) * (1.0 - cos * cos).max(0.0).sqrt();
+            let tangent = |normal: Vector2<f64>| Some(Tangent { normal, turn: turn_of(&normal), distance_m });
+            (all[i][j], all[j][i]) = (tangent(u * cos - side), tangent(u * cos + side));
         }
-        let normal_rad = turned_rad + ahead;
-        let better = best.as_ref().is_none_or(|best| {
-            normal_rad < best.normal_rad - SAME_RAD
-                || (normal_rad <= best.normal_rad + SAME_RAD && distance_m > best.distance_m)
+    }
+    all
+}
+
+/// The first tangent that a line turned on from `turned` meets, before it is once around; of those that it meets at once
+/// the one to the farthest disc.
+fn next_tangent(tangents: &[Option<Tangent>; 4], turned: f64) -> Option<(usize, Tangent)> {
+    let mut best: Option<(usize, Tangent)> = None;
+    for (i, tangent) in tangents.iter().enumerate() {
+        let Some(tangent) = tangent else { continue };
+        // What lies behind by rounding lies here; what really lies behind comes only once around.
+        let turn = if tangent.turn < turned && tangent.turn > turned - SAME { turned } else { tangent.turn };
+        if turn < turned || turn >= 4.0 - SAME {
+            continue;
+        }
+        let better = best.is_none_or(|(_, best)| {
+            turn < best.turn - SAME || (turn <= best.turn + SAME && tangent.distance_m > best.distance_m)
         });
-        if better && normal_rad < tau - SAME_RAD {
-            best = Some(Next { disc: i, normal_rad, distance_m });
+        if better {
+            best = Some((i, Tangent { turn, ..*tangent }));
         }
     }
     best
-}
-
-/// Outward normal of the outer tangent that leads counter-clockwise from `a` to `b`; none where one holds the other.
-fn tangent_normal(a: &Disc, b: &Disc) -> Option<(Vector2<f64>, f64)> {
-    let between = b.center - a.center;
-    let distance = between.norm();
-    if distance <= (a.radius_m - b.radius_m).abs() || distance < 1e-12 {
-        return None;
-    }
-    let u = between / distance;
-    let cos = (a.radius_m - b.radius_m) / distance;
-    let sin = (1.0 - cos * cos).max(0.0).sqrt();
-    Some((u * cos - Vector2::new(-u.y, u.x) * sin, distance))
 }
 
 /// Directions of a scan's beams in the order in which they turn counter-clockwise.
@@ -199,10 +217,10 @@ impl Boundary {
         let pieces = &self.pieces[..self.count];
         let within = pieces.iter().all(|piece| match piece {
             Piece::Edge { from, to } => (to - from).perp(&(origin - from)) > 0.0,
-            Piece::Arc { disc, from_rad, to_rad } => {
+            Piece::Arc { disc, from, to, whole } => {
                 let away = origin - disc.center;
-                let turn = (away.y.atan2(away.x) - from_rad).rem_euclid(std::f64::consts::TAU);
-                turn > to_rad - from_rad || away.norm() < disc.radius_m
+                away.norm_squared() < disc.radius_m * disc.radius_m
+                    || !(*whole || positive_turn(from, &away) <= positive_turn(from, to))
             }
         });
         if !within || pieces.is_empty() {
@@ -214,8 +232,8 @@ impl Boundary {
         for i in 1..self.count {
             let turn = (angle(pieces[i].from()) - begins_rad[i - 1]).rem_euclid(std::f64::consts::TAU);
             // Seen from within the boundary never turns back: a whole turn by less than nothing is rounding.
-            let long = matches!(pieces[i - 1], Piece::Arc { from_rad, to_rad, .. } if to_rad - from_rad > 1.0);
-            let turn = if turn > std::f64::consts::TAU - SAME_RAD && !long { 0.0 } else { turn };
+            let long = matches!(pieces[i - 1], Piece::Arc { from, to, .. } if from.dot(&to) < 0.5);
+            let turn = if turn > std::f64::consts::TAU - SAME && !long { 0.0 } else { turn };
             begins_rad[i] = begins_rad[i - 1] + turn;
         }
         begins_rad[self.count] = begins_rad[0] + std::f64::consts::TAU;
@@ -363,13 +381,9 @@ impl Seen<'_> {
         match self.boundary.pieces[piece] {
             Piece::Edge { .. } => Piece::Edge { from, to },
             Piece::Arc { disc, .. } => {
-                let normal = |p: Point| (p.y - disc.center.y).atan2(p.x - disc.center.x);
-                let mut turn = (normal(to) - normal(from)).rem_euclid(std::f64::consts::TAU);
-                // A piece of next to no length, cut where it begins and ends.
-                if turn > std::f64::consts::TAU - SAME_RAD && to_rad - from_rad < 1.0 {
-                    turn = 0.0;
-                }
-                Piece::Arc { disc, from_rad: normal(from), to_rad: normal(from) + turn }
+                let normal = |p: Point| (p - disc.center) / disc.radius_m;
+                let whole = to_rad - from_rad > std::f64::consts::TAU - SAME;
+                Piece::Arc { disc, from: normal(from), to: normal(to), whole }
             }
         }
     }

@@ -3,6 +3,7 @@
 pub mod idle;
 mod plain;
 pub mod receiver;
+pub mod shield;
 pub mod transport;
 
 /// Percentiles of latencies.
