@@ -1,8 +1,8 @@
 //! The boundary of the shielding zone, piece by piece, in the order in which a turning ray meets it.
 //!
-//! Seen from within, each piece of the boundary of the hull of discs (an arc of a disc, or an outer tangent of two) covers
-//! one range of directions. So every beam has one piece to be held against, and neighbours mostly the same: what
-//! remains for a beam is one division or one root, whatever the number of discs.
+//! Seen from within, each piece of the boundary of the hull of discs (an arc of a disc, or an outer tangent of two)
+//! covers one range of directions. So every beam has one piece to be held against, and neighbours mostly the same:
+//! what remains for a beam is one division or one root, whatever the number of discs.
 
 use nalgebra::Vector2;
 
@@ -11,8 +11,8 @@ use crate::se2::Point;
 
 /// The hull of four discs has at most so many arcs and tangents: seven of each, and one arc cut where the walk begins.
 const MAX_PIECES: usize = 16;
-/// Two tangents whose normals differ by less are one and the same, in the measure of [`turn_of`]; two directions likewise,
-/// radians.
+/// Two tangents whose normals differ by less are one and the same, in the measure of [`turn_of`]; two directions
+/// likewise, radians.
 const SAME: f64 = 1e-9;
 /// Lanes that the compiler may work on side by side.
 const LANES: usize = 8;
@@ -54,7 +54,8 @@ fn positive_turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
     if turn > std::f64::consts::TAU - SAME { 0.0 } else { turn }
 }
 
-/// A measure of a direction that grows with its angle, from 0 along x to 4 once around, without a root or an arc tangent.
+/// A measure of a direction that grows with its angle, from 0 along x to 4 once around, without a root or an arc
+/// tangent.
 fn turn_of(n: &Vector2<f64>) -> f64 {
     let share = n.y / (n.x.abs() + n.y.abs());
     let turn = if n.x < 0.0 { 2.0 - share } else { share };
@@ -145,8 +146,8 @@ fn tangents(discs: &[Disc; 4]) -> [[Option<Tangent>; 4]; 4] {
     all
 }
 
-/// The first tangent that a line turned on from `turned` meets, before it is once around; of those that it meets at once
-/// the one to the farthest disc.
+/// The first tangent that a line turned on from `turned` meets, before it is once around; of those that it meets at
+/// once the one to the farthest disc.
 fn next_tangent(tangents: &[Option<Tangent>; 4], turned: f64) -> Option<(usize, Tangent)> {
     let mut best: Option<(usize, Tangent)> = None;
     for (i, tangent) in tangents.iter().enumerate() {
@@ -179,8 +180,8 @@ pub struct Directions<'a> {
     pub increment_rad: f64,
 }
 
-/// What the boundary is from one origin strictly within it: for each piece the beams that leave through it, and the line
-/// or circle that they meet.
+/// What the boundary is from one origin strictly within it: for each piece the beams that leave through it, and the
+/// line or circle that they meet.
 #[derive(Debug, Clone)]
 pub struct Seen<'a> {
     boundary: &'a Boundary,
@@ -319,8 +320,8 @@ impl Seen<'_> {
         });
     }
 
-    /// The smallest reading minus threshold, and its beam; a reading that is not to be judged is infinite. What cannot be
-    /// smaller than `block_min_m` (the least reading of each [`BLOCK`] beams) allows is not looked at.
+    /// The smallest reading minus threshold, and its beam; a reading that is not to be judged is infinite. What
+    /// cannot be smaller than `block_min_m` (the least reading of each [`BLOCK`] beams) allows is not looked at.
     #[must_use]
     pub fn least_margin_m(
         &self,
@@ -496,7 +497,9 @@ mod tests {
         }
 
         #[test]
-        fn areas_add_up_to_what_many_thin_triangles_have(discs in any_discs(), from in -4.0..4.0f64, turn in 0.0..6.2f64) {
+        fn areas_add_up_to_what_many_thin_triangles_have(
+            discs in any_discs(), from in -4.0..4.0f64, turn in 0.0..6.2f64,
+        ) {
             let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
             let seen = boundary.seen_from(discs[0].center).expect("a disc's middle is within");
             let steps = 4000;

@@ -145,8 +145,8 @@ impl HandlerEstimate {
         self.model.follow(&self.start_robot_from_handler, &moved, fraction)
     }
 
-    /// The handler as the shield has to reckon with them: a beam that ends within the handler's radius and three sigma ends
-    /// on the handler; never wider, however little is known.
+    /// The handler as the shield has to reckon with them: a beam that ends within the handler's radius and three
+    /// sigma ends on the handler; never wider, however little is known.
     #[must_use]
     pub fn body(&self, sigma_m: f64) -> HandlerBody {
         HandlerBody {

@@ -65,8 +65,8 @@ pub struct Judgement {
     pub reading_m: f64,
     /// Its threshold, metres.
     pub threshold_m: f64,
-    /// Part of the hull that no beam sees, square metres: behind what beams end on, masked, unknown, outside the field of
-    /// view.
+    /// Part of the hull that no beam sees, square metres: behind what beams end on, masked, unknown, outside the
+    /// field of view.
     pub unseen_area_m2: f64,
 }
 
@@ -197,8 +197,8 @@ impl Shield {
 }
 
 /// Multiplies the probabilities of unsafe actions by `beta` and normalises (Kim et al. 2023, alg. 1 lines 8-12). Where
-/// every action is unsafe, beta 0 gives stop for certain, any other beta the probabilities as they were. Where what is left
-/// sums to nothing, it is stop as well.
+/// every action is unsafe, beta 0 gives stop for certain, any other beta the probabilities as they were. Where what
+/// is left sums to nothing, it is stop as well.
 #[must_use]
 pub fn suppress(probabilities: &[f64], unsafe_mask: u32, beta: f64) -> Suppressed {
     let count = probabilities.len().min(MAX_ACTIONS);

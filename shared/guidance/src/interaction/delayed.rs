@@ -85,8 +85,9 @@ impl DelayedHarness {
         Ok(Self { alpha, dt_s, ..self.clone() })
     }
 
-    /// The same handler described with another step: `alpha(dt) = alpha_ref ^ (dt / dt_ref)`. At standstill both recover
-    /// alike; in a walk the conversion holds to first order only, and its error is told: a finer step lags more.
+    /// The same handler described with another step: `alpha(dt) = alpha_ref ^ (dt / dt_ref)`. At standstill both
+    /// recover alike; in a walk the conversion holds to first order only, and its error is told: a finer step lags
+    /// more.
     ///
     /// # Errors
     /// Where `dt_s` is not a time, or the lag becomes more than a harness.
@@ -103,8 +104,8 @@ impl DelayedHarness {
 pub struct Converted {
     /// The harness.
     pub harness: DelayedHarness,
-    /// By how much longer it lags behind in a straight walk than the one that was fitted, seconds: at v m/s the handler is
-    /// predicted v times this too far behind.
+    /// By how much longer it lags behind in a straight walk than the one that was fitted, seconds: at v m/s the
+    /// handler is predicted v times this too far behind.
     pub lag_error_s: f64,
 }
 
@@ -113,9 +114,9 @@ impl Interaction for DelayedHarness {
         self.robot_from_default
     }
 
-    /// The temporary offset `o^ = x^H_t - x^R_{t+1}`, drawn towards the default one in the robot's frame at t+1, the angle
-    /// on the short arc (Kim et al. 2023, section 4, Delayed Harness Model). Within the step, at 0 nothing is recovered
-    /// yet, at 1 all that a step recovers.
+    /// The temporary offset `o^ = x^H_t - x^R_{t+1}`, drawn towards the default one in the robot's frame at t+1, the
+    /// angle on the short arc (Kim et al. 2023, section 4, Delayed Harness Model). Within the step, at 0 nothing is
+    /// recovered yet, at 1 all that a step recovers.
     fn follow(&self, robot_from_handler: &Se2, start_from_now: &Se2, fraction: f64) -> Se2 {
         let temporary = start_from_now.inverse() * robot_from_handler;
         let remembered = 1.0 - (1.0 - self.alpha) * fraction.clamp(0.0, 1.0);

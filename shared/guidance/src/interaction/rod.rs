@@ -52,7 +52,8 @@ impl Interaction for RotatingRod {
         0.0
     }
 
-    /// A rod that swings recovers by the way that the robot makes, not by time: nothing is sure to be forgotten in a step.
+    /// A rod that swings recovers by the way that the robot makes, not by time: nothing is sure to be forgotten in a
+    /// step.
     fn remembered(&self) -> f64 {
         1.0
     }

@@ -166,7 +166,8 @@ impl<'a> Present<'a> {
             self.sorted.thresholds_m = thresholds_m;
         }
         judgement.unseen_area_m2 += unseen_m2;
-        // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either side.
+        // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either
+        // side.
         let count = beams.beams().len() as f64;
         let rest = std::f64::consts::TAU - count * beams.increment_rad();
         if rest > half {
