@@ -125,6 +125,11 @@ impl Supervisor {
 
     /// Starts what is to be started, once what earlier lives left is cleaned up: else their slots would be taken.
     fn spawn_waiting(&mut self, io: &Io) {
+        if self.ending.has_begun() {
+            // Whoever began now would not be told to leave.
+            self.waiting.clear();
+            return;
+        }
         let (idle, now) = (self.janitor.is_idle(), monotonic_ns());
         for (service, incarnation, until_ns) in std::mem::take(&mut self.waiting) {
             if idle || now >= until_ns {

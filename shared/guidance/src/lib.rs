@@ -13,6 +13,7 @@ pub mod scan;
 pub mod se2;
 pub mod shield;
 pub mod track;
+pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
 pub use depth::DepthView;
@@ -23,3 +24,4 @@ pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Cause, Draw, Judgement, Motion, Shield, ShieldConfig, Suppressed};
 pub use track::PoseTrack;
+pub use wayfinding::{Delta, Episode, HandlerErrors, Reward, RewardConfig};

@@ -41,7 +41,7 @@ fn errors_of_a_route_name_file_line_and_key() {
         ("[[cue]]\nkind = \"forwards\"\nat_s = 1\n", "r.toml:2: unknown variant `forwards`"),
         ("\n[[cue]]\nkind = \"left\"\n", "r.toml:2: cue: needs either"),
         ("\n[[cue]]\nkind = \"left\"\nat_s = 1\nat = [0, 0]\n", "r.toml:2: cue: needs either"),
-        ("\n[[cue]]\nkind = \"left\"\nat_s = -1\n", "r.toml:2: at_s: -1 is not in"),
+        ("\n[[cue]]\nkind = \"left\"\nat_s = -1\n", "r.toml:4: at_s: -1 is not in"),
         ("time_limit_s = inf\n", "r.toml:1: time_limit_s: inf is not in"),
         ("goal = { at = [0, 0], within = 1 }\n", "r.toml:1: unknown field `within`"),
         ("world = \"x\"\n", "r.toml:1: unknown field `world`"),

@@ -1,0 +1,79 @@
+//! In the steady state a scan is taken in and judged without an allocation: none can fail, none takes a lock.
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use guidedog_guidance::{
+    ActionTable, Beams, DelayedHarness, HandlerEstimate, HandlerLimits, Se2, Shield, ShieldConfig,
+};
+use messages::ScanHeader;
+
+/// Counts what it hands out.
+struct Counting;
+
+static ALLOCATIONS: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes on to the system's allocator as it came.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise is the system allocator's.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static COUNTING: Counting = Counting;
+
+#[test]
+fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
+    let config = ShieldConfig {
+        robot_radius_m: 0.3,
+        margin_m: 0.0,
+        unknown_gap_m: 0.1,
+        escape: true,
+        unseen_limit_m2: Some(10.0),
+    };
+    let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+    let mut handler = HandlerEstimate::new(DelayedHarness::default(), limits);
+    let (mut shield, mut stamped, mut beams) = (Shield::new(config), Beams::default(), Beams::default());
+    let (table, mut judgements) = (ActionTable::ten(), Vec::new());
+    let header = ScanHeader {
+        angle_min_rad: -std::f64::consts::PI,
+        angle_increment_rad: std::f64::consts::TAU / 1440.0,
+        range_min_m: 0.15,
+        range_max_m: 12.0,
+        sigma_m: 0.01,
+        ..ScanHeader::default()
+    };
+    // Everything that can happen to a beam: far, near, pressing on the robot, on the handler, unknown.
+    let scan = |n: usize| -> Vec<f32> {
+        let reading = |i: usize| match (i * 7 + n) % 23 {
+            0 => f32::NAN,
+            1 => 0.28,
+            2 => 0.5,
+            _ => 0.7 + (i % 50) as f32 * 0.05,
+        };
+        (0..1440).map(reading).collect()
+    };
+    let scans: Vec<Vec<f32>> = (0..20).map(scan).collect();
+    let mut before = 0;
+    for (n, ranges) in scans.iter().enumerate() {
+        if n == 4 {
+            before = ALLOCATIONS.load(Ordering::Relaxed);
+        }
+        stamped.fill(&header, ranges).expect("usable");
+        stamped.seen_from(&Se2::rotation(0.01 * n as f64), &mut beams);
+        handler.predict(&Se2::identity(), 0.1);
+        let _ = handler.correct(&beams, n as u64);
+        shield.judge_actions(&table, &beams, None, &handler, &mut judgements);
+    }
+    assert_eq!(judgements.len(), 10);
+    assert!(judgements.iter().any(|judgement| !judgement.safe), "the scans are not all free");
+    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
+}
