@@ -268,7 +268,10 @@ fn cue(text: &str) -> Result<CueKind, String> {
 
 fn speed(text: &str) -> Result<f64, String> {
     let speed: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if speed.is_finite() && speed >= 0.0 { Ok(speed) } else { Err("not 0 (as fast as it goes) or more".to_owned()) }
+    if speed == 0.0 || (0.01..=1e6).contains(&speed) {
+        return Ok(speed);
+    }
+    Err("not 0 (as fast as it goes) or 0.01 and more".to_owned())
 }
 
 fn run_name(text: &str) -> Result<String, String> {

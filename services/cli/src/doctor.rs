@@ -46,7 +46,15 @@ struct Pool {
 pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     let settings = prepare::load(Profile::Walk, args.config.as_deref())?;
     let pools = pools((settings.depth.width * settings.depth.height) as usize);
-    let checks = [shared_memory(&pools), open_files(), run_root(), services(), leftovers(), kernel(), cpus()];
+    let checks = [
+        shared_memory(&pools, total(&pools, |pool| pool.most)),
+        open_files(),
+        run_root(),
+        services(),
+        leftovers(),
+        kernel(),
+        cpus(),
+    ];
     let ok = checks.iter().all(|check| check.ok);
     if as_json {
         out::json(&report(ok, &checks, &pools))?;
@@ -76,17 +84,33 @@ fn mib(bytes: u64) -> String {
     format!("{:.1} MiB", bytes as f64 / MIB)
 }
 
-fn shared_memory(pools: &[Pool]) -> Check {
-    let needed = total(pools, |pool| pool.most);
-    let fix = format!("a run may map {}; mount -o remount,size=512M /dev/shm (docker: --shm-size 512m)", mib(needed));
+fn shared_memory(pools: &[Pool], needed: u64) -> Check {
+    let most = total(pools, |pool| pool.most);
+    let fix = format!("a run may map {}; mount -o remount,size=512M /dev/shm (docker: --shm-size 512m)", mib(most));
     match rustix::fs::statvfs("/dev/shm") {
         Ok(stat) => {
             let (size, free) = (stat.f_blocks * stat.f_frsize, stat.f_bavail * stat.f_frsize);
-            let found = format!("{} free of {}, a run maps {} at most", mib(free), mib(size), mib(needed));
+            let found = format!("{} free of {}, a run maps {} at most", mib(free), mib(size), mib(most));
             Check { name: "shared memory", ok: free >= needed, found, fix }
         }
         Err(errno) => Check { name: "shared memory", ok: false, found: format!("/dev/shm: {errno}"), fix },
     }
+}
+
+/// What a run needs before it is started; `depth_pixels` of its camera.
+///
+/// # Errors
+/// Names what is missing, and how to mend it.
+pub fn preflight(depth_pixels: usize) -> Result<(), Failure> {
+    let pools = pools(depth_pixels);
+    // Everybody alive at once; doctor asks for more, for those that die and are not cleaned up yet.
+    let needed = total(&pools, |pool| pool.live);
+    for check in [shared_memory(&pools, needed), open_files()] {
+        if !check.ok {
+            return Err(Failure::run(format!("{}: {}; {}", check.name, check.found, check.fix)));
+        }
+    }
+    Ok(())
 }
 
 fn open_files() -> Check {

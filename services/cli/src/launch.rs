@@ -2,13 +2,13 @@
 //! ends: the supervisor holds the read end of a pipe whose other end only this process has.
 
 use std::io::Read;
-use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
@@ -73,6 +73,8 @@ impl Launch<'_> {
         if !program.is_file() {
             return Err(Failure::run(format!("{} is missing; build all with `cargo build`", program.display())));
         }
+        let depth = &self.settings.depth;
+        crate::doctor::preflight((depth.width * depth.height) as usize)?;
         let settings = toml::to_string(self.settings).map_err(Failure::of_input)?;
         let mut command = Command::new(program);
         command.args(["--name", &self.name]).env(SupervisorArgs::SETTINGS, settings);
@@ -117,12 +119,22 @@ impl Launch<'_> {
         };
         // SAFETY: the closure makes one system call: it neither allocates nor takes a lock.
         unsafe { command.pre_exec(keep) };
-        let mut child = command
+        let interrupted = Arc::new(AtomicBool::new(false));
+        // Before there is anybody to pass them on to: a signal now must not leave a run behind.
+        let to_child = pass_signals_on(&interrupted)?;
+        let child = command
             .spawn()
             .map_err(|error| Failure::run(format!("failed to start {}: {error}", command.get_program().display())))?;
         drop(read);
-        let interrupted = Arc::new(AtomicBool::new(false));
-        pass_signals_on(&child, &interrupted)?;
+        let mut child = child;
+        let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
+        let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
+        let pidfd = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
+        let pidfd = to_child.get_or_init(|| pidfd);
+        if interrupted.load(Ordering::Relaxed) {
+            // It may have ended by itself.
+            let _ = rustix::process::pidfd_send_signal(pidfd, Signal::TERM);
+        }
         let stdout = read_all(child.stdout.take());
         let stderr = read_all(child.stderr.take());
         Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, interrupted })
@@ -130,17 +142,18 @@ impl Launch<'_> {
 }
 
 /// Ctrl-C at a terminal reaches the supervisor by itself; a second signal does no harm.
-fn pass_signals_on(child: &Child, interrupted: &Arc<AtomicBool>) -> Result<(), Failure> {
-    let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
-    let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
-    let pidfd = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
-    let interrupted = Arc::clone(interrupted);
+fn pass_signals_on(interrupted: &Arc<AtomicBool>) -> Result<Arc<OnceLock<OwnedFd>>, Failure> {
+    let to_child = Arc::new(OnceLock::<OwnedFd>::new());
+    let (interrupted, child) = (Arc::clone(interrupted), Arc::clone(&to_child));
     ctrlc::set_handler(move || {
         interrupted.store(true, Ordering::Relaxed);
-        // It may have ended by itself.
-        let _ = rustix::process::pidfd_send_signal(pidfd.as_fd(), Signal::TERM);
+        if let Some(child) = child.get() {
+            // It may have ended by itself.
+            let _ = rustix::process::pidfd_send_signal(child, Signal::TERM);
+        }
     })
-    .map_err(Failure::of_run)
+    .map_err(Failure::of_run)?;
+    Ok(to_child)
 }
 
 fn read_all(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {

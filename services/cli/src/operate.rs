@@ -165,8 +165,8 @@ fn why_lines(why: &Value) -> Vec<String> {
     let mut lines = vec![
         format!("run        {}", text(why, "/run")),
         format!("mode       {}", mode_line(why)),
-        format!("stands     {}", or("/stands_because", "it does not")),
-        format!("not ready  {}", or("/not_ready_because", "it is")),
+        format!("stands     {}", stands(why)),
+        format!("for a cue  {}", or("/not_ready_because", "ready")),
         String::new(),
     ];
     let stops = elements(why, "/stops");
@@ -178,6 +178,15 @@ fn why_lines(why: &Value) -> Vec<String> {
     }
     lines.extend(notes(why, 10));
     lines
+}
+
+/// Why the robot stands, as locomotion says.
+fn stands(why: &Value) -> String {
+    match why["stands_because"].as_str() {
+        Some("none") => "it does not".to_owned(),
+        Some(reason) => reason.to_owned(),
+        None => "locomotion has said nothing yet".to_owned(),
+    }
 }
 
 fn stop_row(stop: &Value) -> Vec<String> {

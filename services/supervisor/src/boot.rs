@@ -113,9 +113,10 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
     let signals = signals()?;
     let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
     let holder = domain.create_all()?;
-    let supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
+    let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
     let clock = serde_json::to_value(arguments.clock).unwrap_or(Value::Null);
     let services = supervisor.machine.status();
+    supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
     let mut report =
         supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);
     report["failure"] = json!(supervisor.failure);

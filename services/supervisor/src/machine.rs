@@ -213,7 +213,11 @@ impl Machine {
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now.run_ns);
                 self.actions.push(Action::StopLine { epoch: self.mode.epoch });
             }
-            Event::Overslept => self.grace_until_ns = now.run_ns + self.limits.beat_ns,
+            Event::Overslept => {
+                // A judge that slept condemns nobody: everything is counted from its wake-up on.
+                self.grace_until_ns = now.run_ns + self.limits.beat_ns;
+                self.services.iter_mut().for_each(|s| s.count_from(now.run_ns));
+            }
         }
         self.update_ready(now);
     }
@@ -353,6 +357,9 @@ impl Machine {
         s.restarts += u32::from(!spent);
         if !restartable {
             self.actions.push(Action::EndRun(format!("{service} died: {why}")));
+        } else if spent && !self.begun {
+            // A run that never began has nobody to wait for.
+            self.actions.push(Action::EndRun(format!("{service} could not be started: {why}")));
         }
         let reason = StopReason::service(StopKind::ServiceDied, service, incarnation);
         if spent && critical {
@@ -372,9 +379,12 @@ impl Machine {
         }
         s.phase = Phase::Dying;
         s.joined = false;
-        let critical = s.plan.critical;
+        let (critical, restartable) = (s.plan.critical, s.plan.restartable);
         if critical {
             self.enter(ModeClass::Fault, reason, now.run_ns);
+        }
+        if !restartable {
+            self.actions.push(Action::EndRun(reason.to_string()));
         }
         self.actions.push(Action::Kill(reason.service, reason.incarnation));
         self.actions.push(Action::Note(reason.to_string()));

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use messages::{
-    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortRole, ServiceId, StopReason, TopicId, s_from_ns,
+    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortRole, ServiceId, StopReason, TopicId, WorldTruth,
+    s_from_ns,
 };
 use serde_json::{Map, Value, json};
 
@@ -34,6 +35,14 @@ impl Figures {
             None => {
                 self.lives.insert(key, Box::new(*health));
             }
+        }
+    }
+
+    /// What the world last showed, where it died without a word.
+    pub fn world_at_least(&mut self, truth: Option<&WorldTruth>) {
+        if let (None, Some(truth)) = (&self.world, truth) {
+            let collisions = crate::collisions_json(truth);
+            self.world = Some(json!({ "reached": false, "distance_m": truth.distance_m, "collisions": collisions }));
         }
     }
 

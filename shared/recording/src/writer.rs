@@ -63,6 +63,12 @@ pub enum WriteError {
         /// Why it failed.
         source: mcap::McapError,
     },
+    /// What stands there is a folder, a device or a link, and is not replaced.
+    #[error("{} is no regular file, and is left as it is", path.display())]
+    NotAFile {
+        /// What stands there.
+        path: PathBuf,
+    },
     /// The record cannot be recorded; the recording goes on without it.
     #[error("record {seq} of {topic} at {stamp_ns} ns cannot be written to {}: {what}", path.display())]
     Record {
@@ -100,6 +106,9 @@ impl Writer {
     pub fn create(path: &Path, existing: Existing) -> Result<Self, WriteError> {
         if existing == Existing::Refuse && path.symlink_metadata().is_ok() {
             return Err(WriteError::Exists { path: path.to_owned() });
+        }
+        if path.symlink_metadata().is_ok_and(|there| !there.is_file()) {
+            return Err(WriteError::NotAFile { path: path.to_owned() });
         }
         let partial = Partial::beside(path)?;
         let create = || OpenOptions::new().write(true).create_new(true).open(&partial.0);

@@ -69,8 +69,27 @@ pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, Setti
     let settings: Settings = merged
         .try_into()
         .map_err(|error: toml::de::Error| SettingsError::Parse { path: last.clone(), reason: error.to_string() })?;
-    check(&settings).map_err(|reason| SettingsError::Conflict { path: last, reason })?;
+    check(&settings).map_err(|reason| {
+        let line = operator.and_then(|path| line_of(&read(path).ok()?, &reason));
+        let reason = line.map_or_else(|| reason.clone(), |line| format!("line {line}: {reason}"));
+        SettingsError::Conflict { path: last, reason }
+    })?;
     Ok(settings)
+}
+
+/// The line of the key that a reason begins with, where the file has it.
+fn line_of(text: &str, reason: &str) -> Option<usize> {
+    let (section, key) = reason.split_whitespace().next()?.rsplit_once('.')?;
+    let mut current = String::new();
+    for (i, line) in text.lines().enumerate() {
+        let line = line.trim();
+        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.split(']').next()) {
+            current = name.trim().to_owned();
+        } else if current == section && line.split('=').next().is_some_and(|name| name.trim() == key) {
+            return Some(i + 1);
+        }
+    }
+    None
 }
 
 /// The settings that the supervisor wrote for its children.
@@ -115,8 +134,11 @@ fn check(settings: &Settings) -> Result<(), String> {
     if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
         return Err(format!("lidar.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
     }
-    if lidar.field_of_view_deg.get() > 360.0 || depth.field_of_view_deg.get() >= 170.0 {
-        return Err("lidar.field_of_view_deg is over 360, or depth.field_of_view_deg is 170 or over".to_owned());
+    if lidar.field_of_view_deg.get() > 360.0 {
+        return Err("lidar.field_of_view_deg is over 360".to_owned());
+    }
+    if depth.field_of_view_deg.get() >= 170.0 {
+        return Err("depth.field_of_view_deg is 170 or over".to_owned());
     }
     if lidar.range_min_m >= lidar.range_max_m {
         return Err("lidar.range_min_m is not under lidar.range_max_m".to_owned());
@@ -132,6 +154,7 @@ fn check(settings: &Settings) -> Result<(), String> {
         return Err("depth.range_m is not [near, far] with 0 < near < far <= 65".to_owned());
     }
     check_rates(settings)?;
+    check_bounds(settings)?;
     check_ages(settings)?;
     if !(0.0..=0.5).contains(&settings.shield.margin_m) {
         return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
@@ -146,6 +169,31 @@ fn check(settings: &Settings) -> Result<(), String> {
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+/// What no robot, handler or lidar is like.
+fn check_bounds(settings: &Settings) -> Result<(), String> {
+    let (limits, odometry) = (&settings.locomotion.limits, &settings.odometry);
+    for (name, value, from, to) in [
+        ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
+        ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
+        ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
+        ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
+        ("locomotion.limits.speed_mps", limits.speed_mps.get(), 0.05, 3.0),
+        ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 4.0),
+        ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
+        ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
+        ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
+        ("shield.unknown_gap_m", settings.shield.unknown_gap_m.get(), 0.0, 1.0),
+        ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
+        ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),
+        ("supervision.step_limit", settings.supervision.step_limit.s(), 0.2, 3600.0),
+    ] {
+        if !(from..=to).contains(&value) {
+            return Err(format!("{name} = {value} is not in {from}..{to}"));
+        }
     }
     Ok(())
 }
@@ -240,6 +288,16 @@ mod tests {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");
         }
+    }
+
+    #[test]
+    fn values_that_do_not_go_together_are_told_with_their_line() {
+        let dir = std::env::temp_dir().join(format!("guidedog-settings-{}.toml", std::process::id()));
+        std::fs::write(&dir, "[robot]\nradius_m = 0.3\n\n[odometry]\nrate_hz = 50.0\nscale_sigma = inf\n")
+            .expect("written");
+        let error = load(Profile::Walk, Some(&dir)).expect_err("it is wrong").to_string();
+        let _ = std::fs::remove_file(&dir);
+        assert!(error.contains("line 6: odometry.scale_sigma = inf"), "{error}");
     }
 
     #[test]

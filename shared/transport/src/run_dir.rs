@@ -16,6 +16,8 @@ use crate::{ClockKind, TransportError};
 /// Longest path of a run directory: iceoryx2's sockets below it must stay under the 108 bytes of a Unix socket name.
 const MAX_DIR_BYTES: usize = 40;
 
+/// What a run's lock says.
+const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
 const OURS: [&str; 10] = [
     "lock",
@@ -70,6 +72,7 @@ pub fn check_run_name(name: &str) -> Result<(), String> {
 #[must_use]
 pub fn runs_root() -> PathBuf {
     std::env::var_os("GUIDEDOG_RUNS")
+        .filter(|root| !root.is_empty())
         .map_or_else(|| PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())), PathBuf::from)
 }
 
@@ -207,10 +210,14 @@ impl RunDir {
     }
 }
 
-/// Whether everything in a directory is what a run leaves there: nothing else is ever removed.
+/// Whether a directory is a run's: its lock says so, and nothing else lies there. Nothing else is ever removed.
 fn may_be_a_run(dir: &Path) -> bool {
-    fs::read_dir(dir)
-        .is_ok_and(|entries| entries.flatten().all(|entry| OURS.iter().any(|name| entry.file_name() == *name)))
+    let Ok(entries) = fs::read_dir(dir) else { return false };
+    let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
+    let ours = names.iter().all(|name| OURS.iter().any(|ours| name == ours));
+    let marked = fs::read_to_string(dir.join("lock")).is_ok_and(|text| text == MARK);
+    // One that was killed between its first two steps has not been marked yet.
+    names.is_empty() || (ours && marked)
 }
 
 /// Takes the lock of a run directory; `None` while another process holds it.
@@ -219,7 +226,10 @@ fn take_lock(dir: &Path) -> Result<Option<File>, TransportError> {
     let file =
         OpenOptions::new().create(true).truncate(false).write(true).open(&path).map_err(|error| fail(&path, error))?;
     match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
-        Ok(()) => Ok(Some(file)),
+        Ok(()) => {
+            (&file).write_all(MARK.as_bytes()).map_err(|error| fail(&path, error))?;
+            Ok(Some(file))
+        }
         Err(rustix::io::Errno::WOULDBLOCK) => Ok(None),
         Err(errno) => Err(TransportError::System { call: "flock", errno }),
     }
@@ -286,7 +296,10 @@ mod tests {
     #[test]
     fn a_directory_with_anything_else_in_it_is_no_runs() {
         let dir = tempfile::tempdir().expect("a folder");
-        std::fs::write(dir.path().join("lock"), "").expect("written");
+        std::fs::write(dir.path().join("lock"), "somebody else's").expect("written");
+        assert!(!may_be_a_run(dir.path()));
+        std::fs::write(dir.path().join("lock"), super::MARK).expect("written");
+        std::fs::create_dir(dir.path().join("logs")).expect("made");
         assert!(may_be_a_run(dir.path()));
         std::fs::write(dir.path().join("thesis.tex"), "").expect("written");
         assert!(!may_be_a_run(dir.path()));

@@ -288,6 +288,42 @@ fn a_supervisor_that_overslept_condemns_nobody() {
     assert!(!bench.actions.iter().any(|action| matches!(action, Action::Kill(..))));
     bench.pass(400);
     assert_eq!(bench.class(), ModeClass::Run);
+    // However long it slept: the limit of who is judged late counts from the wake-up as well.
+    bench.now_ms += 5000;
+    bench.handle(Event::Overslept);
+    bench.now_ms += 200;
+    for (service, incarnation, _) in bench.alive.clone() {
+        if service != ServiceId::Simulator {
+            bench.beat(service, incarnation, bench.now_ms);
+        }
+    }
+    bench.machine.tick_judge(bench.now());
+    bench.act();
+    assert_eq!(bench.class(), ModeClass::Run);
+    assert!(!bench.actions.iter().any(|action| matches!(action, Action::Kill(..) | Action::EndRun(_))));
+}
+
+#[test]
+fn a_run_whose_service_cannot_start_ends_and_says_why() {
+    let mut bench = Bench::new(STEPPED);
+    for _ in 0..40 {
+        bench.die(ServiceId::Odometry);
+        bench.now_ms += 2100;
+        bench.machine.tick_starts(bench.now());
+        for action in bench.machine.take_actions() {
+            if let Action::Spawn(service, incarnation) = action {
+                bench.alive.push((service, incarnation, true));
+                let ready = Event::Ready(service, incarnation);
+                if service != ServiceId::Odometry {
+                    bench.machine.handle(ready, bench.now());
+                }
+            } else {
+                bench.actions.push(action);
+            }
+        }
+    }
+    let ended = bench.actions.iter().any(|a| matches!(a, Action::EndRun(why) if why.contains("odometry could not")));
+    assert!(ended, "{:?}", bench.actions);
 }
 
 #[test]
