@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 7] = ["messages", "transport", "guidance", "links", "world", "settings", "recording"];
+const OURS: [&str; 8] = ["messages", "transport", "guidance", "links", "world", "settings", "recording", "fitting"];
 
 #[test]
 fn dependencies_point_one_way() {
@@ -169,6 +169,7 @@ fn dependencies_point_one_way() {
         ("shared/settings", &["messages", "guidance"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/recording", &["messages"][..]),
+        ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),
         ("shared/links", &["messages", "settings", "transport"][..]),
     ]);

@@ -47,6 +47,9 @@ pub enum Verb {
     /// Run a recording's scans and odometry through policy, shield and locomotion
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
+    /// Fit interaction models to recorded walks of handlers, and set them beside the paper's
+    #[command(after_help = FIT_HELP)]
+    Fit(FitArgs),
     /// Ask the shield itself: one case a line on standard input, one answer a line on standard output
     #[command(after_help = SHIELD_HELP)]
     Shield(ShieldArgs),
@@ -56,6 +59,16 @@ pub enum Verb {
     #[command(hide = true)]
     BenchReceiver(ReceiverArgs),
 }
+
+const FIT_HELP: &str = "\
+Examples:
+  guidedog fit --synthesize                                  nine simulated handlers, all models, the table
+  guidedog fit --synthesize --output walks.csv --svg walk.svg
+  guidedog fit walks.csv --model delayed --per-subject --json
+
+Columns: subject,trajectory,repetition,t_s,robot_x_m,robot_y_m,robot_yaw_rad,human_x_m,human_y_m,human_yaw_rad; times
+rising, gaps at most 0.25 s. The last walk of each trajectory validates, the others fit. Subjects named sim-... are
+simulated.";
 
 const SHIELD_HELP: &str = r#"
 A case (paper mode: no escape rule, no memory), on one line:
@@ -204,6 +217,49 @@ pub struct ReplayArgs {
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,
+}
+
+/// `guidedog fit`.
+#[derive(Debug, Args)]
+pub struct FitArgs {
+    /// Recorded walks
+    #[arg(value_name = "DATA.csv", required_unless_present = "synthesize", conflicts_with = "synthesize")]
+    pub data: Option<PathBuf>,
+    /// Nine simulated handlers on the paper's five trajectories, three walks each, in place of a file
+    #[arg(long)]
+    pub synthesize: bool,
+    /// Seed of the simulated handlers
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Where to keep the simulated walks
+    #[arg(short, long, value_name = "FILE", requires = "synthesize")]
+    pub output: Option<PathBuf>,
+    /// One model; without it the table of all
+    #[arg(long, value_enum)]
+    pub model: Option<FitModel>,
+    /// One fit for each subject (the default)
+    #[arg(long, requires = "model", conflicts_with = "pooled")]
+    pub per_subject: bool,
+    /// One fit for all subjects together
+    #[arg(long, requires = "model")]
+    pub pooled: bool,
+    /// Step of the model: the decision period
+    #[arg(long, value_name = "TIME", default_value = "500ms", value_parser = duration)]
+    pub dt: Millis,
+    /// Where to draw the first subject's last walk, with the rigid and the delayed harness
+    #[arg(long, value_name = "FILE")]
+    pub svg: Option<PathBuf>,
+}
+
+/// Which interaction model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum FitModel {
+    /// A fixed offset.
+    Rigid,
+    /// A rod that turns about the robot's grip.
+    Rod,
+    /// The delayed harness.
+    Delayed,
 }
 
 /// `guidedog shield`.

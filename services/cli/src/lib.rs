@@ -9,6 +9,7 @@ mod bench;
 mod control;
 mod doctor;
 mod exit;
+mod fit;
 mod import;
 mod launch;
 mod live;
@@ -81,6 +82,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Shield => done(bench::shield::bench(json)),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
+        Verb::Fit(args) => done(fit::fit(&args, json)),
         Verb::Shield(args) => done(shield::answer_lines(args.thresholds)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }
