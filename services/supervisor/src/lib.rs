@@ -193,7 +193,12 @@ impl Supervisor {
                 Received::Closed => {
                     io.unwatch(line);
                     child.control = None;
-                    let why = child.failed.clone().unwrap_or_else(|| "its line closed".to_owned());
+                    let failed = child.failed.clone();
+                    // Once the robot may walk, no log is read before the stop is out.
+                    let why = failed.unwrap_or_else(|| match self.machine.has_begun() {
+                        true => "its line closed".to_owned(),
+                        false => last_words(io, service, incarnation, "its line closed"),
+                    });
                     if !child.left {
                         self.machine.handle(Event::Died(service, incarnation, why), now);
                         self.act(io)?;

@@ -539,6 +539,12 @@ impl Machine {
         }
     }
 
+    /// Whether everything has been up once.
+    #[must_use]
+    pub fn has_begun(&self) -> bool {
+        self.begun
+    }
+
     /// Whether a service has a lifeline.
     #[must_use]
     pub fn has_line(&self, service: ServiceId) -> bool {

@@ -109,8 +109,8 @@ impl Recording {
 /// Reads all recordings of a file. `file` names it in errors.
 ///
 /// # Errors
-/// Where a column is missing or unknown, a cell is no finite number, times are not rising, a gap is over 0.25 s, or there is
-/// no recording of a second; with the line.
+/// Where a column is missing or unknown, a cell is no finite number, times are not rising, a gap is over 0.25 s, or
+/// there is no recording of a second; with the line.
 pub fn read(file: &str, input: impl Read) -> Result<Vec<Recording>, DataError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(input);
     let mut walks: BTreeMap<(String, String, u32), Vec<(u64, Sample)>> = BTreeMap::new();

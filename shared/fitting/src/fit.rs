@@ -273,8 +273,8 @@ impl Problem<'_> {
         Some(self.walks.iter().map(of).collect())
     }
 
-    /// Half the widths of the 95 % confidence intervals, clustered by walks; none where the errors do not depend on one of
-    /// the parameters.
+    /// Half the widths of the 95 % confidence intervals, clustered by walks; none where the errors do not depend on
+    /// one of the parameters.
     fn half_widths(&self) -> Option<Vec<f64>> {
         let jacobian = self.jacobian()?;
         let residuals = self.errors_with(&self.parameters)?;

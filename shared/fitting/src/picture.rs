@@ -1,5 +1,5 @@
-//! A walk as a picture (SVG), as in the paper's figure of the models: the robot, the handler as seen, and where two models
-//! have the handler.
+//! A walk as a picture (SVG), as in the paper's figure of the models: the robot, the handler as seen, and where two
+//! models have the handler.
 
 use std::fmt::Write;
 
@@ -36,8 +36,10 @@ pub fn svg(title: &str, traces: &[Trace<'_>]) -> String {
     // Writing to a string cannot fail.
     let _ = writeln!(
         out,
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" font-family=\"sans-serif\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n<text x=\"{EDGE_PX}\" y=\"24\" font-size=\"15\">{}</text>",
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width:.0}\" height=\"{height:.0}\" \
+         font-family=\"sans-serif\">\n\
+         <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n\
+         <text x=\"{EDGE_PX}\" y=\"24\" font-size=\"15\">{}</text>",
         escaped(title)
     );
     if let Some((robot, others)) = traces.split_first() {
@@ -45,7 +47,8 @@ pub fn svg(title: &str, traces: &[Trace<'_>]) -> String {
             for (a, b) in robot.poses.iter().zip(trace.poses) {
                 let _ = writeln!(
                     out,
-                    "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{}\" stroke-width=\"0.6\" opacity=\"0.5\"/>",
+                    "<line x1=\"{:.1}\" y1=\"{:.1}\" x2=\"{:.1}\" y2=\"{:.1}\" stroke=\"{}\" \
+                     stroke-width=\"0.6\" opacity=\"0.5\"/>",
                     x(a),
                     y(a),
                     x(b),

@@ -1,6 +1,7 @@
-//! Handlers to fit models to where no motion capture is at hand. They are none of the fitted models, so that the comparison
-//! is not circular: a handler feels where the handle was a reaction time ago, is drawn there like a mass on a spring with a
-//! damper, sways from step to step, stands a little beside where they think they stand, and drifts.
+//! Handlers to fit models to where no motion capture is at hand. They are none of the fitted models, so that the
+//! comparison is not circular: a handler feels where the handle was a reaction time ago, is drawn there like a mass
+//! on a spring with a damper, sways from step to step, stands a little beside where they think they stand, and
+//! drifts.
 
 use guidance::Se2;
 use guidance::se2::{Point, wrap_angle};

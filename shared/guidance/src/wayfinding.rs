@@ -1,10 +1,12 @@
 //! The wayfinding task as a Markov decision process (Kim et al. 2023, section 3), seen from the handler.
 //!
-//! * State: depth image, lidar readings and the robot's pose in the cue's start frame (section 3); they are the
-//! messages   `depth/frame`, `lidar/scan` and `policy/action`'s inputs. * Actions: [`crate::ActionTable`] (section
-//! 5.1). * Transition: the robot's motion and an [`crate::Interaction`] model (section 4). * Reward: [`Reward`] (eq.
-//! 1). * Initial states: a place, a heading and a cue, with the handler's errors in both ([`HandlerErrors`], section
-//! 3 and   figure 8).
+//! * State: depth image, lidar readings and the robot's pose in the cue's start frame (section 3): what `policy/action`
+//!   is decided from.
+//! * Actions: [`crate::ActionTable`] (section 5.1).
+//! * Transition: the robot's motion and an [`crate::Interaction`] model (section 4).
+//! * Reward: [`Reward`] (eq. 1).
+//! * Initial states: a place, a heading and a cue, with the handler's errors in both ([`HandlerErrors`], section 3 and
+//!   figure 8).
 
 use messages::CueKind;
 use nalgebra::Rotation2;
