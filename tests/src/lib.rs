@@ -11,6 +11,7 @@ use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use transport::RunDir;
 
 pub use tap::{Seen, Tap};
 pub use transport::monotonic_ns;
@@ -114,6 +115,10 @@ impl Place {
         let runs = self.path().join("r");
         let left: Vec<_> = fs::read_dir(&runs).map(|entries| entries.flatten().collect()).unwrap_or_default();
         assert!(left.is_empty(), "left behind: {left:?}");
+        // Whatever the run was called: those that were seen alive, and those that name themselves.
+        for name in ["walk", "walk-2", "replay", "replay-2", "run", "one", "two"] {
+            self.prefixes.borrow_mut().insert(RunDir::open(&runs.join(name)).prefix());
+        }
         let prefixes = self.prefixes.borrow();
         let shared: Vec<_> = fs::read_dir("/dev/shm")
             .expect("Linux has it")

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use guidance::se2::{pose2, se2};
 use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
 use settings::Settings;
-use transport::{Io, Publisher, Service, Subscriber, TransportError};
+use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
 
 pub use script::{Memory, Script, Situation};
 
@@ -114,19 +114,18 @@ impl CueService {
         matches!(mode.cue.cue.kind, CueKind::Left | CueKind::Right).then_some(mode.cue.cue)
     }
 
-    /// Whether the turn in force is done and "forward" has not been given for it.
-    fn turn_done(&mut self) -> bool {
-        let (Some(turn), Some(pose)) = (self.turn_in_force(), self.pose) else { return false };
+    /// The turn in force, where it is done and "forward" has not been given for it.
+    fn turn_done(&mut self) -> Option<Cue> {
+        let (turn, pose) = (self.turn_in_force()?, self.pose?);
         let id = (turn.header.incarnation, turn.header.seq);
         if self.turned == Some(id) || turn.odometry_incarnation != pose.header.incarnation {
-            return false;
+            return None;
         }
         let start_from_robot = se2(turn.odom_from_start).inverse() * se2(pose.odom_from_robot);
-        let done = guidance::cue::turn_done(turn.kind, &start_from_robot);
-        if done {
+        guidance::cue::turn_done(turn.kind, &start_from_robot).then(|| {
             self.turned = Some(id);
-        }
-        done
+            turn
+        })
     }
 }
 
@@ -157,11 +156,12 @@ impl Service for CueService {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         while let Some(request) = self.requests.take()? {
             self.take_inputs()?;
+            self.script.heard(request.kind);
             self.give(io, request.kind, CueSource::Operator, request.header.seq)?;
         }
         self.take_inputs()?;
-        if self.turn_done() {
-            self.give(io, CueKind::Forward, CueSource::TurnDone, 0)?;
+        if let Some(turn) = self.turn_done() {
+            self.give(io, CueKind::Forward, CueSource::TurnDone, turn.header.seq)?;
         }
         let situation = Situation {
             now_ns: io.now_ns(),
@@ -172,7 +172,12 @@ impl Service for CueService {
         if let Some((kind, source)) = self.script.due(&situation) {
             self.give(io, kind, source, 0)?;
         }
-        self.remember()
+        if let Err(error) = self.remember() {
+            // A full disk costs the handler's memory after a death of this process, not the process.
+            io.tell(&FromChild::Note { text: format!("what the scripted handler wants is not kept: {error}") });
+            self.remembered = self.script.memory();
+        }
+        Ok(())
     }
 
     fn next_timer_ns(&self) -> Option<u64> {

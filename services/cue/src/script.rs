@@ -66,6 +66,13 @@ impl Script {
         Self { forward_when_ready: true, ..Self::default() }
     }
 
+    /// The operator speaks for the handler: after "stop" nothing is wanted again, whatever the mode.
+    pub fn heard(&mut self, kind: CueKind) {
+        if !kind.is_moving() {
+            self.wanted = Some(kind);
+        }
+    }
+
     /// What the handler remembers.
     #[must_use]
     pub fn memory(&self) -> Memory {
@@ -197,6 +204,18 @@ mod tests {
         assert_eq!(script.due(&at(5000, &running(CueKind::Forward, 1))), None);
         let stopped = Mode { class: ModeClass::Run, ready_for_cue: true, epoch: 1, ..Mode::default() };
         assert_eq!(script.due(&at(6000, &stopped)), None);
+        for t in (7000..20_000).step_by(50) {
+            assert_eq!(script.due(&at(t, &Mode { epoch: 2, ..fault(true) })), None, "{t}");
+        }
+    }
+
+    #[test]
+    fn a_stop_said_in_a_fault_is_not_forgotten() {
+        let mut script = Script::forward_when_ready();
+        script.due(&at(200, &fault(true)));
+        script.due(&at(5000, &running(CueKind::Forward, 1)));
+        script.due(&at(6000, &Mode { epoch: 2, ..fault(false) }));
+        script.heard(CueKind::Stop);
         for t in (7000..20_000).step_by(50) {
             assert_eq!(script.due(&at(t, &Mode { epoch: 2, ..fault(true) })), None, "{t}");
         }

@@ -183,16 +183,17 @@ impl Gate {
         true
     }
 
-    /// Stands until the epoch is greater than `epoch`, for a reason that no topic brought.
+    /// Stands until a run of the epoch that the stop began, or of a later one: for a reason that no topic brought.
     pub fn stop_by(&mut self, reason: StopReason, epoch: u64) {
-        let over = self.mode.is_some_and(|mode| mode.class == ModeClass::Run && mode.epoch > epoch);
+        let over = self.mode.is_some_and(|mode| mode.class == ModeClass::Run && mode.epoch >= epoch);
         if over {
             // The word was overtaken: the operator has resumed since, and a cue was accepted.
             return;
         }
         self.stopped_by = Some(reason);
         self.permit = None;
-        self.latch_at(epoch, reason);
+        // The run that a cue begins after a fault has the fault's own epoch.
+        self.latch_at(epoch.saturating_sub(1), reason);
     }
 
     fn latch_at(&mut self, epoch: u64, reason: StopReason) {

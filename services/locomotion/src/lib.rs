@@ -184,8 +184,8 @@ impl Service for Locomotion {
                 self.on_fd(io, token)?;
                 io.tell(&FromChild::Armed { service, incarnation });
             }
-            (ToChild::Stop { epoch }, _) => {
-                self.gate.stop_by(StopReason::service(StopKind::OperatorStop, ServiceId::Supervisor, 0), epoch);
+            (ToChild::Stop { epoch, reason }, _) => {
+                self.gate.stop_by(reason, epoch);
                 let now = io.now_ns();
                 if self.gate.judge(now).velocity.is_zero() {
                     self.write(Twist2::ZERO)?;

@@ -223,6 +223,7 @@ impl Core {
         if self.scan_usable {
             let _: Sighting = self.handler.correct(&self.beams, now_ns);
         }
+        self.draw_belatedly(now_ns);
         let permit = self.verdict(now_ns, PermitCause::Scan);
         self.outcomes[permit.outcome as usize] += 1;
         permit
@@ -295,6 +296,16 @@ impl Core {
         };
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
+    }
+
+    /// A decision that could not be drawn for want of usable input is drawn on the first scan that has it.
+    fn draw_belatedly(&mut self, now_ns: u64) {
+        let waiting = self.running.filter(|r| !r.drawn.is_verdict() && r.drawn != Outcome::InvalidAction);
+        if let Some(running) = waiting.filter(|r| now_ns < r.end_ns)
+            && self.unusable_input(now_ns).is_none()
+        {
+            self.running = Some(Running { begin_ns: running.begin_ns, ..self.draw(now_ns, &running.action) });
+        }
     }
 
     /// Brings everything to the robot frame of now: scan and frame were taken a while ago, and the robot has moved on.

@@ -100,8 +100,11 @@ impl Supervisor {
         // The stop is out before anything else is done about its cause; first over the line, which needs no shared
         // memory.
         for action in &actions {
-            if let Action::StopLine { epoch } = action {
-                self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch });
+            if let Action::StopLine { epoch, reason } = action
+                && (!io.domain.clock.is_stepped() || reason.kind.is_operators())
+            {
+                // In stepped time a fault takes effect in the next step, for everybody alike.
+                self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch, reason: *reason });
             }
         }
         let published = if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) };
@@ -260,11 +263,15 @@ impl Supervisor {
     }
 
     fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
-        for (client, request) in self.control.requests(token, io) {
+        let mut requests = self.control.requests(token, io);
+        // A stop waits for no answer.
+        requests.sort_by_key(|(_, request)| *request != Request::Stop);
+        for (client, request) in requests {
             let answer = self.answer(request, io)?;
+            self.act(io)?;
             self.control.answer(client, &answer, io);
         }
-        self.act(io)
+        Ok(())
     }
 
     fn answer(&mut self, request: Request, io: &mut Io) -> Result<Value, TransportError> {
@@ -292,6 +299,11 @@ impl Supervisor {
     /// Hands the operator's cue to the cue service; a refusal that is certain already is told at once.
     fn operator_cue(&mut self, kind: CueKind, io: &Io) -> Result<Value, TransportError> {
         let mode = *self.machine.mode();
+        if !kind.is_moving() && !self.machine.is_ready(ServiceId::Cue) {
+            // Nobody is there to pass it on: the robot stands all the same, and stays.
+            self.machine.handle(Event::OperatorStop, Self::now(io));
+            return Ok(json!({ "ok": true, "note": "the cue service is down: stopped and locked" }));
+        }
         let refused = match mode.class {
             ModeClass::Lock if kind.is_moving() => Some(format!("the run is locked: {}", mode.reason)),
             ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),

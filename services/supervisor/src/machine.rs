@@ -3,7 +3,8 @@
 mod watched;
 
 use messages::{
-    Cue, CueInForce, Health, LocomotionState, Member, Mode, ModeClass, ServiceId, StopKind, StopReason, TopicId, age_ns,
+    Cue, CueInForce, CueKind, CueSource, Health, LocomotionState, Member, Mode, ModeClass, ServiceId, StopKind,
+    StopReason, TopicId, age_ns,
 };
 
 use crate::plan::{Limits, Plan};
@@ -67,6 +68,8 @@ pub enum Action {
     StopLine {
         /// The epoch of the stop.
         epoch: u64,
+        /// Why.
+        reason: StopReason,
     },
     /// Everything is up for the first time.
     Begin,
@@ -105,6 +108,8 @@ pub struct Machine {
     roster_version: u64,
     last_cue: (u32, u64),
     grace_until_ns: u64,
+    /// Run time of the last entry into fault or lock.
+    stopped_at_ns: u64,
     stuck_states: u32,
     ending: bool,
     begun: bool,
@@ -127,12 +132,15 @@ impl Machine {
             roster_version: 0,
             last_cue: (0, 0),
             grace_until_ns: 0,
+            stopped_at_ns: 0,
             stuck_states: 0,
             ending: false,
             begun: false,
             stops: StopLog::default(),
         };
         machine.enter(ModeClass::Fault, StopReason::of(StopKind::Boot), 0);
+        // There is nobody to be told yet.
+        machine.actions.clear();
         machine
     }
 
@@ -205,13 +213,11 @@ impl Machine {
             Event::Locomotion(state) => self.on_locomotion(state, now),
             Event::OperatorStop => {
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now.run_ns);
-                self.actions.push(Action::StopLine { epoch: self.mode.epoch });
             }
             Event::OperatorResume => self.on_resume(now),
             Event::ShutDown => {
                 self.ending = true;
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now.run_ns);
-                self.actions.push(Action::StopLine { epoch: self.mode.epoch });
             }
             Event::Overslept => {
                 // A judge that slept condemns nobody: everything is counted from its wake-up on.
@@ -425,14 +431,25 @@ impl Machine {
                 self.limits.cue_max_age_ns / 1_000_000
             ));
         }
+        if cue.source == CueSource::TurnDone && !self.continues(cue) {
+            return Err("the turn that it goes on from is no longer in force".to_owned());
+        }
         match self.mode.class {
             ModeClass::Lock => Err(format!("the run is locked: {}", self.mode.reason)),
             ModeClass::Fault => match self.not_ready(now) {
                 Some(why) => Err(format!("not ready: {why}")),
+                None if cue.header.stamp_ns <= self.stopped_at_ns => Err("it was given before the stop".to_owned()),
                 None => Ok(()),
             },
             ModeClass::Run => Ok(()),
         }
+    }
+
+    /// Whether a cue that no handler gave goes on from the very turn in force.
+    fn continues(&self, cue: &Cue) -> bool {
+        let turn = &self.mode.cue.cue;
+        let is_turn = matches!(turn.kind, CueKind::Left | CueKind::Right);
+        self.mode.class == ModeClass::Run && self.mode.cue.valid && is_turn && turn.header.seq == cue.request_seq
     }
 
     /// Why a cue would not be accepted in fault, if so.
@@ -491,6 +508,7 @@ impl Machine {
 
     /// Enters fault or lock: the epoch rises, the cue in force is void. A lock is not left by a fault.
     fn enter(&mut self, class: ModeClass, reason: StopReason, run_ns: u64) {
+        self.stopped_at_ns = run_ns;
         if self.mode.class == ModeClass::Lock && class == ModeClass::Fault {
             self.mode.epoch += 1;
             self.mode_changed = true;
@@ -502,6 +520,7 @@ impl Machine {
         self.mode.cue = CueInForce::default();
         self.mode.ready_for_cue = false;
         self.mode_changed = true;
+        self.actions.push(Action::StopLine { epoch: self.mode.epoch, reason });
         self.stops.begin_mode_stop(class, reason, run_ns);
     }
 
@@ -537,6 +556,12 @@ impl Machine {
             self.roster = roster;
             self.roster_version += 1;
         }
+    }
+
+    /// Whether a service is at work.
+    #[must_use]
+    pub fn is_ready(&self, service: ServiceId) -> bool {
+        self.services.iter().any(|s| s.plan.service == service && s.phase == Phase::Ready)
     }
 
     /// Whether everything has been up once.

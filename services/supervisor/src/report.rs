@@ -1,6 +1,6 @@
 //! The figures of a run: what `status`, `why` and the report at the end say.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 
 use messages::{
     Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortRole, ServiceId, StopReason, TopicId, WorldTruth,
@@ -18,12 +18,12 @@ pub struct Figures {
     /// What simulator or replay said when the run ended.
     pub world: Option<Value>,
     /// Notes for the operator, with run time.
-    pub notes: Vec<(u64, String)>,
-    /// Notes that found no room.
+    pub notes: VecDeque<(u64, String)>,
+    /// Notes that had to make room.
     pub notes_not_kept: u64,
 }
 
-/// The most notes kept.
+/// So many notes are kept, the newest.
 const MAX_NOTES: usize = 400;
 
 impl Figures {
@@ -48,11 +48,11 @@ impl Figures {
 
     /// Keeps a note.
     pub fn note(&mut self, run_ns: u64, text: String) {
-        if self.notes.len() < MAX_NOTES {
-            self.notes.push((run_ns, text));
-        } else {
+        if self.notes.len() >= MAX_NOTES {
+            self.notes.pop_front();
             self.notes_not_kept += 1;
         }
+        self.notes.push_back((run_ns, text));
     }
 
     /// Messages published by topic.
@@ -128,11 +128,9 @@ impl Figures {
         };
         let verdicts = by_name(verdicts.collect());
         let refusals = by_name(refusals.collect());
-        let digest: String = self
-            .of(ServiceId::Shield)
-            .last()
-            .map(|life| life.digest.iter().map(|byte| format!("{byte:02x}")).collect())
-            .unwrap_or_default();
+        // One for each life of the shield: a death in between does not hide what was before it.
+        let hex = |life: &Health| life.digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
+        let digest = self.of(ServiceId::Shield).map(hex).collect::<Vec<_>>().join("-");
         map.insert("verdicts".to_owned(), json!(verdicts.values().sum::<u64>()));
         map.insert("verdicts_by_outcome".to_owned(), json!(verdicts));
         map.insert("refusals".to_owned(), json!(refusals));
@@ -179,7 +177,7 @@ impl Figures {
 /// One stop as reported.
 #[must_use]
 pub fn stop_json(stop: &Stop, now_ns: u64) -> Value {
-    let lasted = stop.ended_ns.unwrap_or(now_ns).saturating_sub(stop.at_ns);
+    let lasted = stop.lasted_ns(now_ns);
     json!({
         "class": stop.class,
         "reason": stop.reason.kind.name(),
@@ -193,12 +191,8 @@ pub fn stop_json(stop: &Stop, now_ns: u64) -> Value {
 }
 
 fn stopped_by_reason(stops: &StopLog, now_ns: u64) -> Value {
-    let mut times: BTreeMap<&str, f64> = BTreeMap::new();
-    for stop in stops.stops() {
-        let lasted = stop.ended_ns.unwrap_or(now_ns).saturating_sub(stop.at_ns);
-        *times.entry(stop.reason.kind.name()).or_default() += s_from_ns(lasted);
-    }
-    json!(times)
+    let times = stops.lasted_ns(now_ns).into_iter();
+    times.map(|(name, ns)| (name.to_owned(), json!(s_from_ns(ns)))).collect::<Map<_, _>>().into()
 }
 
 /// A reason as reported.

@@ -1,8 +1,10 @@
 //! What stopped the robot, why, when and for how long.
 
+use std::collections::{BTreeMap, VecDeque};
+
 use messages::{LocomotionState, Mode, ModeClass, StopReason};
 
-/// The most stops kept; more than that are counted only.
+/// So many stops are kept, the newest; of those before them only their time is.
 const MAX_STOPS: usize = 1000;
 
 /// One stop.
@@ -18,12 +20,22 @@ pub struct Stop {
     pub ended_ns: Option<u64>,
 }
 
+impl Stop {
+    /// How long it lasted, or has by now, nanoseconds.
+    #[must_use]
+    pub fn lasted_ns(&self, now_ns: u64) -> u64 {
+        self.ended_ns.unwrap_or(now_ns).saturating_sub(self.at_ns)
+    }
+}
+
 /// All stops of a run.
 #[derive(Debug, Default)]
 pub struct StopLog {
-    stops: Vec<Stop>,
-    /// Stops that found no room.
+    stops: VecDeque<Stop>,
+    /// Stops that had to make room.
     pub not_kept: u64,
+    /// How long they lasted, by the name of their kind, nanoseconds.
+    gone_ns: BTreeMap<&'static str, u64>,
     mode_stop: Option<usize>,
     hold: Option<usize>,
     frozen_since_ns: Option<u64>,
@@ -32,23 +44,41 @@ pub struct StopLog {
 }
 
 impl StopLog {
-    /// The stops, the oldest first.
+    /// The newest stops, the oldest of them first.
     #[must_use]
-    pub fn stops(&self) -> &[Stop] {
+    pub fn stops(&self) -> &VecDeque<Stop> {
         &self.stops
     }
 
-    fn begin(&mut self, class: &'static str, reason: StopReason, at_ns: u64) -> Option<usize> {
-        if self.stops.len() >= MAX_STOPS {
-            self.not_kept += 1;
-            return None;
+    /// How long the robot stood, by the name of the kind of stop, nanoseconds.
+    #[must_use]
+    pub fn lasted_ns(&self, now_ns: u64) -> BTreeMap<&'static str, u64> {
+        let mut sums = self.gone_ns.clone();
+        for stop in &self.stops {
+            *sums.entry(stop.reason.kind.name()).or_default() += stop.lasted_ns(now_ns);
         }
-        self.stops.push(Stop { class, reason, at_ns, ended_ns: None });
-        Some(self.stops.len() - 1)
+        sums
     }
 
-    fn end(&mut self, index: Option<usize>, now_ns: u64) {
-        if let Some(stop) = index.and_then(|i| self.stops.get_mut(i)) {
+    fn begin(&mut self, class: &'static str, reason: StopReason, at_ns: u64) -> Option<usize> {
+        if self.stops.len() >= MAX_STOPS
+            && let Some(oldest) = self.stops.pop_front()
+        {
+            self.not_kept += 1;
+            *self.gone_ns.entry(oldest.reason.kind.name()).or_default() += oldest.lasted_ns(at_ns);
+        }
+        self.stops.push_back(Stop { class, reason, at_ns, ended_ns: None });
+        Some(self.not_kept as usize + self.stops.len() - 1)
+    }
+
+    /// The stop of that number, counted from the run's beginning, if it is kept.
+    fn get(&self, number: usize) -> Option<&Stop> {
+        self.stops.get(number.checked_sub(self.not_kept as usize)?)
+    }
+
+    fn end(&mut self, number: Option<usize>, now_ns: u64) {
+        let kept = number.and_then(|number| number.checked_sub(self.not_kept as usize));
+        if let Some(stop) = kept.and_then(|i| self.stops.get_mut(i)) {
             stop.ended_ns = Some(now_ns);
         }
     }
@@ -72,7 +102,7 @@ impl StopLog {
         let asked = mode.class == ModeClass::Run && mode.cue.valid;
         let stands = asked && state.applied.is_zero() && state.epoch == mode.epoch;
         let kind = state.limited_by.kind;
-        let same = self.hold.and_then(|i| self.stops.get(i)).is_some_and(|stop| stop.reason.kind == kind);
+        let same = self.hold.and_then(|number| self.get(number)).is_some_and(|stop| stop.reason.kind == kind);
         if !stands || !same {
             let hold = self.hold.take();
             self.end(hold, now_ns);
@@ -87,5 +117,24 @@ impl StopLog {
         } else {
             self.frozen_since_ns = None;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{MAX_STOPS, StopLog};
+    use messages::{ModeClass, StopKind, StopReason};
+
+    #[test]
+    fn the_newest_stops_are_kept_and_the_time_of_all() {
+        let mut log = StopLog::default();
+        for i in 0..MAX_STOPS as u64 + 50 {
+            log.begin_mode_stop(ModeClass::Fault, StopReason::of(StopKind::ServiceDied), 10 * i);
+            log.end_mode_stop(10 * i + 4);
+        }
+        assert_eq!((log.stops().len(), log.not_kept), (MAX_STOPS, 50));
+        let last = log.stops().back().map(|stop| (stop.at_ns, stop.ended_ns));
+        assert_eq!(last, Some((10 * (MAX_STOPS as u64 + 49), Some(10 * (MAX_STOPS as u64 + 49) + 4))));
+        assert_eq!(log.lasted_ns(1 << 40)["service_died"], 4 * (MAX_STOPS as u64 + 50));
     }
 }

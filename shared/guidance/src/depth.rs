@@ -15,6 +15,8 @@ const STRIDE: usize = 4;
 const AGREE_M: f64 = 0.10;
 /// The same, as a share of the depth.
 const AGREE_SHARE: f64 = 0.03;
+/// Of so many pixels at least one must say something, or the camera is covered.
+const KNOWN_OF: usize = 20;
 /// Pixels that say nothing hide something that is higher than this, metres.
 const HIDDEN_M: f64 = 0.05;
 
@@ -30,6 +32,14 @@ pub enum DepthError {
         width: u32,
         /// Rows by the header.
         height: u32,
+    },
+    /// Next to no pixel says anything: something covers the camera.
+    #[error("only {known} of {looked_at} pixels say anything")]
+    Blind {
+        /// Pixels that say something.
+        known: usize,
+        /// Pixels looked at.
+        looked_at: usize,
     },
     /// Focal length or mounting pose is not usable.
     #[error("the depth frame's {0} is not usable")]
@@ -50,12 +60,14 @@ struct Column {
     far_m: f64,
     /// Pixels in a row, up to here, that say nothing.
     unknown: u32,
+    /// Pixels that say something.
+    known: u32,
 }
 
 impl Column {
     fn new(left: f64) -> Self {
         let none = f64::INFINITY;
-        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, unknown: 0 }
+        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, unknown: 0, known: 0 }
     }
 
     /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
@@ -138,6 +150,12 @@ impl DepthView {
             let below = pixels_mm.get((v + 1) * width..(v + 2) * width).unwrap_or_default();
             self.look_at_row(row, mount.z_m, fy, &pixels_mm[v * width..(v + 1) * width], below);
         }
+        let looked_at = self.columns.len() * height;
+        let known: usize = self.columns.iter().map(|column| column.known as usize).sum();
+        if known * KNOWN_OF < looked_at {
+            self.clear();
+            return Err(DepthError::Blind { known, looked_at });
+        }
         for i in 0..self.columns.len() {
             self.columns[i].end();
             let Column { left, near_m, near_depth_m, .. } = self.columns[i];
@@ -155,7 +173,7 @@ impl DepthView {
                 column.take_unknown(fy_px);
                 continue;
             }
-            column.unknown = 0;
+            (column.unknown, column.known) = (0, column.known + 1);
             let depth_m = f64::from(pixels_mm[u]) / 1000.0;
             let (along_m, height_m) = (depth_m * row.along, camera_m + depth_m * row.rise);
             if !(FLOOR_M..=HEAD_M).contains(&height_m) {
@@ -313,7 +331,8 @@ mod tests {
         }
         view.fill(&header(), &pixels).expect("usable");
         assert!(!view.sees_free(ahead));
-        view.fill(&header(), &vec![0; 64 * 48]).expect("usable");
+        let covered = view.fill(&header(), &vec![0; 64 * 48]);
+        assert!(matches!(covered, Err(DepthError::Blind { known: 0, .. })));
         assert!(!view.sees_free(Point::new(0.5, 0.0)) && view.points().is_empty());
     }
 

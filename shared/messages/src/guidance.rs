@@ -88,7 +88,8 @@ pub struct Cue {
     pub odom_from_start: Pose2,
     /// The odometry incarnation in whose frame `odom_from_start` is.
     pub odometry_incarnation: u32,
-    /// For an operator's cue: the seq of the request that it answers; otherwise 0.
+    /// For an operator's cue the seq of the request that it answers, for one that goes on from a done turn the seq of
+    /// that turn's cue; otherwise 0.
     pub request_seq: u64,
 }
 

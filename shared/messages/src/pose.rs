@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Pose2/1"))]
+#[serde(deny_unknown_fields)]
 #[repr(C)]
 pub struct Pose2 {
     /// Forward, metres.

@@ -226,7 +226,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
         ("max_age.mode", age.mode, 300),
         ("max_age.cue", age.cue, 5000),
         ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
-        ("supervision.beat_limit", supervision.beat_limit, 250),
+        ("supervision.beat_limit", supervision.beat_limit, 200),
         ("supervision.brake_limit", supervision.brake_limit, 200),
     ] {
         if value.ns() > most_ms * 1_000_000 {

@@ -2,7 +2,7 @@
 
 use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 
-use messages::ServiceId;
+use messages::{ServiceId, StopReason};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
@@ -44,6 +44,8 @@ pub enum ToChild {
     Stop {
         /// The epoch of the stop.
         epoch: u64,
+        /// Why.
+        reason: StopReason,
     },
     /// A lifeline of a critical service comes with this (locomotion).
     Lifeline {

@@ -101,7 +101,7 @@ impl RunDir {
                 }
                 Err(error) => return Err(fail(&path, error)),
             }
-            match take_lock(&path) {
+            match take_lock(&path, true) {
                 Ok(Some(lock)) if path.join("lock").exists() => {
                     let dir = Self { path, lock: Some(lock) };
                     dir.wipe()?;
@@ -220,12 +220,14 @@ fn may_be_a_run(dir: &Path) -> bool {
     names.is_empty() || (ours && marked)
 }
 
-/// Takes the lock of a run directory; `None` while another process holds it.
-fn take_lock(dir: &Path) -> Result<Option<File>, TransportError> {
+/// Takes the lock of a run directory; `None` while another process holds it. Only `to_own` it is anything written.
+fn take_lock(dir: &Path, to_own: bool) -> Result<Option<File>, TransportError> {
     let path = dir.join("lock");
-    let file =
-        OpenOptions::new().create(true).truncate(false).write(true).open(&path).map_err(|error| fail(&path, error))?;
+    let mut options = OpenOptions::new();
+    options.read(true).write(to_own).create(to_own).truncate(false);
+    let file = options.open(&path).map_err(|error| fail(&path, error))?;
     match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        Ok(()) if !to_own => Ok(Some(file)),
         Ok(()) => {
             (&file).write_all(MARK.as_bytes()).map_err(|error| fail(&path, error))?;
             Ok(Some(file))
@@ -264,7 +266,7 @@ pub fn sweep() {
     let Ok(entries) = fs::read_dir(runs_root()) else { return };
     let dirs = entries.flatten().map(|entry| entry.path());
     for path in dirs.filter(|path| path.join("lock").is_file() && may_be_a_run(path)) {
-        if let Ok(Some(_lock)) = take_lock(&path) {
+        if let Ok(Some(_lock)) = take_lock(&path, false) {
             remove_run(&path);
         }
     }
@@ -276,7 +278,7 @@ pub fn live_runs() -> Vec<String> {
     let Ok(entries) = fs::read_dir(runs_root()) else { return Vec::new() };
     let mut names: Vec<String> = entries
         .flatten()
-        .filter(|entry| entry.path().join("lock").exists() && matches!(take_lock(&entry.path()), Ok(None)))
+        .filter(|entry| may_be_a_run(&entry.path()) && matches!(take_lock(&entry.path(), false), Ok(None)))
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();
     names.sort();

@@ -221,15 +221,15 @@ fn a_planned_change_is_ramped() {
 }
 
 #[test]
-fn the_operators_stop_needs_a_greater_epoch() {
+fn a_stop_down_the_line_ends_with_the_run_that_comes_after_it() {
     let mut gate = moving();
     gate.stop_by(StopReason::of(StopKind::OperatorStop), 3);
     gate.take_mode(&mode(ModeClass::Run, 2, 1000));
     gate.take_permit(&permit(990, 1100));
     assert_eq!(kind(&mut gate, 1000), StopKind::OperatorStop);
-    gate.take_mode(&mode(ModeClass::Run, 4, 1000));
+    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
     let mut fresh = permit(1000, 1100);
-    fresh.epoch = 4;
+    fresh.epoch = 3;
     gate.take_permit(&fresh);
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
 }

@@ -219,6 +219,21 @@ fn what_depth_alone_sees_forbids_too() {
 }
 
 #[test]
+fn a_covered_camera_and_a_run_of_unknown_beams_are_not_free() {
+    let mut core = ready();
+    core.take_depth(&depth_header(995), &[0; PIXELS]);
+    assert_eq!(core.on_action(1000 * MS, &action(2, 1)).map(|p| p.outcome), Some(Outcome::StaleDepth));
+    let mut core = ready();
+    let mut unknown = open_scan();
+    unknown[170..190].fill(f32::NAN);
+    // The camera sees far ahead, but only what is within its own field of view and not behind a wall of pixels.
+    core.take_depth(&depth_header(995), &[400; PIXELS]);
+    core.on_scan(1000 * MS, &scan_header(995), &unknown);
+    let permit = core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
+    assert!(permit.unsafe_mask >> 1 & 1 == 1, "forward goes where nothing is known: {permit:?}");
+}
+
+#[test]
 fn unusable_or_old_input_is_refused_with_its_reason() {
     let refused = |spoil: &dyn Fn(&mut Core) -> Outcome, expected: Outcome| {
         let mut core = ready();

@@ -1,8 +1,8 @@
 use super::{Action, Event, Machine, Now, Phase};
 use crate::plan::Plan;
 use messages::{
-    Cue, CueKind, Header, Health, LocomotionState, Member, ModeClass, PortCounters, PortRole, ServiceId, StopKind,
-    StopReason, TopicId,
+    Cue, CueKind, CueSource, Header, Health, LocomotionState, Member, ModeClass, PortCounters, PortRole, ServiceId,
+    StopKind, StopReason, TopicId,
 };
 use settings::Settings;
 use transport::ClockKind;
@@ -350,7 +350,8 @@ fn a_lock_is_not_left_by_a_fault_nor_by_a_cue() {
     let mut bench = Bench::running();
     bench.handle(Event::OperatorStop);
     let epoch = bench.machine.mode().epoch;
-    assert!(bench.actions.contains(&Action::StopLine { epoch }));
+    let told = |action: &Action| matches!(action, Action::StopLine { epoch: of, .. } if *of == epoch);
+    assert!(bench.actions.iter().any(told));
     bench.die(ServiceId::Lidar);
     assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::OperatorStop));
     assert!(bench.machine.mode().epoch > epoch);
@@ -367,6 +368,50 @@ fn a_stop_cue_voids_the_cue_in_force_and_run_goes_on() {
     assert!(!bench.machine.mode().cue.valid);
     bench.cue(CueKind::Left, 0);
     assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Left);
+}
+
+#[test]
+fn a_turn_that_is_done_goes_on_only_while_it_is_in_force() {
+    let mut bench = Bench::running();
+    bench.cue(CueKind::Left, 0);
+    let turn = bench.cue_seq;
+    let done = |bench: &mut Bench| {
+        bench.cue_seq += 1;
+        let header = Header { stamp_ns: bench.now_ms * MS, seq: bench.cue_seq, incarnation: 1, ..Header::default() };
+        let cue =
+            Cue { header, kind: CueKind::Forward, source: CueSource::TurnDone, request_seq: turn, ..Cue::default() };
+        bench.handle(Event::Cue(&cue));
+    };
+    bench.cue(CueKind::Stop, 0);
+    done(&mut bench);
+    assert!(!bench.machine.mode().cue.valid, "the handler has said stop since");
+    bench.cue(CueKind::Left, 0);
+    done(&mut bench);
+    assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Left, "it was another turn");
+    bench.cue_seq += 1;
+    let header = Header { stamp_ns: bench.now_ms * MS, seq: bench.cue_seq, incarnation: 1, ..Header::default() };
+    let request_seq = bench.machine.mode().cue.cue.header.seq;
+    let cue = Cue { header, kind: CueKind::Forward, source: CueSource::TurnDone, request_seq, ..Cue::default() };
+    bench.handle(Event::Cue(&cue));
+    assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Forward);
+}
+
+#[test]
+fn a_cue_given_before_a_fault_does_not_end_it() {
+    let mut bench = Bench::running();
+    let health = Health {
+        header: Header { stamp_ns: bench.now_ms * MS, incarnation: 1, ..Header::default() },
+        service: ServiceId::Shield,
+        pose_jumps: 1,
+        ..Health::default()
+    };
+    bench.handle(Event::Beat(&health));
+    assert!(bench.machine.mode().ready_for_cue, "everybody is up");
+    bench.cue(CueKind::Forward, 5);
+    assert_eq!(bench.class(), ModeClass::Fault);
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
 }
 
 #[test]
