@@ -167,7 +167,7 @@ impl Default for LidarSettings {
             rate_hz: Positive::of(10.0),
             range_min_m: Positive::of(0.15),
             range_max_m: Positive::of(12.0),
-            sigma_m: 0.01,
+            sigma_m: 0.025,
             drop_out: Share::of(0.005),
             height_m: Positive::of(0.35),
             robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
