@@ -122,15 +122,14 @@ impl Launch<'_> {
         let interrupted = Arc::new(AtomicBool::new(false));
         // Before there is anybody to pass them on to: a signal now must not leave a run behind.
         let to_child = pass_signals_on(&interrupted)?;
-        let child = command
+        let mut child = command
             .spawn()
             .map_err(|error| Failure::run(format!("failed to start {}: {error}", command.get_program().display())))?;
         drop(read);
-        let mut child = child;
         let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
         let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
-        let pidfd = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
-        let pidfd = to_child.get_or_init(|| pidfd);
+        let opened = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
+        let pidfd = to_child.get_or_init(|| opened);
         if interrupted.load(Ordering::Relaxed) {
             // It may have ended by itself.
             let _ = rustix::process::pidfd_send_signal(pidfd, Signal::TERM);

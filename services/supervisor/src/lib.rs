@@ -196,12 +196,13 @@ impl Supervisor {
                 Received::Closed => {
                     io.unwatch(line);
                     child.control = None;
-                    let failed = child.failed.clone();
+                    let how = "its line closed";
                     // Once the robot may walk, no log is read before the stop is out.
-                    let why = failed.unwrap_or_else(|| match self.machine.has_begun() {
-                        true => "its line closed".to_owned(),
-                        false => last_words(io, service, incarnation, "its line closed"),
-                    });
+                    let unsaid = || match self.machine.has_begun() {
+                        true => how.to_owned(),
+                        false => last_words(io, service, incarnation, how),
+                    };
+                    let why = child.failed.clone().unwrap_or_else(unsaid);
                     if !child.left {
                         self.machine.handle(Event::Died(service, incarnation, why), now);
                         self.act(io)?;

@@ -217,7 +217,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         borrowed: 2,
         loans: 2,
         wakes: false,
-        why: "50 Hz, drained at 20 Hz: 2.5 on the way, and three times that for a supervisor that overslept",
+        why: "50 Hz, drained at 50 Hz: two on the way, and four times that for a supervisor that overslept",
     },
     TopicSpec {
         id: TopicId::WorldTruth,

@@ -375,7 +375,7 @@ fn a_turn_that_is_done_goes_on_only_while_it_is_in_force() {
     let mut bench = Bench::running();
     bench.cue(CueKind::Left, 0);
     let turn = bench.cue_seq;
-    let done = |bench: &mut Bench| {
+    let done = |bench: &mut Bench, turn: u64| {
         bench.cue_seq += 1;
         let header = Header { stamp_ns: bench.now_ms * MS, seq: bench.cue_seq, incarnation: 1, ..Header::default() };
         let cue =
@@ -383,16 +383,13 @@ fn a_turn_that_is_done_goes_on_only_while_it_is_in_force() {
         bench.handle(Event::Cue(&cue));
     };
     bench.cue(CueKind::Stop, 0);
-    done(&mut bench);
+    done(&mut bench, turn);
     assert!(!bench.machine.mode().cue.valid, "the handler has said stop since");
     bench.cue(CueKind::Left, 0);
-    done(&mut bench);
+    done(&mut bench, turn);
     assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Left, "it was another turn");
-    bench.cue_seq += 1;
-    let header = Header { stamp_ns: bench.now_ms * MS, seq: bench.cue_seq, incarnation: 1, ..Header::default() };
-    let request_seq = bench.machine.mode().cue.cue.header.seq;
-    let cue = Cue { header, kind: CueKind::Forward, source: CueSource::TurnDone, request_seq, ..Cue::default() };
-    bench.handle(Event::Cue(&cue));
+    let turn = bench.cue_seq - 1;
+    done(&mut bench, turn);
     assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Forward);
 }
 
