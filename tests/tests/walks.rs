@@ -30,6 +30,15 @@ fn every_built_in_scenario_is_walked_without_a_collision() {
     }
 }
 
+/// Kim et al. 2023, section 3: the robot makes up for the handler's errors.
+#[test]
+fn a_handler_who_faces_off_the_way_and_cues_too_early_or_too_late_gets_there() {
+    for (orientation, timing) in [("20", "-1"), ("-20", "1.5")] {
+        let errors = ["--orientation-error", orientation, "--timing-error", timing];
+        assert_good(&walk("left-at-tee", &errors), "left-at-tee", 30.0);
+    }
+}
+
 #[test]
 fn a_walk_in_stepped_time_is_the_same_on_a_loaded_machine() {
     let quiet = walk("left-at-tee", &[]);

@@ -123,7 +123,7 @@ pub struct CueArgs {
 }
 
 /// How run time passes and what the run is called.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct PaceArgs {
     /// Configuration file, laid over the defaults; its relative paths start at its own folder
     #[arg(long, value_name = "FILE")]
@@ -137,7 +137,7 @@ pub struct PaceArgs {
 }
 
 /// Where the robot walks.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct WorldArgs {
     /// A scenario's name (config/scenarios/NAME.toml) or file
     #[arg(long, value_name = "NAME|FILE", conflicts_with_all = ["map", "start"])]
@@ -157,7 +157,7 @@ pub struct WorldArgs {
 }
 
 /// `guidedog walk`.
-#[derive(Debug, Args)]
+#[derive(Debug, Default, Args)]
 pub struct WalkArgs {
     /// Where.
     #[command(flatten)]
@@ -165,6 +165,12 @@ pub struct WalkArgs {
     /// Seed of everything random in world, sensors and shield
     #[arg(long, value_name = "N")]
     pub seed: Option<u64>,
+    /// The handler errs: faces off the travel line at the start, degrees to the left
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    pub orientation_error: Option<f64>,
+    /// The handler errs: gives the cues of places too late, metres of way; negative is too early
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
+    pub timing_error: Option<f64>,
     /// The walk ends after this much run time, such as 120s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub time_limit: Option<Millis>,

@@ -47,6 +47,10 @@ pub fn walk(args: &WalkArgs) -> Result<Prepared, Failure> {
         settings.shield.seed = seed;
     }
     settings.walk.time_limit = args.time_limit.or(settings.walk.time_limit);
+    let errors = &mut settings.walk.errors;
+    errors.orientation_deg = args.orientation_error.unwrap_or(errors.orientation_deg);
+    errors.timing_m = args.timing_error.unwrap_or(errors.timing_m);
+    settings::check(&settings).map_err(Failure::input)?;
     let mut prepared = check(settings)?;
     if prepared.settings.walk.time_limit.is_none() && prepared.scenario.route.time_limit_s.is_none() {
         let limit = if prepared.scenario.route.goal.is_some() { LIMIT_WITH_GOAL } else { LIMIT_WITHOUT_GOAL };
@@ -110,11 +114,21 @@ fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Fail
     }
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
-        *walk =
-            settings::Walk { scenario: Some(scenario_file(name)?), time_limit: walk.time_limit, ..Default::default() };
+        *walk = settings::Walk {
+            scenario: Some(scenario_file(name)?),
+            time_limit: walk.time_limit,
+            errors: walk.errors.clone(),
+            ..Default::default()
+        };
     } else if let Some(map) = &args.map {
         let map = Some(absolute(map)?);
-        *walk = settings::Walk { map, start: args.start, time_limit: walk.time_limit, ..Default::default() };
+        *walk = settings::Walk {
+            map,
+            start: args.start,
+            time_limit: walk.time_limit,
+            errors: walk.errors.clone(),
+            ..Default::default()
+        };
     } else if walk.scenario.is_none() && walk.map.is_none() {
         let file = scenario_file(DEFAULT_SCENARIO)?;
         if operator_only {

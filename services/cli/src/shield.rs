@@ -8,8 +8,8 @@ use std::io::{BufRead, Write};
 use guidance::se2::{Point, Se2, pose2, se2};
 use guidance::shield::suppress_in_place;
 use guidance::{
-    Beams, DelayedHarness, HandlerBody, Interaction, InteractionModel, Judgement, Motion, RigidHarness, RotatingRod,
-    Shield, ShieldConfig,
+    Beams, DelayedHarness, Evidence, HandlerBody, Interaction, InteractionModel, Judgement, Motion, RigidHarness,
+    RotatingRod, Shield, ShieldConfig,
 };
 use messages::{Pose2, ScanHeader};
 use serde::{Deserialize, Serialize};
@@ -190,7 +190,8 @@ impl Judge {
             escape: false,
             unseen_limit_m2: None,
         });
-        shield.judge_motions(motions.iter().cloned(), &self.beams, None, body, &mut self.judgements);
+        let evidence = Evidence::scan(&self.beams);
+        shield.judge_motions(motions.iter().cloned(), evidence, body, &mut self.judgements);
         let is_unsafe: Vec<bool> = self.judgements.iter().map(|judgement| !judgement.safe).collect();
         let mut probabilities = case.probabilities;
         let stop = stop_of(&case.actions);

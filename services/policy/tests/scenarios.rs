@@ -7,9 +7,10 @@
 use guidance::depth::DepthView;
 use guidance::handler::{HandlerEstimate, HandlerLimits};
 use guidance::interaction::DelayedHarness;
+use guidance::memory::{Memory, MemoryConfig};
 use guidance::scan::Beams;
 use guidance::se2::{pose2, se2, wrap_angle};
-use guidance::shield::{Draw, Judgement, Shield, ShieldConfig, choose, suppress};
+use guidance::shield::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
 use guidance::{ActionTable, Se2};
 use guidedog_policy::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, Pose2, ScanHeader, Twist2, WorldTruth};
@@ -42,6 +43,7 @@ struct Guard {
     estimate: HandlerEstimate,
     beams: Beams,
     depth: DepthView,
+    memory: Memory,
     judgements: Vec<Judgement>,
 }
 
@@ -61,6 +63,7 @@ impl Guard {
             estimate: HandlerEstimate::new(harness, limits),
             beams: Beams::default(),
             depth: DepthView::default(),
+            memory: Memory::new(MemoryConfig { kept_ns: 10_000_000_000, free_ns: 500_000_000, drift: 0.03 }),
             judgements: Vec::new(),
         }
     }
@@ -71,7 +74,10 @@ impl Guard {
         self.estimate.predict(robot, 1.0);
         self.estimate.correct(&self.beams, now_ns);
         self.estimate.begin_step(robot);
-        self.shield.judge_actions(table, &self.beams, Some(&self.depth), &self.estimate, &mut self.judgements)
+        let body = self.estimate.body(self.beams.sigma_m());
+        self.memory.update(now_ns, robot, &self.beams, Some(&self.depth), &body);
+        let evidence = Evidence { beams: &self.beams, depth: Some(&self.depth), memory: Some(&self.memory) };
+        self.shield.judge_actions(table, evidence, &self.estimate, &mut self.judgements)
     }
 }
 

@@ -1,17 +1,19 @@
 //! What the shield decides: pure, times come in with the inputs.
 
+mod surroundings;
+
 use guidance::handler::{HandlerLimits, Sighting};
 use guidance::se2::{pose2, se2};
 use guidance::shield::{choose, suppress};
 use guidance::{
-    ActionTable, Beams, DepthView, Draw, HandlerEstimate, InteractionModel, Judgement, PoseTrack, Se2, Shield,
-    ShieldConfig,
+    ActionTable, Draw, HandlerEstimate, InteractionModel, Judgement, MemoryConfig, PoseTrack, Se2, Shield, ShieldConfig,
 };
 use messages::{
-    DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction, ScanHeader,
-    TopicId, Twist2, age_ns, s_from_ns,
+    DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
+    ScanHeader, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Choice, Settings, Source};
+use surroundings::Surroundings;
 
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
@@ -31,6 +33,8 @@ pub struct CoreConfig {
     model: InteractionModel,
     limits: HandlerLimits,
     shield: ShieldConfig,
+    /// None: one scan decides alone.
+    memory: Option<MemoryConfig>,
     draw: Draw,
     dt_ns: u64,
     scan_period_ns: u64,
@@ -69,6 +73,11 @@ impl CoreConfig {
                 escape: shield.escape,
                 unseen_limit_m2: shield.unseen_limit_m2,
             },
+            memory: shield.memory.on.then(|| MemoryConfig {
+                kept_ns: shield.memory.kept.ns(),
+                free_ns: shield.memory.free.ns(),
+                drift: shield.memory.drift.get(),
+            }),
             draw: match shield.choice {
                 Choice::ArgMax => Draw::ArgMax,
                 Choice::Draw => Draw::Seeded(shield.seed),
@@ -97,6 +106,8 @@ struct Running {
     unsafe_mask: u32,
     /// What the draw came to: [`Outcome::Granted`], stop, all unsafe, or why there was none.
     drawn: Outcome,
+    /// Of the action drawn; of the most probable one where all were unsafe.
+    judgement: Judgement,
     begin_ns: u64,
     end_ns: u64,
 }
@@ -107,15 +118,8 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     handler: HandlerEstimate,
-    /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now.
-    stamped_beams: Beams,
-    beams: Beams,
-    scan: Option<ScanHeader>,
-    scan_usable: bool,
+    surroundings: Surroundings,
     scan_period_ns: u64,
-    depth: DepthView,
-    depth_header: Option<DepthHeader>,
-    depth_usable: bool,
     odometry: Option<Odometry>,
     track: PoseTrack,
     /// Where the robot is now.
@@ -139,14 +143,8 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             handler: HandlerEstimate::new(config.model.clone(), config.limits.clone()),
-            stamped_beams: Beams::default(),
-            beams: Beams::default(),
-            scan: None,
-            scan_usable: false,
+            surroundings: Surroundings::new(config.memory.clone(), config.depth_max_age_ns),
             scan_period_ns: config.scan_period_ns,
-            depth: DepthView::default(),
-            depth_header: None,
-            depth_usable: false,
             odometry: None,
             track: PoseTrack::default(),
             odom_from_robot: Se2::identity(),
@@ -180,8 +178,7 @@ impl Core {
         let pose = se2(odometry.odom_from_robot);
         let new_frame = self.odometry.is_none_or(|old| old.header.incarnation != odometry.header.incarnation);
         if new_frame {
-            self.track.clear();
-            self.handler.reset(&pose);
+            self.lose_place(&pose);
         } else if let Some(old) = self.odometry {
             let dt_s = s_from_ns(odometry.header.stamp_ns.saturating_sub(old.header.stamp_ns));
             let moved = se2(old.odom_from_robot).inverse() * pose;
@@ -190,8 +187,7 @@ impl Core {
             {
                 (self.invalid_inputs, self.jumps) = (self.invalid_inputs + 1, self.jumps + 1);
                 self.jumped_at_ns = Some(odometry.header.stamp_ns);
-                self.track.clear();
-                self.handler.reset(&pose);
+                self.lose_place(&pose);
             }
         }
         self.odometry = Some(*odometry);
@@ -199,29 +195,36 @@ impl Core {
         self.odom_from_robot = pose;
     }
 
+    /// Nothing that was placed in the odometry frame before holds in it from now on.
+    fn lose_place(&mut self, odom_from_robot: &Se2) {
+        self.track.clear();
+        self.handler.reset(odom_from_robot);
+        self.surroundings.lose_place();
+    }
+
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
-        self.depth_usable = self.depth.fill(header, pixels_mm).is_ok();
-        self.invalid_inputs += u64::from(!self.depth_usable);
-        self.depth_header = Some(*header);
+        let usable = self.surroundings.take_depth(header, pixels_mm);
+        self.invalid_inputs += u64::from(!usable);
     }
 
     /// A new scan: the verdict on the running action.
     pub fn on_scan(&mut self, now_ns: u64, header: &ScanHeader, ranges_m: &[f32]) -> Permit {
-        if let Some(last) = self.scan {
-            let period = header.header.stamp_ns.saturating_sub(last.header.stamp_ns);
-            if period > GAP_NS || header.header.incarnation != last.header.incarnation {
+        if let Some(last) = self.surroundings.scan() {
+            let period = header.header.stamp_ns.saturating_sub(last.stamp_ns);
+            if period > GAP_NS || header.header.incarnation != last.incarnation {
                 self.handler.reset(&self.odom_from_robot);
             } else {
                 self.scan_period_ns = period.max(self.config.scan_period_ns / 2).min(self.config.scan_max_age_ns);
             }
         }
-        self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok();
-        self.invalid_inputs += u64::from(!self.scan_usable);
-        self.scan = Some(*header);
+        let usable = self.surroundings.take_scan(header, ranges_m);
+        self.invalid_inputs += u64::from(!usable);
         self.come_to(now_ns);
-        if self.scan_usable {
-            let _: Sighting = self.handler.correct(&self.beams, now_ns);
+        if self.surroundings.usable_scan().is_some() {
+            let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
+            let handler = self.handler.body(self.surroundings.beams().sigma_m());
+            self.surroundings.remember(now_ns, &self.odom_from_robot, &handler);
         }
         self.draw_belatedly(now_ns);
         let permit = self.verdict(now_ns, PermitCause::Scan);
@@ -265,6 +268,7 @@ impl Core {
             velocity: Twist2::ZERO,
             unsafe_mask: 0,
             drawn: Outcome::InvalidAction,
+            judgement: Judgement::default(),
             begin_ns: now_ns,
             end_ns: (action.decision + 1) * self.config.dt_ns,
         };
@@ -280,9 +284,9 @@ impl Core {
             running.drawn = why;
             return running;
         }
-        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
+        let evidence = self.surroundings.evidence(now_ns);
         running.unsafe_mask =
-            self.shield.judge_actions(&self.config.table, &self.beams, depth, &self.handler, &mut self.judgements);
+            self.shield.judge_actions(&self.config.table, evidence, &self.handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
@@ -294,6 +298,8 @@ impl Core {
         } else {
             Outcome::Granted
         };
+        let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
+        running.judgement = self.judgements[if suppressed.all_unsafe { wanted } else { running.index }];
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
     }
@@ -313,20 +319,7 @@ impl Core {
         if let Some(now) = self.track.at(now_ns) {
             self.odom_from_robot = now;
         }
-        let then_in_now = |stamp_ns| self.track.at(stamp_ns).map(|then| self.odom_from_robot.inverse() * then);
-        if let Some(scan) = &self.scan {
-            match then_in_now(scan.header.stamp_ns) {
-                Some(shift) => self.stamped_beams.seen_from(&shift, &mut self.beams),
-                // Nobody knows where the robot was: the scan says nothing about now.
-                None => self.scan_usable = false,
-            }
-        }
-        if let Some(depth) = &self.depth_header {
-            match then_in_now(depth.header.stamp_ns) {
-                Some(shift) => self.depth.move_to(&shift),
-                None => self.depth_usable = false,
-            }
-        }
+        self.surroundings.move_to(&self.odom_from_robot, &self.track);
         self.predict_handler(now_ns);
     }
 
@@ -336,17 +329,11 @@ impl Core {
         self.handler.predict(&self.odom_from_robot, fraction);
     }
 
-    /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
-    fn depth_is_fresh(&self, now_ns: u64) -> bool {
-        let age = |header: &DepthHeader| age_ns(now_ns, header.header.stamp_ns);
-        self.depth_usable && self.depth_header.as_ref().is_some_and(|d| age(d) <= self.config.depth_max_age_ns)
-    }
-
     /// Why nothing can be judged now, if so.
     fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
         let age = |stamp_ns: u64| age_ns(now_ns, stamp_ns);
-        let Some(scan) = self.scan.filter(|_| self.scan_usable) else { return Some(Outcome::InvalidScan) };
-        if age(scan.header.stamp_ns) > self.config.scan_max_age_ns {
+        let Some(scan) = self.surroundings.usable_scan() else { return Some(Outcome::InvalidScan) };
+        if age(scan.stamp_ns) > self.config.scan_max_age_ns {
             return Some(Outcome::StaleScan);
         }
         let Some(odometry) = self.odometry else { return Some(Outcome::StaleOdometry) };
@@ -354,7 +341,7 @@ impl Core {
         if age(odometry.header.stamp_ns) > self.config.odometry_max_age_ns || jumped {
             return Some(Outcome::StaleOdometry);
         }
-        if self.config.depth_needed && !self.depth_is_fresh(now_ns) {
+        if self.config.depth_needed && !self.surroundings.depth_is_fresh(now_ns) {
             return Some(Outcome::StaleDepth);
         }
         self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
@@ -390,23 +377,24 @@ impl Core {
         }
         match running.drawn {
             Outcome::Granted => self.judge_remainder(now_ns, &running, permit),
-            other => other,
+            other => {
+                explain(&running.judgement, permit);
+                other
+            }
         }
     }
 
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
     /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
-        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         for end_ns in [running.end_ns + self.scan_period_ns, running.end_ns] {
             if end_ns <= now_ns {
                 break;
             }
             let left_s = s_from_ns(end_ns - now_ns);
             let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s, 1.0);
-            let judgement = self.shield.judge(&motion, &self.beams, depth, &self.handler);
-            permit.margin_m = judgement.margin_m;
-            permit.unseen_area_m2 = judgement.unseen_area_m2;
+            let judgement = self.shield.judge(&motion, self.surroundings.evidence(now_ns), &self.handler);
+            explain(&judgement, permit);
             if judgement.safe {
                 permit.velocity = running.velocity;
                 permit.expiry_ns = self.expiry_ns(now_ns, end_ns);
@@ -419,9 +407,9 @@ impl Core {
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.
     /// Odometry is held to its own age by locomotion, at every tick.
     fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
-        let scan = self.scan.map_or(0, |scan| scan.header.stamp_ns + self.config.scan_max_age_ns);
-        let depth = match (self.config.depth_needed, &self.depth_header) {
-            (true, Some(depth)) => depth.header.stamp_ns + self.config.depth_max_age_ns,
+        let scan = self.surroundings.scan().map_or(0, |scan| scan.stamp_ns + self.config.scan_max_age_ns);
+        let depth = match (self.config.depth_needed, self.surroundings.depth()) {
+            (true, Some(depth)) => depth.stamp_ns + self.config.depth_max_age_ns,
             _ => u64::MAX,
         };
         hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
@@ -429,8 +417,8 @@ impl Core {
 
     fn blank(&self, cause: PermitCause) -> Permit {
         let mode = self.mode.unwrap_or_default();
-        let scan = self.scan.map(|scan| scan.header).unwrap_or_default();
-        let depth = self.depth_header.map(|depth| depth.header).unwrap_or_default();
+        let scan = self.surroundings.scan().unwrap_or_default();
+        let depth = self.surroundings.depth().unwrap_or_default();
         let odometry = self.odometry.map(|odometry| odometry.header).unwrap_or_default();
         let mut permit = Permit {
             cause,
@@ -468,6 +456,15 @@ impl Core {
         health.invalid_inputs = self.invalid_inputs;
         health.pose_jumps = self.jumps;
     }
+}
+
+/// What the verdict rests on.
+fn explain(judgement: &Judgement, permit: &mut Permit) {
+    permit.margin_m = judgement.margin_m;
+    permit.beam = judgement.beam.map_or(NO_BEAM, |beam| beam as u32);
+    (permit.reading_m, permit.threshold_m) = (judgement.reading_m, judgement.threshold_m);
+    permit.unsafe_cause = judgement.cause;
+    permit.unseen_area_m2 = judgement.unseen_area_m2;
 }
 
 /// Whether the numbers are probabilities that sum to 1.

@@ -195,6 +195,58 @@ impl Beams {
     pub fn is_whole_turn(&self) -> bool {
         self.whole_turn
     }
+
+    /// Where the beams go.
+    #[must_use]
+    pub fn fan(&self) -> Fan {
+        Fan {
+            origin: self.origin(),
+            first_rad: self.first_rad,
+            increment_rad: self.increment_rad,
+            count: self.beams.len(),
+            whole_turn: self.whole_turn,
+        }
+    }
+}
+
+/// Where the beams of a scan go, counter-clockwise, without what they say.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fan {
+    /// Where the lidar is.
+    pub origin: Point,
+    first_rad: f64,
+    increment_rad: f64,
+    count: usize,
+    whole_turn: bool,
+}
+
+impl Fan {
+    /// The beams to the right and to the left of the way to a point; none outside the field of view.
+    #[must_use]
+    pub fn beside(&self, point: Point) -> Option<(usize, usize)> {
+        let to = point - self.origin;
+        let turn = (to.y.atan2(to.x) - self.first_rad).rem_euclid(std::f64::consts::TAU);
+        let right = (turn / self.increment_rad) as usize;
+        match (right + 1, self.count) {
+            (left, count) if left < count => Some((right, left)),
+            (left, count) if self.whole_turn && left > 0 && count > 0 => Some((count - 1, 0)),
+            _ => None,
+        }
+    }
+
+    /// The beam that passes nearest to a point, as far as it lies within the field of view.
+    #[must_use]
+    pub fn nearest(&self, point: Point) -> Option<usize> {
+        let to = point - self.origin;
+        // Half an increment to the right of the first beam is nearest to it.
+        let turn = to.y.atan2(to.x) - self.first_rad + self.increment_rad / 2.0;
+        let beam = (turn.rem_euclid(std::f64::consts::TAU) / self.increment_rad) as usize;
+        match beam {
+            beam if beam < self.count => Some(beam),
+            _ if self.whole_turn && self.count > 0 => Some(0),
+            _ => None,
+        }
+    }
 }
 
 fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
@@ -285,6 +337,26 @@ pub(crate) mod tests {
         assert!((beam.end - Point::new(0.0, -1.7)).norm() < 1e-9 && (beam.reading_m - 2.0).abs() < 1e-9);
         assert!((seen.origin() - Point::new(0.0, 0.3)).norm() < 1e-9);
         assert!((seen.origin() + beam.direction * beam.reading_m - beam.end).norm() < 1e-9);
+    }
+
+    #[test]
+    fn a_point_lies_between_the_beams_beside_it() {
+        let mut beams = Beams::default();
+        beams.fill(&header(), &[2.0; 360]).expect("usable");
+        let at = |degrees: f64| Point::new(degrees.to_radians().cos(), degrees.to_radians().sin());
+        let fan = beams.fan();
+        assert_eq!((fan.beside(at(0.3)), fan.nearest(at(0.3))), (Some((180, 181)), Some(180)));
+        assert_eq!(fan.nearest(at(0.7)), Some(181));
+        // Beam 0 looks straight back: a whole turn has no gap there.
+        assert_eq!((fan.beside(at(179.5)), fan.nearest(at(179.8))), (Some((359, 0)), Some(0)));
+        let mut front = header();
+        front.angle_min_rad = -1.0;
+        front.angle_increment_rad = 0.1;
+        beams.fill(&front, &[2.0; 21]).expect("usable");
+        let fan = beams.fan();
+        assert_eq!((fan.beside(at(58.0)), fan.nearest(at(58.0))), (None, Some(20)), "just beyond the last beam");
+        assert_eq!((fan.beside(at(-58.0)), fan.nearest(at(-58.0))), (None, Some(0)));
+        assert_eq!((fan.beside(at(90.0)), fan.nearest(at(90.0))), (None, None));
     }
 
     #[test]

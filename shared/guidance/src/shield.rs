@@ -1,14 +1,15 @@
 //! The action shield (Kim et al. 2023, section 5 and alg. 1) with the resolutions of the design contract: unknown
-//! beams, the handler's own beams, the escape rule, virtual beams from depth.
+//! beams, the handler's own beams, the escape rule, virtual beams from depth, obstacle memory.
 
 mod judging;
 
-use messages::{MAX_ACTIONS, Twist2};
+use messages::{MAX_ACTIONS, Twist2, UnsafeCause};
 
 use crate::action::ActionTable;
 use crate::depth::DepthView;
 use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::interaction::Interaction;
+use crate::memory::Memory;
 use crate::scan::Beams;
 use crate::se2::{Se2, exp};
 use judging::{Present, Sorted};
@@ -28,6 +29,25 @@ pub struct ShieldConfig {
     pub unseen_limit_m2: Option<f64>,
 }
 
+/// What a moment is judged on, all seen from where the robot is now.
+#[derive(Debug, Clone, Copy)]
+pub struct Evidence<'a> {
+    /// The newest scan.
+    pub beams: &'a Beams,
+    /// The newest depth frame, where it may be judged on.
+    pub depth: Option<&'a DepthView>,
+    /// What was seen before; none is the paper's algorithm.
+    pub memory: Option<&'a Memory>,
+}
+
+impl<'a> Evidence<'a> {
+    /// One scan and nothing else, as in the paper.
+    #[must_use]
+    pub fn scan(beams: &'a Beams) -> Self {
+        Self { beams, depth: None, memory: None }
+    }
+}
+
 /// A motion of robot and handler, from the robot's present frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Motion {
@@ -37,26 +57,13 @@ pub struct Motion {
     pub handler: Se2,
 }
 
-/// What makes a motion unsafe.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Cause {
-    /// A beam ends in the hull.
-    Beam,
-    /// A point that the camera sees lies in the hull.
-    Point,
-    /// A run of unknown beams is too wide.
-    Unknown,
-    /// Too much of the hull is seen by nothing.
-    Unseen,
-}
-
 /// What the shield found about one motion, and by which beam.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Judgement {
     /// Whether the swept hull is free.
     pub safe: bool,
     /// The first cause for which it is not.
-    pub cause: Option<Cause>,
+    pub cause: UnsafeCause,
     /// Smallest reading minus threshold over the judged beams, metres; infinite where no beam is judged.
     pub margin_m: f64,
     /// The beam with that margin, by the lidar's own number.
@@ -70,11 +77,12 @@ pub struct Judgement {
     pub unseen_area_m2: f64,
 }
 
-impl Judgement {
-    fn free() -> Self {
+impl Default for Judgement {
+    /// Nothing is in the way.
+    fn default() -> Self {
         Self {
             safe: true,
-            cause: None,
+            cause: UnsafeCause::None,
             margin_m: f64::INFINITY,
             beam: None,
             reading_m: 0.0,
@@ -82,10 +90,13 @@ impl Judgement {
             unseen_area_m2: 0.0,
         }
     }
+}
 
-    fn forbid(&mut self, cause: Cause) {
-        self.safe = false;
-        self.cause.get_or_insert(cause);
+impl Judgement {
+    fn forbid(&mut self, cause: UnsafeCause) {
+        if self.safe {
+            (self.safe, self.cause) = (false, cause);
+        }
     }
 }
 
@@ -133,13 +144,12 @@ impl Shield {
     pub fn judge_actions(
         &mut self,
         table: &ActionTable,
-        beams: &Beams,
-        depth: Option<&DepthView>,
+        evidence: Evidence<'_>,
         handler: &HandlerEstimate,
         judgements: &mut Vec<Judgement>,
     ) -> u32 {
         let motions = table.actions().iter().map(|action| Self::predict(handler, &action.start_from_end()));
-        self.judge_motions(motions, beams, depth, handler.body(beams.sigma_m()), judgements);
+        self.judge_motions(motions, evidence, handler.body(evidence.beams.sigma_m()), judgements);
         let bits = judgements.iter().enumerate().map(|(i, judgement)| u32::from(!judgement.safe) << i);
         bits.fold(0, |mask, bit| mask | bit)
     }
@@ -148,32 +158,26 @@ impl Shield {
     pub fn judge_motions(
         &mut self,
         motions: impl Iterator<Item = Motion>,
-        beams: &Beams,
-        depth: Option<&DepthView>,
+        evidence: Evidence<'_>,
         handler: HandlerBody,
         judgements: &mut Vec<Judgement>,
     ) {
         judgements.clear();
-        let mut present = Present::prepare(&self.config, beams, depth, handler, &mut self.sorted);
+        let mut present = Present::prepare(&self.config, evidence, handler, &mut self.sorted);
         judgements.extend(motions.map(|motion| present.judge(&motion)));
     }
 
     /// Judges one motion on one scan.
-    pub fn judge(
-        &mut self,
-        motion: &Motion,
-        beams: &Beams,
-        depth: Option<&DepthView>,
-        handler: &HandlerEstimate,
-    ) -> Judgement {
-        let body = handler.body(beams.sigma_m());
-        Present::prepare(&self.config, beams, depth, body, &mut self.sorted).judge(motion)
+    pub fn judge(&mut self, motion: &Motion, evidence: Evidence<'_>, handler: &HandlerEstimate) -> Judgement {
+        let body = handler.body(evidence.beams.sigma_m());
+        Present::prepare(&self.config, evidence, body, &mut self.sorted).judge(motion)
     }
 
     /// The thresholds of one motion, metres, in the lidar's own order of beams (Kim et al. 2023, alg. 1 line 7).
     #[must_use]
     pub fn thresholds_m(&mut self, motion: &Motion, beams: &Beams, handler: HandlerBody) -> Vec<f64> {
-        let thresholds_m = Present::prepare(&self.config, beams, None, handler, &mut self.sorted).thresholds_m(motion);
+        let thresholds_m =
+            Present::prepare(&self.config, Evidence::scan(beams), handler, &mut self.sorted).thresholds_m(motion);
         let mut ordered = vec![0.0; thresholds_m.len()];
         for (beam, threshold_m) in thresholds_m.into_iter().enumerate() {
             ordered[beams.number_of(beam)] = threshold_m;

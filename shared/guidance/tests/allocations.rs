@@ -4,7 +4,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use guidedog_guidance::{
-    ActionTable, Beams, DelayedHarness, HandlerEstimate, HandlerLimits, Se2, Shield, ShieldConfig,
+    ActionTable, Beams, DelayedHarness, Evidence, HandlerEstimate, HandlerLimits, Memory, MemoryConfig, Se2, Shield,
+    ShieldConfig,
 };
 use messages::ScanHeader;
 
@@ -42,6 +43,7 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
     let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
     let mut handler = HandlerEstimate::new(DelayedHarness::default(), limits);
     let (mut shield, mut stamped, mut beams) = (Shield::new(config), Beams::default(), Beams::default());
+    let mut memory = Memory::new(MemoryConfig { kept_ns: 500_000_000, free_ns: 500_000_000, drift: 0.03 });
     let (table, mut judgements) = (ActionTable::ten(), Vec::new());
     let header = ScanHeader {
         angle_min_rad: -std::f64::consts::PI,
@@ -64,14 +66,16 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
     let scans: Vec<Vec<f32>> = (0..20).map(scan).collect();
     let mut before = 0;
     for (n, ranges) in scans.iter().enumerate() {
-        if n == 4 {
+        if n == 12 {
             before = ALLOCATIONS.load(Ordering::Relaxed);
         }
         stamped.fill(&header, ranges).expect("usable");
         stamped.seen_from(&Se2::rotation(0.01 * n as f64), &mut beams);
         handler.predict(&Se2::identity(), 0.1);
         let _ = handler.correct(&beams, n as u64);
-        shield.judge_actions(&table, &beams, None, &handler, &mut judgements);
+        memory.update(n as u64 * 100_000_000, &Se2::rotation(0.01 * n as f64), &beams, None, &handler.body(0.01));
+        let evidence = Evidence { memory: Some(&memory), ..Evidence::scan(&beams) };
+        shield.judge_actions(&table, evidence, &handler, &mut judgements);
     }
     assert_eq!(judgements.len(), 10);
     assert!(judgements.iter().any(|judgement| !judgement.safe), "the scans are not all free");

@@ -258,6 +258,31 @@ pub enum PermitCause {
     Decision,
 }
 
+/// What made a motion unsafe.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum UnsafeCause {
+    /// Nothing did.
+    #[default]
+    None = 0,
+    /// A beam ends in the hull.
+    Beam,
+    /// A point that the camera sees lies in the hull.
+    Point,
+    /// A point that is remembered and cannot be seen now lies in the hull.
+    Memory,
+    /// A run of unknown beams is too wide.
+    Unknown,
+    /// Too much of the hull is seen by nothing.
+    Unseen,
+}
+
+/// No beam: what a verdict names where it judged none.
+pub const NO_BEAM: u32 = u32::MAX;
+
 /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -300,8 +325,17 @@ pub struct Permit {
     pub cue_seq: u64,
     /// Part of the swept hull that no beam sees, square metres.
     pub unseen_area_m2: f64,
-    /// Smallest reading minus threshold over the judged beams, metres; negative means unsafe.
+    /// Smallest reading minus threshold over the judged beams, metres; negative means unsafe. Where every action is
+    /// unsafe, this and what follows is of the most probable one.
     pub margin_m: f64,
+    /// The beam with that margin, by the lidar's own number, or [`NO_BEAM`].
+    pub beam: u32,
+    /// Why the motion is unsafe.
+    pub unsafe_cause: UnsafeCause,
+    /// The beam's reading, metres.
+    pub reading_m: f64,
+    /// The beam's threshold: from the lidar to where it leaves the hull, metres.
+    pub threshold_m: f64,
     /// Seq and stamp of the scan judged.
     pub scan_seq: u64,
     /// See `scan_seq`.

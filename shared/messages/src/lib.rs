@@ -16,7 +16,9 @@ pub mod topic;
 mod world;
 
 pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
-pub use guidance::{Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, Outcome, Permit, PermitCause, PolicyAction};
+pub use guidance::{
+    Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause, PolicyAction, UnsafeCause,
+};
 pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
 pub use health::{Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, PortCounters, PortRole, ServiceState};
 pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReason};

@@ -129,7 +129,10 @@ fn lay_over(below: &mut toml::Table, above: toml::Table) {
 }
 
 /// What no single key can say.
-fn check(settings: &Settings) -> Result<(), String> {
+///
+/// # Errors
+/// Where values do not go together or are out of their bounds; the reason begins with the key.
+pub fn check(settings: &Settings) -> Result<(), String> {
     let (lidar, depth) = (&settings.lidar, &settings.depth);
     if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
         return Err(format!("lidar.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
@@ -188,6 +191,11 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
         ("shield.unknown_gap_m", settings.shield.unknown_gap_m.get(), 0.0, 1.0),
         ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
+        ("shield.memory.drift", settings.shield.memory.drift.get(), 0.0, 0.5),
+        // Who walks into the way comes nearer by a metre in this time.
+        ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),
+        ("walk.errors.orientation_deg", settings.walk.errors.orientation_deg, -60.0, 60.0),
+        ("walk.errors.timing_m", settings.walk.errors.timing_m, -10.0, 10.0),
         ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),
         ("supervision.step_limit", settings.supervision.step_limit.s(), 0.2, 3600.0),
     ] {

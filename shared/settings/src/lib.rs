@@ -7,10 +7,10 @@ mod layers;
 mod sections;
 mod units;
 
-pub use layers::{Profile, SettingsError, load, load_resolved};
+pub use layers::{Profile, SettingsError, check, load, load_resolved};
 pub use sections::{
     ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion, MaxAge,
-    OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings, Simulation, Source,
-    Supervision, Walk,
+    MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings,
+    Simulation, Source, Supervision, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

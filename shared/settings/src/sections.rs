@@ -320,6 +320,28 @@ pub struct ShieldSettings {
     pub escape: bool,
     /// Largest unseen part of the hull, square metres; none: reported only.
     pub unseen_limit_m2: Option<f64>,
+    /// What it remembers.
+    pub memory: MemorySettings,
+}
+
+/// The shield's obstacle memory.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MemorySettings {
+    /// Off: one scan and one frame decide alone, as in the paper.
+    pub on: bool,
+    /// Obstacles that cannot be seen any more are kept for so long; longer while the robot stands.
+    pub kept: Millis,
+    /// What a scan saw free counts for unknown beams for so long.
+    pub free: Millis,
+    /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
+    pub drift: Share,
+}
+
+impl Default for MemorySettings {
+    fn default() -> Self {
+        Self { on: true, kept: Millis::of_ms(10_000), free: Millis::of_ms(500), drift: Share::of(0.03) }
+    }
 }
 
 impl Default for ShieldSettings {
@@ -331,6 +353,7 @@ impl Default for ShieldSettings {
             unknown_gap_m: Positive::of(0.10),
             escape: true,
             unseen_limit_m2: None,
+            memory: MemorySettings::default(),
         }
     }
 }
@@ -491,8 +514,20 @@ pub struct Walk {
     pub start: Option<Pose2>,
     /// A route file: cues and goal, in place of the scenario's.
     pub cues: Option<PathBuf>,
+    /// What the handler does wrong.
+    pub errors: WalkErrors,
     /// The run ends after this much run time, whatever happened.
     pub time_limit: Option<Millis>,
+}
+
+/// The errors of a simulated handler (Kim et al. 2023, section 3 and figure 8).
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct WalkErrors {
+    /// Facing off the travel line at the start, degrees to the left.
+    pub orientation_deg: f64,
+    /// The cues of places come so much too late (negative: too early), metres of way.
+    pub timing_m: f64,
 }
 
 /// The recording, where the run replays one.

@@ -1,17 +1,25 @@
 //! The world and the sensors of a run, as its settings say.
 
-use settings::{DepthSettings, LidarSettings, OdometrySettings, Settings};
+use guidance::HandlerErrors;
+use settings::{DepthSettings, LidarSettings, OdometrySettings, Settings, Walk};
 
 use crate::{
     DepthConfig, HandlerConfig, LidarConfig, OdometryConfig, PhysicsConfig, RobotConfig, Route, Scenario, WorldError,
 };
 
-/// The scenario of a run: a scenario file, or a map with a start; with a route file in place of its route, if given.
+/// The scenario of a run: a scenario file, or a map with a start; with a route file in place of its route, if given;
+/// and the handler's errors in it.
 ///
 /// # Errors
 /// Where a file cannot be read or is wrong, or there is neither scenario nor map with start.
 pub fn scenario_of(settings: &Settings) -> Result<Scenario, WorldError> {
     let walk = &settings.walk;
+    let errors =
+        HandlerErrors { orientation_rad: walk.errors.orientation_deg.to_radians(), timing_m: walk.errors.timing_m };
+    Ok(without_errors(walk)?.with_errors(&errors))
+}
+
+fn without_errors(walk: &Walk) -> Result<Scenario, WorldError> {
     let route = walk.cues.as_deref().map(Route::load).transpose()?;
     if let Some(path) = &walk.scenario {
         let scenario = Scenario::load(path)?;

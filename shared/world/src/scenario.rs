@@ -22,7 +22,8 @@
 
 use std::path::{Path, PathBuf};
 
-use guidance::se2::Point;
+use guidance::HandlerErrors;
+use guidance::se2::{Point, pose2, se2};
 use messages::{CueKind, Pose2};
 use serde::Deserialize;
 use toml::Spanned;
@@ -220,6 +221,22 @@ impl Scenario {
             start: Pose2::new(at.x, at.y, yaw_rad),
             route: route.check(&toml)?,
         })
+    }
+
+    /// The same walk by a handler who errs: who faces off the travel line at the start, and gives the cues of places too
+    /// late or too early on the way there. Cues at a run time come when they come.
+    #[must_use]
+    pub fn with_errors(mut self, errors: &HandlerErrors) -> Self {
+        let mut from = Point::new(self.start.x_m, self.start.y_m);
+        for cue in &mut self.route.cues {
+            if let CueTrigger::Place(at, _) = &mut cue.trigger {
+                let (due, way) = (*at, *at - from);
+                *at = errors.place_of_cue(due, way.y.atan2(way.x));
+                from = due;
+            }
+        }
+        self.start = pose2(&errors.start(&se2(self.start)));
+        self
     }
 
     /// Reads the scenario's world.

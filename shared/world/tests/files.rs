@@ -4,6 +4,7 @@
 
 use std::path::{Path, PathBuf};
 
+use guidance::HandlerErrors;
 use guidance::se2::Point;
 use guidedog_world::{Cell, CuePoint, CueSequence, CueTrigger, GridMap, Route, Scenario, World};
 use messages::{CueKind, Pose2};
@@ -202,4 +203,24 @@ fn real_maps_load_and_other_yaml_beside_them_is_refused() {
         loaded += 1;
     }
     assert!(loaded >= 10, "{loaded}");
+}
+
+#[test]
+fn a_handlers_errors_turn_the_start_and_shift_the_cues_of_places_along_the_way() {
+    let text = "world = \"w.toml\"\nstart = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [4, 9] }\ntime_limit_s = 60\n\
+        [[cue]]\nkind = \"forward\"\nat_s = 1.0\n[[cue]]\nkind = \"left\"\nat = [4, 0]\n\
+        [[cue]]\nkind = \"stop\"\nat = [4, 8]\n";
+    let scenario = Scenario::from_toml("s.toml", text, std::path::Path::new("")).unwrap();
+    let errors = HandlerErrors { orientation_rad: 0.2, timing_m: 0.5 };
+    let erring = scenario.clone().with_errors(&errors);
+    assert!((erring.start.yaw_rad - 0.2).abs() < 1e-12 && erring.start.x_m == 0.0);
+    assert_eq!(erring.route.cues[0], scenario.route.cues[0], "at a run time");
+    let place = |i: usize| match erring.route.cues[i].trigger {
+        CueTrigger::Place(at, _) => (at.x, at.y),
+        CueTrigger::Time(_) => panic!("a place"),
+    };
+    assert!((place(1).0 - 4.5).abs() < 1e-12 && place(1).1.abs() < 1e-12, "{:?}", place(1));
+    // From where the cue before was due, not from where it was given.
+    assert!((place(2).0 - 4.0).abs() < 1e-12 && (place(2).1 - 8.5).abs() < 1e-12, "{:?}", place(2));
+    assert_eq!(scenario.clone().with_errors(&HandlerErrors::default()), scenario);
 }

@@ -37,7 +37,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let pace = PaceArgs { config: None, speed: None, name: None };
     let scenario = Some(prepare::DEFAULT_SCENARIO.to_owned());
     let world = WorldArgs { scenario, map: None, start: None, cues: Some(route.path().to_owned()), pace };
-    let mut prepared = prepare::walk(&WalkArgs { world, seed: None, time_limit: None })?;
+    let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;
     // Ended by us, long before.
     prepared.settings.walk.time_limit = settings::Millis::try_from("1h".to_owned()).ok();
     let launch = Launch { settings: &prepared.settings, name: free_name("idle"), speed: None };

@@ -4,7 +4,9 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use guidance::se2::{Point, Se2, se2};
-use guidance::{ActionTable, Beams, DelayedHarness, HandlerBody, Interaction, Judgement, Motion, Shield, ShieldConfig};
+use guidance::{
+    ActionTable, Beams, DelayedHarness, Evidence, HandlerBody, Interaction, Judgement, Motion, Shield, ShieldConfig,
+};
 use messages::{Pose2, ScanHeader};
 use parry2d_f64::math::Vector;
 use parry2d_f64::query::{Ray, RayCast};
@@ -143,7 +145,7 @@ impl Ours {
             radius_m: HANDLER_RADIUS_M,
             mask_radius_m: Some(HANDLER_RADIUS_M + 0.03),
         };
-        self.shield.judge_motions(motions, &self.beams, None, body, &mut self.judgements);
+        self.shield.judge_motions(motions, Evidence::scan(&self.beams), body, &mut self.judgements);
         black_box(&self.judgements);
     }
 

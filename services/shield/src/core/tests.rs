@@ -2,7 +2,7 @@ use super::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
 use messages::{
     Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause, PolicyAction,
-    Pose2, Pose3, ScanHeader,
+    Pose2, Pose3, ScanHeader, UnsafeCause,
 };
 use settings::Settings;
 
@@ -147,6 +147,9 @@ fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
     let permit = core.on_scan(1100 * MS, &scan_header(1090), &blocked);
     assert_eq!(permit.outcome, Outcome::RemainderUnsafe);
     assert!(permit.velocity.is_zero() && permit.margin_m < 0.0);
+    // It says by which beam: 0.45 m are read where the hull of the rest reaches farther.
+    assert_eq!((permit.unsafe_cause, permit.reading_m as f32), (UnsafeCause::Beam, 0.45));
+    assert!((178..=182).contains(&permit.beam) && permit.threshold_m > 0.45, "{permit:?}");
 }
 
 #[test]
@@ -210,6 +213,25 @@ fn a_pose_that_jumps_is_counted_for_the_supervisor() {
 }
 
 #[test]
+fn what_was_seen_stays_in_the_way_until_it_is_seen_gone_or_the_frame_is_a_new_one() {
+    for (incarnation, forbidden) in [(1, true), (2, false)] {
+        let mut core = ready();
+        let (mut post, mut unknown) = (open_scan(), open_scan());
+        post[178..=182].fill(0.5);
+        core.on_scan(1000 * MS, &scan_header(995), &post);
+        // Five beams alone are no gap that anything is feared in.
+        unknown[178..=182].fill(f32::NAN);
+        let mut moved = odometry(1090, 0.0);
+        moved.header.incarnation = incarnation;
+        core.take_odometry(&moved);
+        core.take_depth(&depth_header(1095), &[5000; PIXELS]);
+        core.on_scan(1100 * MS, &scan_header(1095), &unknown);
+        let permit = core.on_action(1100 * MS, &action_at(2, 1095)).expect("a verdict");
+        assert_eq!(permit.unsafe_mask >> 1 & 1 == 1, forbidden, "forward: {permit:?}");
+    }
+}
+
+#[test]
 fn what_depth_alone_sees_forbids_too() {
     let mut core = ready();
     // Half a metre ahead at camera height, over the whole image: within the hull of forward.
@@ -219,18 +241,36 @@ fn what_depth_alone_sees_forbids_too() {
 }
 
 #[test]
-fn a_covered_camera_and_a_run_of_unknown_beams_are_not_free() {
+fn a_covered_camera_is_not_free() {
     let mut core = ready();
     core.take_depth(&depth_header(995), &[0; PIXELS]);
     assert_eq!(core.on_action(1000 * MS, &action(2, 1)).map(|p| p.outcome), Some(Outcome::StaleDepth));
+}
+
+#[test]
+fn unknown_beams_are_excused_by_what_a_scan_saw_free_a_moment_ago_and_no_longer() {
     let mut core = ready();
     let mut unknown = open_scan();
     unknown[170..190].fill(f32::NAN);
-    // The camera sees far ahead, but only what is within its own field of view and not behind a wall of pixels.
-    core.take_depth(&depth_header(995), &[400; PIXELS]);
-    core.on_scan(1000 * MS, &scan_header(995), &unknown);
-    let permit = core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
-    assert!(permit.unsafe_mask >> 1 & 1 == 1, "forward goes where nothing is known: {permit:?}");
+    let mut verdict = |stamp_ms: u64| {
+        core.take_mode(&mode(ModeClass::Run, stamp_ms));
+        core.take_odometry(&odometry(stamp_ms, 0.0));
+        // The camera looks at the floor just ahead and excuses nothing.
+        core.take_depth(&depth_header(stamp_ms), &floor_ahead());
+        core.on_scan((stamp_ms + 5) * MS, &scan_header(stamp_ms), &unknown);
+        let decision = action_at((stamp_ms + 5) / 500, stamp_ms + 5);
+        let permit = core.on_action((stamp_ms + 5) * MS, &decision).expect("a verdict");
+        permit.unsafe_mask >> 1 & 1 == 1
+    };
+    assert!(!verdict(1090), "seen free at 1.0 s");
+    assert!(verdict(1590), "and not since");
+}
+
+/// A camera at 0.45 m that sees the floor 0.3 m ahead, and nothing else.
+fn floor_ahead() -> Vec<u16> {
+    let mut pixels = vec![0; PIXELS];
+    pixels[64 * 44..].fill(700);
+    pixels
 }
 
 #[test]

@@ -1,11 +1,14 @@
 //! How one motion is judged: everything that all motions from one moment share is prepared once.
 
-use super::{Cause, Judgement, Motion, ShieldConfig};
+use super::{Evidence, Judgement, Motion, ShieldConfig};
+use messages::UnsafeCause;
+
 use crate::boundary::{Boundary, Seen, block_minima};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Hull};
 use crate::interaction::place;
+use crate::memory::Memory;
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, exp, log};
 
@@ -36,6 +39,7 @@ pub(super) struct Present<'a> {
     config: &'a ShieldConfig,
     beams: &'a Beams,
     depth: Option<&'a DepthView>,
+    memory: Option<&'a Memory>,
     handler: HandlerBody,
     robot_disc: Disc,
     handler_disc: Disc,
@@ -46,8 +50,7 @@ pub(super) struct Present<'a> {
 impl<'a> Present<'a> {
     pub fn prepare(
         config: &'a ShieldConfig,
-        beams: &'a Beams,
-        depth: Option<&'a DepthView>,
+        Evidence { beams, depth, memory }: Evidence<'a>,
         handler: HandlerBody,
         sorted: &'a mut Sorted,
     ) -> Self {
@@ -55,7 +58,7 @@ impl<'a> Present<'a> {
         let handler_disc = Disc { center: handler.center, radius_m: handler.radius_m + config.margin_m };
         let discs = [robot_disc, handler_disc, robot_disc, handler_disc];
         let mut present =
-            Self { config, beams, depth, handler, robot_disc, handler_disc, hull: Hull::new(discs), sorted };
+            Self { config, beams, depth, memory, handler, robot_disc, handler_disc, hull: Hull::new(discs), sorted };
         present.sort(&Boundary::of(&discs));
         present
     }
@@ -117,14 +120,14 @@ impl<'a> Present<'a> {
     pub fn judge(&mut self, motion: &Motion) -> Judgement {
         let discs = self.discs(motion);
         let boundary = Boundary::of(&discs);
-        let mut judgement = Judgement::free();
+        let mut judgement = Judgement::default();
         match boundary.seen_from(self.beams.origin()) {
             Some(seen) => self.judge_from_within(&seen, motion, &mut judgement),
             None => self.judge_from_outside(&Hull::new(discs), motion, &mut judgement),
         }
         self.judge_points(&discs, motion, &mut judgement);
         if self.config.unseen_limit_m2.is_some_and(|limit| judgement.unseen_area_m2 > limit) {
-            judgement.forbid(Cause::Unseen);
+            judgement.forbid(UnsafeCause::Unseen);
         }
         judgement
     }
@@ -207,27 +210,33 @@ impl<'a> Present<'a> {
             (judgement.reading_m, judgement.threshold_m) = (reading_m, reading_m - margin_m);
         }
         if margin_m < 0.0 {
-            judgement.forbid(Cause::Beam);
+            judgement.forbid(UnsafeCause::Beam);
         }
     }
 
-    /// Virtual beams from the depth frame: points strictly inside the hull.
+    /// Virtual beams: what the camera sees, and what is remembered and cannot be seen, strictly inside the hull.
     fn judge_points(&self, discs: &[Disc; 4], motion: &Motion, judgement: &mut Judgement) {
-        let Some(depth) = self.depth else { return };
         let reach_m = discs.iter().map(|disc| disc.center.coords.norm() + disc.radius_m).fold(0.0, f64::max);
-        let near = depth.points().iter().filter(|point| point.coords.norm_squared() < reach_m * reach_m);
+        let seen = self.depth.map_or(&[][..], DepthView::points).iter().map(|point| (UnsafeCause::Point, *point, 0.0));
+        let remembered = self.memory.map_or(&[][..], Memory::hidden).iter();
+        let remembered = remembered.map(|spot| (UnsafeCause::Memory, spot.place, spot.uncertainty_m));
         let mut swept = None;
-        for point in near {
-            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
-            let inside_m = swept.signed_distance_m(*point);
-            if inside_m >= 0.0 || self.handler.masks(*point) {
+        for (cause, point, uncertainty_m) in seen.chain(remembered) {
+            let within_m = reach_m + uncertainty_m;
+            if point.coords.norm_squared() >= within_m * within_m {
                 continue;
             }
-            if self.config.escape && self.hull.contains(*point) && !self.gets_closer(*point, motion) {
+            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
+            let inside_m = swept.signed_distance_m(point) - uncertainty_m;
+            if inside_m >= 0.0 || self.handler.masks(point) {
+                continue;
+            }
+            let pressing = self.config.escape && self.hull.signed_distance_m(point) < uncertainty_m;
+            if pressing && !self.gets_closer(point, motion) {
                 continue;
             }
             judgement.margin_m = judgement.margin_m.min(inside_m);
-            judgement.forbid(Cause::Point);
+            judgement.forbid(cause);
         }
     }
 
@@ -247,12 +256,14 @@ impl<'a> Present<'a> {
         })
     }
 
-    /// Whether the camera sees that an unknown beam's way beyond the present hull is free.
-    fn seen_by_depth(&self, beam: usize, threshold_m: f64) -> bool {
+    /// Whether the camera sees, or one of the last scans saw, that an unknown beam's way beyond the present hull is
+    /// free.
+    fn is_known_free(&self, beam: usize, threshold_m: f64) -> bool {
         let present_m = self.sorted.present_m[beam];
-        self.depth.is_some_and(|depth| {
-            let at = |t: f64| self.beams.origin() + self.beams.beams()[beam].direction * t;
-            depth.sees_free(at(threshold_m)) && depth.sees_free(at((threshold_m + present_m) / 2.0))
+        [threshold_m, (threshold_m + present_m) / 2.0].into_iter().all(|t| {
+            let point = self.beams.origin() + self.beams.beams()[beam].direction * t;
+            self.depth.is_some_and(|depth| depth.sees_free(point))
+                || self.memory.is_some_and(|memory| memory.saw_free(point))
         })
     }
 }
@@ -275,7 +286,7 @@ struct UnknownRun {
 impl UnknownRun {
     fn take(&mut self, present: &Present<'_>, beam: usize, threshold_m: f64, judgement: &mut Judgement) {
         let counts =
-            threshold_m > present.sorted.present_m[beam] + BEYOND_M && !present.seen_by_depth(beam, threshold_m);
+            threshold_m > present.sorted.present_m[beam] + BEYOND_M && !present.is_known_free(beam, threshold_m);
         if !counts {
             return;
         }
@@ -294,7 +305,7 @@ impl UnknownRun {
             self.at_start = Some((self.count, self.threshold_m));
         }
         if is_gap(present, self.count, self.threshold_m) {
-            judgement.forbid(Cause::Unknown);
+            judgement.forbid(UnsafeCause::Unknown);
         }
         (self.count, self.threshold_m) = (0, 0.0);
     }

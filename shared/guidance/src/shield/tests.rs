@@ -1,4 +1,4 @@
-use super::{Draw, Judgement, Shield, ShieldConfig, choose, suppress};
+use super::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
 use crate::action::ActionTable;
 use crate::handler::{HandlerEstimate, HandlerLimits};
 use crate::interaction::DelayedHarness;
@@ -38,7 +38,7 @@ fn scan(header: &ScanHeader, count: usize, points: &[Point]) -> Beams {
 fn judge(beams: &Beams, escape: bool) -> (u32, Vec<Judgement>) {
     let mut judgements = Vec::new();
     let table = ActionTable::eight();
-    let mask = Shield::new(config(escape)).judge_actions(&table, beams, None, &handler(), &mut judgements);
+    let mask = Shield::new(config(escape)).judge_actions(&table, Evidence::scan(beams), &handler(), &mut judgements);
     (mask, judgements)
 }
 
@@ -182,7 +182,7 @@ proptest! {
             disc(&motion.robot, 0.3), disc(&motion.handler, handler.radius_m()),
         ]);
         let beams = scan(&header, 360, &[point]);
-        let judgement = Shield::new(config(false)).judge(&motion, &beams, None, &handler);
+        let judgement = Shield::new(config(false)).judge(&motion, Evidence::scan(&beams), &handler);
         let distance = hull.signed_distance_m(point);
         // Readings are f32.
         if distance < -1e-6 {

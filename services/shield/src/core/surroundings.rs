@@ -1,0 +1,119 @@
+//! What the shield knows of its surroundings: the newest scan and depth frame, each brought from where the robot was
+//! then to where it is now, and the memory of what was before.
+
+use guidance::{Beams, DepthView, Evidence, HandlerBody, Memory, MemoryConfig, PoseTrack, Se2};
+use messages::{DepthHeader, Header, ScanHeader, age_ns};
+
+/// See the module.
+#[derive(Debug)]
+pub struct Surroundings {
+    /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now.
+    stamped_beams: Beams,
+    beams: Beams,
+    scan: Option<Header>,
+    scan_usable: bool,
+    depth: DepthView,
+    depth_header: Option<Header>,
+    depth_usable: bool,
+    depth_max_age_ns: u64,
+    memory: Option<Memory>,
+}
+
+impl Surroundings {
+    /// Nothing seen yet; without a memory one scan and one frame decide alone.
+    pub fn new(memory: Option<MemoryConfig>, depth_max_age_ns: u64) -> Self {
+        Self {
+            stamped_beams: Beams::default(),
+            beams: Beams::default(),
+            scan: None,
+            scan_usable: false,
+            depth: DepthView::default(),
+            depth_header: None,
+            depth_usable: false,
+            depth_max_age_ns,
+            memory: memory.map(Memory::new),
+        }
+    }
+
+    /// Takes in a scan: whether it can be used.
+    pub fn take_scan(&mut self, header: &ScanHeader, ranges_m: &[f32]) -> bool {
+        self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok();
+        self.scan = Some(header.header);
+        self.scan_usable
+    }
+
+    /// Takes in a depth frame: whether it can be used.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) -> bool {
+        self.depth_usable = self.depth.fill(header, pixels_mm).is_ok();
+        self.depth_header = Some(header.header);
+        self.depth_usable
+    }
+
+    /// The odometry frame is a new one: what was remembered has no place in it.
+    pub fn lose_place(&mut self) {
+        if let Some(memory) = &mut self.memory {
+            memory.clear();
+        }
+    }
+
+    /// Scan and frame were taken a while ago, and the robot has moved on. Where nobody knows where it was then, they
+    /// say nothing about now.
+    pub fn move_to(&mut self, odom_from_robot: &Se2, track: &PoseTrack) {
+        let then_in_now = |header: Header| track.at(header.stamp_ns).map(|then| odom_from_robot.inverse() * then);
+        if let Some(header) = self.scan {
+            match then_in_now(header) {
+                Some(shift) => self.stamped_beams.seen_from(&shift, &mut self.beams),
+                None => self.scan_usable = false,
+            }
+        }
+        if let Some(header) = self.depth_header {
+            match then_in_now(header) {
+                Some(shift) => self.depth.move_to(&shift),
+                None => self.depth_usable = false,
+            }
+        }
+        if let Some(memory) = &mut self.memory {
+            memory.move_to(odom_from_robot);
+        }
+    }
+
+    /// Remembers the newest scan and frame.
+    pub fn remember(&mut self, now_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
+        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
+        if let Some(memory) = &mut self.memory {
+            memory.update(now_ns, odom_from_robot, &self.beams, depth, handler);
+        }
+    }
+
+    /// What is judged on now.
+    pub fn evidence(&self, now_ns: u64) -> Evidence<'_> {
+        let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
+        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref() }
+    }
+
+    /// The newest scan, from where the robot is now.
+    pub fn beams(&self) -> &Beams {
+        &self.beams
+    }
+
+    /// The newest scan's header, usable or not.
+    pub fn scan(&self) -> Option<Header> {
+        self.scan
+    }
+
+    /// The newest scan's header, where it can be used.
+    pub fn usable_scan(&self) -> Option<Header> {
+        self.scan.filter(|_| self.scan_usable)
+    }
+
+    /// The newest depth frame's header.
+    pub fn depth(&self) -> Option<Header> {
+        self.depth_header
+    }
+
+    /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
+    pub fn depth_is_fresh(&self, now_ns: u64) -> bool {
+        let fresh = |header: Header| age_ns(now_ns, header.stamp_ns) <= self.depth_max_age_ns;
+        self.depth_usable && self.depth_header.is_some_and(fresh)
+    }
+}

@@ -1,0 +1,303 @@
+//! What the shield remembers: obstacles that were seen and cannot be seen now, and what was seen free a moment ago.
+//!
+//! A shield that looks at one scan is blind behind the handler and where its sensors do not look (Kim et al. 2023,
+//! sections 5 and 7). What stood there when it was last seen still stands there, as far as anybody knows. Where the lidar
+//! sees now, the scan of now alone counts: memory adds nothing to it.
+
+use std::collections::VecDeque;
+
+use crate::depth::DepthView;
+use crate::handler::HandlerBody;
+use crate::scan::{BeamKind, Beams, Fan};
+use crate::se2::{Point, Se2};
+
+/// Side of a cell: it keeps one point, metres.
+const CELL_M: f64 = 0.05;
+/// Cells along one side of what is remembered.
+const SIDE: i32 = 160;
+/// Points farther from the robot than this along an axis are let go, metres: no hull reaches so far.
+const REACH_M: f64 = 3.5;
+/// A point that is seen again moves by this share of the difference: the lidar's noise is averaged.
+const GAIN: f64 = 0.4;
+/// However long ago a point was seen, it is let go only once the robot has walked this far since, metres.
+const WALKED_MIN_M: f64 = 1.0;
+/// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
+const SAME_M: f64 = 0.15;
+/// At most so many scans tell what was free a moment ago.
+const GLIMPSES: usize = 8;
+
+/// How long, and how exactly, is remembered.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MemoryConfig {
+    /// Obstacles are kept for so long after they were last seen, nanoseconds; longer while the robot stands.
+    pub kept_ns: u64,
+    /// What a scan saw free counts as free for so long, nanoseconds.
+    pub free_ns: u64,
+    /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
+    pub drift: f64,
+}
+
+/// A remembered obstacle that cannot be seen now.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Remembered {
+    /// Robot frame of now.
+    pub place: Point,
+    /// It may be this far from there, metres.
+    pub uncertainty_m: f64,
+}
+
+/// Which sensor saw a point, and may see that it is gone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Source {
+    Lidar,
+    Camera,
+}
+
+/// What the newest scan and frame said of a point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sight {
+    /// It cannot be seen from here.
+    Hidden,
+    /// It could be seen: it goes, unless it is seen again.
+    Due,
+    /// It was seen again.
+    Seen,
+}
+
+/// How far the robot has come, along its way.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Odometer {
+    walked_m: f64,
+    turned_rad: f64,
+}
+
+impl Odometer {
+    /// By how much a place seen at `then` is off when it is so far away.
+    fn error_m(&self, then: &Self, drift: f64, distance_m: f64) -> f64 {
+        drift * (self.walked_m - then.walked_m + (self.turned_rad - then.turned_rad) * distance_m)
+    }
+}
+
+/// An obstacle.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    cell: (i32, i32),
+    odom: Point,
+    source: Source,
+    sight: Sight,
+    seen_ns: u64,
+    seen_at: Odometer,
+}
+
+/// What one scan saw free.
+#[derive(Debug, Clone)]
+struct Glimpse {
+    at_ns: u64,
+    at: Odometer,
+    odom_from_robot: Se2,
+    fan: Fan,
+    sigma_m: f64,
+    /// As far as each beam saw, metres; 0 where it says nothing.
+    readings_m: Vec<f64>,
+}
+
+/// The memory, in the odometry frame.
+#[derive(Debug, Clone)]
+pub struct Memory {
+    config: MemoryConfig,
+    spots: Vec<Spot>,
+    /// For each cell the number of its spot and one more; 0: none. Cells repeat every [`SIDE`].
+    numbers: Vec<u16>,
+    /// The oldest first.
+    glimpses: VecDeque<Glimpse>,
+    now_ns: u64,
+    /// Where the robot was at the newest scan.
+    odom_from_scanned: Option<Se2>,
+    odom_from_robot: Se2,
+    odometer: Odometer,
+    hidden: Vec<Remembered>,
+}
+
+impl Memory {
+    /// A memory of nothing.
+    #[must_use]
+    pub fn new(config: MemoryConfig) -> Self {
+        Self {
+            config,
+            spots: Vec::new(),
+            numbers: vec![0; (SIDE * SIDE) as usize],
+            glimpses: VecDeque::new(),
+            now_ns: 0,
+            odom_from_scanned: None,
+            odom_from_robot: Se2::identity(),
+            odometer: Odometer::default(),
+            hidden: Vec::new(),
+        }
+    }
+
+    /// Forgets everything: a new odometry frame, or a jump within one.
+    pub fn clear(&mut self) {
+        *self = Self::new(self.config.clone());
+    }
+
+    /// Takes in a scan and the newest depth frame, both seen from where the robot is now, and who of the handler is in
+    /// them: what ends on the handler is never remembered.
+    pub fn update(
+        &mut self,
+        now_ns: u64,
+        odom_from_robot: &Se2,
+        beams: &Beams,
+        depth: Option<&DepthView>,
+        handler: &HandlerBody,
+    ) {
+        self.now_ns = now_ns;
+        if let Some(before) = self.odom_from_scanned.replace(*odom_from_robot) {
+            let moved = before.inverse() * odom_from_robot;
+            self.odometer.walked_m += moved.translation.vector.norm();
+            self.odometer.turned_rad += moved.rotation.angle().abs();
+        }
+        self.look_again(odom_from_robot, beams, depth, handler);
+        for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !handler.masks(beam.end)) {
+            self.see(odom_from_robot, beam.end, Source::Lidar);
+        }
+        for point in depth.map_or(&[][..], DepthView::points) {
+            if !handler.masks(*point) && !ends_at(beams, *point) {
+                self.see(odom_from_robot, *point, Source::Camera);
+            }
+        }
+        self.keep(|spot| spot.sight != Sight::Due);
+        self.glimpse(odom_from_robot, beams);
+        self.move_to(odom_from_robot);
+    }
+
+    /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands where
+    /// the handler stands.
+    fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
+        let robot_from_odom = odom_from_robot.inverse();
+        let (now_ns, odometer, config) = (self.now_ns, self.odometer, self.config.clone());
+        self.keep(|spot| {
+            let place = robot_from_odom * spot.odom;
+            let visible = match spot.source {
+                Source::Lidar => handler.masks(place) || sees_as_far_as(beams, place, handler),
+                Source::Camera => depth.is_some_and(|depth| depth.sees_free(place)),
+            };
+            spot.sight = if visible { Sight::Due } else { Sight::Hidden };
+            let old = now_ns.saturating_sub(spot.seen_ns) > config.kept_ns
+                && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
+            !old && place.coords.amax() < REACH_M
+        });
+    }
+
+    /// Keeps what `wanted` says.
+    fn keep(&mut self, mut wanted: impl FnMut(&mut Spot) -> bool) {
+        let mut i = 0;
+        while i < self.spots.len() {
+            if wanted(&mut self.spots[i]) {
+                i += 1;
+                continue;
+            }
+            self.numbers[slot_of(self.spots[i].cell)] = 0;
+            self.spots.swap_remove(i);
+            if let Some(moved) = self.spots.get(i) {
+                self.numbers[slot_of(moved.cell)] = i as u16 + 1;
+            }
+        }
+    }
+
+    fn see(&mut self, odom_from_robot: &Se2, place: Point, source: Source) {
+        if place.coords.amax() >= REACH_M {
+            return;
+        }
+        let odom = odom_from_robot * place;
+        let cell = cell_of(odom);
+        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns: self.now_ns, seen_at: self.odometer };
+        let number = &mut self.numbers[slot_of(cell)];
+        match usize::from(*number).checked_sub(1) {
+            Some(i) => {
+                let old = self.spots[i];
+                if old.cell == cell && old.source == source {
+                    spot.odom = old.odom + (odom - old.odom) * GAIN;
+                }
+                self.spots[i] = spot;
+            }
+            None => {
+                self.spots.push(spot);
+                *number = self.spots.len() as u16;
+            }
+        }
+    }
+
+    fn glimpse(&mut self, odom_from_robot: &Se2, beams: &Beams) {
+        let oldest = if self.glimpses.len() == GLIMPSES { self.glimpses.pop_front() } else { None };
+        let mut readings_m = oldest.map(|glimpse| glimpse.readings_m).unwrap_or_default();
+        readings_m.clear();
+        readings_m.extend(beams.beams().iter().map(|beam| beam.reading_m));
+        self.glimpses.push_back(Glimpse {
+            at_ns: self.now_ns,
+            at: self.odometer,
+            odom_from_robot: *odom_from_robot,
+            fan: beams.fan(),
+            sigma_m: beams.sigma_m(),
+            readings_m,
+        });
+    }
+
+    /// From now on told from where the robot is now.
+    pub fn move_to(&mut self, odom_from_robot: &Se2) {
+        self.odom_from_robot = *odom_from_robot;
+        let robot_from_odom = odom_from_robot.inverse();
+        self.hidden.clear();
+        for spot in self.spots.iter().filter(|spot| spot.sight == Sight::Hidden) {
+            let place = robot_from_odom * spot.odom;
+            let uncertainty_m = self.odometer.error_m(&spot.seen_at, self.config.drift, place.coords.norm());
+            self.hidden.push(Remembered { place, uncertainty_m });
+        }
+    }
+
+    /// The obstacles that cannot be seen now.
+    #[must_use]
+    pub fn hidden(&self) -> &[Remembered] {
+        &self.hidden
+    }
+
+    /// Whether one of the last scans saw that nothing is at a point (robot frame), nor on the way to it.
+    #[must_use]
+    pub fn saw_free(&self, point: Point) -> bool {
+        let recent = self.glimpses.iter().rev();
+        let mut recent = recent.take_while(|glimpse| self.now_ns.saturating_sub(glimpse.at_ns) <= self.config.free_ns);
+        recent.any(|glimpse| {
+            let then = glimpse.odom_from_robot.inverse() * (self.odom_from_robot * point);
+            let distance_m = (then - glimpse.fan.origin).norm();
+            let error_m = self.odometer.error_m(&glimpse.at, self.config.drift, distance_m);
+            let enough_m = distance_m + 3.0 * glimpse.sigma_m + error_m;
+            let beside = glimpse.fan.beside(then);
+            beside.is_some_and(|(a, b)| glimpse.readings_m[a] > enough_m && glimpse.readings_m[b] > enough_m)
+        })
+    }
+}
+
+fn cell_of(odom: Point) -> (i32, i32) {
+    ((odom.x / CELL_M).floor() as i32, (odom.y / CELL_M).floor() as i32)
+}
+
+fn slot_of((i, j): (i32, i32)) -> usize {
+    (j.rem_euclid(SIDE) * SIDE + i.rem_euclid(SIDE)) as usize
+}
+
+/// Whether the beam towards a place shows what is there: it passes, or ends on it.
+fn sees_as_far_as(beams: &Beams, place: Point, handler: &HandlerBody) -> bool {
+    let Some(beam) = beams.fan().nearest(place).map(|i| beams.beams()[i]) else { return false };
+    let distance_m = (place - beams.origin()).norm();
+    let on_handler = beam.kind == BeamKind::Hit && handler.masks(beam.end);
+    let noise_m = if on_handler { 0.0 } else { CELL_M + 3.0 * beams.sigma_m() };
+    beam.kind != BeamKind::Unknown && distance_m <= beam.reading_m + noise_m
+}
+
+/// Whether the beam towards a place ends there.
+fn ends_at(beams: &Beams, place: Point) -> bool {
+    let nearest = beams.fan().nearest(place).map(|i| beams.beams()[i]);
+    nearest.is_some_and(|beam| beam.kind == BeamKind::Hit && (beam.end - place).norm() <= SAME_M)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,259 @@
+use super::{Memory, MemoryConfig};
+use crate::depth::DepthView;
+use crate::handler::HandlerBody;
+use crate::scan::Beams;
+use crate::scan::tests::header;
+use crate::se2::{Point, Se2, se2};
+use crate::shield::{Evidence, Judgement, Motion, Shield, ShieldConfig};
+use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
+use proptest::prelude::*;
+
+const MS: u64 = 1_000_000;
+
+fn memory() -> Memory {
+    Memory::new(MemoryConfig { kept_ns: 10_000 * MS, free_ns: 500 * MS, drift: 0.03 })
+}
+
+fn handler() -> HandlerBody {
+    HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.28) }
+}
+
+/// Round things in the open, as a lidar at the robot's origin sees them.
+fn scan(things: &[(Point, f64)]) -> Beams {
+    let header = header();
+    let reading = |i: usize| {
+        let angle = header.angle_min_rad + i as f64 * header.angle_increment_rad;
+        let direction = nalgebra::Vector2::new(angle.cos(), angle.sin());
+        let meets = things.iter().filter_map(|(center, radius_m)| {
+            let along = center.coords.dot(&direction);
+            let root = along * along - (center.coords.norm_squared() - radius_m * radius_m);
+            (root >= 0.0 && along > 0.0).then(|| along - root.sqrt())
+        });
+        meets.fold(f64::INFINITY, f64::min)
+    };
+    let mut beams = Beams::default();
+    beams.fill_with(&header, 360, reading).expect("usable");
+    beams
+}
+
+fn judge(evidence: Evidence<'_>, start_from_end: Pose2) -> Judgement {
+    judge_with(evidence, handler(), start_from_end)
+}
+
+fn judge_with(evidence: Evidence<'_>, body: HandlerBody, start_from_end: Pose2) -> Judgement {
+    let config =
+        ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape: true, unseen_limit_m2: None };
+    let robot = se2(start_from_end);
+    let after = robot * Se2::translation(-0.75, -0.35);
+    let mut judgements = Vec::new();
+    let motion = Motion { robot, handler: after };
+    Shield::new(config).judge_motions([motion].into_iter(), evidence, body, &mut judgements);
+    judgements[0]
+}
+
+/// Behind the handler as the robot sees them, and in the way when it turns left by half a radian.
+const BEHIND: Point = Point::new(-0.67, -0.67);
+const POST_M: f64 = 0.04;
+const HANDLER: (Point, f64) = (Point::new(-0.75, -0.35), 0.22);
+
+#[test]
+fn what_the_handler_hides_is_still_there() {
+    let mut memory = memory();
+    // The robot comes from where it sees the post beside the handler.
+    let odom_from_before = Se2::translation(-1.0, 0.0);
+    let before = odom_from_before.inverse() * BEHIND;
+    memory.update(0, &odom_from_before, &scan(&[HANDLER, (before, POST_M)]), None, &handler());
+    assert!(memory.hidden().is_empty(), "the lidar sees it: the scan alone counts");
+    let hides = (Point::new(-0.39, -0.39), 0.22);
+    let hiding = HandlerBody { center: hides.0, ..handler() };
+    let beams = scan(&[hides, (BEHIND, POST_M)]);
+    memory.update(2000 * MS, &Se2::identity(), &beams, None, &hiding);
+    assert!(!memory.hidden().is_empty(), "the handler stands before it");
+    for spot in memory.hidden() {
+        assert!((spot.place - BEHIND).norm() < 0.05, "{spot:?}");
+        assert!((spot.uncertainty_m - 0.03).abs() < 1e-9, "after a metre: {spot:?}");
+    }
+    let evidence = Evidence { memory: Some(&memory), ..Evidence::scan(&beams) };
+    let turn = Pose2::new(0.0, 0.0, 0.5);
+    let judgement = judge_with(evidence, hiding, turn);
+    assert!(!judgement.safe && judgement.cause == UnsafeCause::Memory, "{judgement:?}");
+    assert!(judge_with(Evidence { memory: None, ..evidence }, hiding, turn).safe, "without memory nobody knows");
+}
+
+#[test]
+fn a_beam_that_passes_clears_and_a_new_frame_forgets() {
+    let mut memory = memory();
+    let post = Point::new(1.0, 0.3);
+    memory.update(0, &Se2::identity(), &scan(&[(post, POST_M)]), None, &handler());
+    // Something nearer hides it, then goes, and the post is gone too.
+    memory.update(100 * MS, &Se2::identity(), &scan(&[(Point::new(0.6, 0.18), 0.1)]), None, &handler());
+    assert!(!memory.hidden().is_empty());
+    let mut forgetful = memory.clone();
+    memory.update(200 * MS, &Se2::identity(), &scan(&[]), None, &handler());
+    memory.update(300 * MS, &Se2::identity(), &scan(&[(Point::new(0.6, 0.18), 0.1)]), None, &handler());
+    assert!(memory.hidden().is_empty());
+    forgetful.clear();
+    forgetful.move_to(&Se2::identity());
+    assert!(forgetful.hidden().is_empty() && !forgetful.saw_free(Point::new(0.5, -0.5)));
+}
+
+#[test]
+fn what_ends_on_the_handler_never_enters_and_where_they_stand_nothing_else_does() {
+    let mut memory = memory();
+    memory.update(0, &Se2::identity(), &scan(&[HANDLER]), None, &handler());
+    // The handler is gone, and something hides where they were.
+    let screen = (Point::new(-0.4, -0.187), 0.15);
+    let gone = HandlerBody { center: Point::new(-0.75, 0.5), ..handler() };
+    memory.update(100 * MS, &Se2::identity(), &scan(&[screen]), None, &gone);
+    assert!(memory.hidden().is_empty());
+    // A thing was seen, and now the handler stands there.
+    let thing = Point::new(-0.75, 0.5);
+    memory.update(200 * MS, &Se2::identity(), &scan(&[(thing, POST_M)]), None, &handler());
+    memory.update(300 * MS, &Se2::identity(), &scan(&[(thing, 0.22)]), None, &gone);
+    memory.update(400 * MS, &Se2::identity(), &scan(&[(Point::new(-0.3, 0.2), 0.1)]), None, &handler());
+    assert!(memory.hidden().is_empty(), "{:?}", memory.hidden());
+}
+
+/// A camera at the robot's nose that sees something low straight ahead, or the bare floor.
+fn camera(low_at_m: Option<f64>) -> DepthView {
+    let header = DepthHeader {
+        width: 64,
+        height: 48,
+        fx_px: 32.0,
+        fy_px: 32.0,
+        cx_px: 31.5,
+        cy_px: 23.5,
+        robot_from_camera: Pose3 { x_m: 0.25, z_m: 0.45, ..Pose3::default() },
+        ..DepthHeader::default()
+    };
+    let pixels: Vec<u16> = (0..64 * 48)
+        .map(|i| {
+            let below = ((i / 64) as f64 - 23.5) / 32.0;
+            let floor_m = if below > 0.0 { (0.45 / below).min(9.0) } else { 9.0 };
+            let ahead = (20..44).contains(&(i % 64));
+            // What is 0.2 m high, seen from 0.45 m: only rays that fall by 0.25 m before it end on it.
+            let box_m = low_at_m.filter(|at| ahead && at * below > 0.25);
+            let depth_m = box_m.map_or(floor_m, |at| at.min(floor_m));
+            if depth_m < 0.3 { 0 } else { (depth_m * 1000.0) as u16 }
+        })
+        .collect();
+    let mut view = DepthView::default();
+    view.fill(&header, &pixels).expect("usable");
+    view
+}
+
+#[test]
+fn what_was_low_ahead_is_there_when_the_camera_looks_over_it_and_goes_when_it_sees_the_floor() {
+    let mut memory = memory();
+    let open = scan(&[HANDLER]);
+    memory.update(0, &Se2::identity(), &open, Some(&camera(Some(0.6))), &handler());
+    // 0.4 m on, the camera is 0.2 m from it and sees nothing there.
+    let odom_from_robot = Se2::translation(0.4, 0.0);
+    let near = camera(Some(0.2));
+    memory.update(1000 * MS, &odom_from_robot, &open, Some(&near), &handler());
+    assert!(memory.hidden().iter().any(|spot| (spot.place.x - 0.45).abs() < 0.02), "{:?}", memory.hidden());
+    let evidence = Evidence { beams: &open, depth: Some(&near), memory: Some(&memory) };
+    let forward = Pose2::new(0.25, 0.0, 0.0);
+    assert_eq!(judge(evidence, forward).cause, UnsafeCause::Memory);
+    assert!(judge(Evidence { memory: None, ..evidence }, forward).safe);
+    // However long it stands there.
+    memory.update(60_000 * MS, &odom_from_robot, &open, Some(&near), &handler());
+    assert!(!memory.hidden().is_empty());
+    // Back again, and it is gone.
+    memory.update(61_000 * MS, &Se2::identity(), &open, Some(&camera(None)), &handler());
+    memory.update(62_000 * MS, &odom_from_robot, &open, Some(&camera(None)), &handler());
+    assert!(memory.hidden().is_empty(), "{:?}", memory.hidden());
+}
+
+#[test]
+fn what_is_old_is_forgotten_once_the_robot_has_walked_on() {
+    let mut memory = memory();
+    let post = Point::new(-1.0, 0.5);
+    let screen = (Point::new(-0.5, 0.25), 0.15);
+    memory.update(0, &Se2::identity(), &scan(&[(post, POST_M)]), None, &handler());
+    memory.update(60_000 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
+    let spot = *memory.hidden().first().expect("kept while the robot stands");
+    assert!(spot.uncertainty_m < 1e-12);
+    // Half a turn and back: a place 1.1 m away is off by 0.03 x 2 x 0.5 x 1.1 m.
+    memory.update(
+        60_100 * MS,
+        &Se2::rotation(0.5),
+        &scan(&[(se2(Pose2::new(0.0, 0.0, -0.5)) * screen.0, 0.15)]),
+        None,
+        &handler(),
+    );
+    memory.update(60_200 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
+    let spot = *memory.hidden().first().expect("kept");
+    assert!((spot.uncertainty_m - 0.03 * spot.place.coords.norm()).abs() < 1e-9, "{spot:?}");
+    // It stays hidden on the way, and after more than a metre it is let go.
+    for (i, x) in [(1u64, 0.4), (2, 0.8), (3, 1.1)] {
+        let back = Se2::translation(x, 0.0).inverse();
+        memory.update(61_000 * MS + i, &back.inverse(), &scan(&[(back * screen.0, 0.2)]), None, &handler());
+    }
+    assert!(memory.hidden().iter().all(|spot| spot.place.x > -1.8), "{:?}", memory.hidden());
+}
+
+#[test]
+fn what_was_seen_free_a_moment_ago_counts_for_unknown_beams() {
+    let mut memory = memory();
+    let open = scan(&[HANDLER]);
+    memory.update(1000 * MS, &Se2::identity(), &open, None, &handler());
+    let mut half_blind = Beams::default();
+    let reading = |i: usize| if (165..195).contains(&i) { f64::NAN } else { open.beams()[i].reading_m };
+    half_blind.fill_with(&header(), 360, reading).expect("usable");
+    let forward = Pose2::new(0.25, 0.0, 0.0);
+    assert_eq!(judge(Evidence::scan(&half_blind), forward).cause, UnsafeCause::Unknown);
+    let mut judged_after = |ms: u64| {
+        memory.update(ms * MS, &Se2::identity(), &half_blind, None, &handler());
+        judge(Evidence { memory: Some(&memory), ..Evidence::scan(&half_blind) }, forward).safe
+    };
+    assert!(judged_after(1400), "seen 0.4 s ago");
+    assert!(!judged_after(1600), "too long ago, and the scans since saw nothing there");
+}
+
+proptest! {
+    /// Memory takes nothing away but what was unknown: whatever was seen to be in the way stays in the way.
+    #[test]
+    fn memory_excuses_nothing_but_unknown_beams(
+        readings in proptest::collection::vec(prop_oneof![3 => 0.3..3.0f64, 1 => Just(f64::NAN)], 90),
+        before in proptest::collection::vec(prop_oneof![3 => 0.3..3.0f64, 1 => Just(f64::NAN)], 90),
+        (x, y, yaw) in (-0.2..0.2f64, -0.2..0.2f64, -0.3..0.3f64),
+        (dx, dy, turn) in (-0.3..0.3f64, -0.3..0.3f64, -0.3..0.3f64),
+    ) {
+        let header = messages::ScanHeader { angle_increment_rad: std::f64::consts::TAU / 90.0, ..header() };
+        let (mut then, mut now) = (Beams::default(), Beams::default());
+        prop_assume!(then.fill_with(&header, 90, |i| before[i]).is_ok());
+        prop_assume!(now.fill_with(&header, 90, |i| readings[i]).is_ok());
+        let mut memory = memory();
+        let odom_from_robot = se2(Pose2::new(x, y, yaw));
+        memory.update(0, &Se2::identity(), &then, None, &handler());
+        memory.update(100 * MS, &odom_from_robot, &now, None, &handler());
+        let motion = Pose2::new(dx, dy, turn);
+        let alone = judge(Evidence::scan(&now), motion);
+        let with = judge(Evidence { memory: Some(&memory), ..Evidence::scan(&now) }, motion);
+        if with.safe {
+            prop_assert!(alone.safe || alone.cause == UnsafeCause::Unknown, "{:?}", alone);
+        } else if alone.safe {
+            prop_assert_eq!(with.cause, UnsafeCause::Memory);
+        }
+    }
+
+    /// A place that was seen free lies before what the beams on either side of it ended on.
+    #[test]
+    fn nothing_behind_a_hit_was_seen_free(
+        before in proptest::collection::vec(0.3..3.0f64, 360), angle in -3.1..3.1f64, range in 0.2..3.5f64,
+        (x, y, yaw) in (-0.2..0.2f64, -0.2..0.2f64, -0.3..0.3f64),
+    ) {
+        let mut then = Beams::default();
+        then.fill_with(&header(), 360, |i| before[i]).expect("usable");
+        let mut memory = memory();
+        memory.update(0, &Se2::identity(), &then, None, &handler());
+        let odom_from_robot = se2(Pose2::new(x, y, yaw));
+        memory.move_to(&odom_from_robot);
+        let odom = Point::new(range * angle.cos(), range * angle.sin());
+        if memory.saw_free(odom_from_robot.inverse() * odom) {
+            let right = ((angle + std::f64::consts::PI).to_degrees()) as usize;
+            prop_assert!(before[right % 360].min(before[(right + 1) % 360]) > range + 0.03 - 1e-9);
+        }
+    }
+}
