@@ -1,8 +1,8 @@
 //! What the shield remembers: obstacles that were seen and cannot be seen now, and what was seen free a moment ago.
 //!
 //! A shield that looks at one scan is blind behind the handler and where its sensors do not look (Kim et al. 2023,
-//! sections 5 and 7). What stood there when it was last seen still stands there, as far as anybody knows. Where the lidar
-//! sees now, the scan of now alone counts: memory adds nothing to it.
+//! sections 5 and 7). What stood there when it was last seen still stands there, as far as anybody knows. Where the
+//! lidar sees now, the scan of now alone counts: memory adds nothing to it.
 
 use std::collections::VecDeque;
 

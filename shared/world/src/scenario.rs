@@ -223,8 +223,8 @@ impl Scenario {
         })
     }
 
-    /// The same walk by a handler who errs: who faces off the travel line at the start, and gives the cues of places too
-    /// late or too early on the way there. Cues at a run time come when they come.
+    /// The same walk by a handler who errs: who faces off the travel line at the start, and gives the cues of places
+    /// too late or too early on the way there. Cues at a run time come when they come.
     #[must_use]
     pub fn with_errors(mut self, errors: &HandlerErrors) -> Self {
         let mut from = Point::new(self.start.x_m, self.start.y_m);
