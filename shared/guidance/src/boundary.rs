@@ -4,19 +4,20 @@
 //! covers one range of directions. So every beam has one piece to be held against, and neighbours mostly the same:
 //! what remains for a beam is one division or one root, whatever the number of discs.
 
+mod parts;
+
 use nalgebra::Vector2;
 
 use crate::hull::Disc;
 use crate::se2::Point;
+
+pub use parts::{BLOCK, Directions, Parts, Readings};
 
 /// The hull of four discs has at most so many arcs and tangents: seven of each, and one arc cut where the walk begins.
 const MAX_PIECES: usize = 16;
 /// Two tangents whose normals differ by less are one and the same, in the measure of [`turn_of`]; two directions
 /// likewise, radians.
 const SAME: f64 = 1e-9;
-/// Lanes that the compiler may work on side by side.
-const LANES: usize = 8;
-
 /// One piece of the boundary, walked counter-clockwise.
 #[derive(Debug, Clone, Copy)]
 enum Piece {
@@ -167,21 +168,7 @@ fn next_tangent(tangents: &[Option<Tangent>; 4], turned: f64) -> Option<(usize, 
     best
 }
 
-/// Directions of a scan's beams in the order in which they turn counter-clockwise.
-#[derive(Debug, Clone, Copy)]
-pub struct Directions<'a> {
-    /// Unit vectors.
-    pub x: &'a [f64],
-    /// Unit vectors.
-    pub y: &'a [f64],
-    /// Angle of the first, radians.
-    pub first_rad: f64,
-    /// From each to the next, radians, positive.
-    pub increment_rad: f64,
-}
-
-/// What the boundary is from one origin strictly within it: for each piece the beams that leave through it, and the
-/// line or circle that they meet.
+/// What the boundary is from one origin strictly within it.
 #[derive(Debug, Clone)]
 pub struct Seen<'a> {
     boundary: &'a Boundary,
@@ -243,6 +230,12 @@ impl Boundary {
 }
 
 impl Seen<'_> {
+    /// Which beams leave through which piece.
+    #[must_use]
+    pub fn over<'b>(&self, beams: Directions<'b>) -> Parts<'b> {
+        Parts::of(self, beams)
+    }
+
     fn law(&self, piece: usize) -> Law {
         match self.boundary.pieces[piece] {
             Piece::Edge { from, to } => {
@@ -255,101 +248,6 @@ impl Seen<'_> {
                 Law::Circle { m, c: m.norm_squared() - disc.radius_m * disc.radius_m }
             }
         }
-    }
-
-    /// No threshold of the piece is greater, metres.
-    fn farthest_m(&self, piece: usize) -> f64 {
-        match self.boundary.pieces[piece] {
-            Piece::Edge { from, to } => (from - self.origin).norm().max((to - self.origin).norm()),
-            Piece::Arc { disc, .. } => (disc.center - self.origin).norm() + disc.radius_m,
-        }
-    }
-
-    /// Calls `take` with each range of beams that leave through one piece, and the piece; every beam is in one range.
-    fn ranges(&self, beams: &Directions<'_>, mut take: impl FnMut(usize, std::ops::Range<usize>)) {
-        let (count, tau) = (beams.x.len(), std::f64::consts::TAU);
-        let pieces = self.boundary.count;
-        let start_rad = (self.begins_rad[0] - beams.first_rad).rem_euclid(tau);
-        let index = |rad: f64| ((rad / beams.increment_rad).ceil().max(0.0) as usize).min(count);
-        // The pieces a turn earlier have the beams before the first piece begins.
-        for (from_rad, to_rad) in [(start_rad - tau, start_rad), (start_rad, start_rad + tau)] {
-            let mut begin = index(from_rad);
-            for piece in 0..pieces {
-                let last = piece + 1 == pieces;
-                let end_rad = from_rad + (self.begins_rad[piece + 1] - self.begins_rad[0]);
-                let end = index(if last { to_rad } else { end_rad }).max(begin);
-                if end > begin {
-                    take(piece, begin..end);
-                }
-                begin = end;
-            }
-        }
-    }
-
-    /// Every beam's threshold: distance from the origin to where it leaves the hull, metres (Kim et al. 2023, alg. 1
-    /// line 7).
-    pub fn thresholds_m(&self, beams: &Directions<'_>, thresholds_m: &mut Vec<f64>) {
-        thresholds_m.clear();
-        thresholds_m.resize(beams.x.len(), 0.0);
-        self.ranges(beams, |piece, range| {
-            let out = &mut thresholds_m[range.clone()];
-            let directions = beams.x[range.clone()].iter().zip(&beams.y[range]);
-            // One loop for each law, so that it works on several beams side by side.
-            match self.law(piece) {
-                law @ Law::Line { .. } => {
-                    out.iter_mut().zip(directions).for_each(|(out, (x, y))| *out = law.at(*x, *y));
-                }
-                law @ Law::Circle { .. } => {
-                    out.iter_mut().zip(directions).for_each(|(out, (x, y))| *out = law.at(*x, *y));
-                }
-            }
-        });
-    }
-
-    /// The thresholds of some beams, in rising order, metres.
-    pub fn some_thresholds_m(&self, beams: &Directions<'_>, which: &[usize], mut take: impl FnMut(usize, f64)) {
-        if which.is_empty() {
-            return;
-        }
-        self.ranges(beams, |piece, range| {
-            let law = self.law(piece);
-            let begin = which.partition_point(|beam| *beam < range.start);
-            for beam in which[begin..].iter().take_while(|beam| **beam < range.end) {
-                take(*beam, law.at(beams.x[*beam], beams.y[*beam]));
-            }
-        });
-    }
-
-    /// The smallest reading minus threshold, and its beam; a reading that is not to be judged is infinite. What
-    /// cannot be smaller than `block_min_m` (the least reading of each [`BLOCK`] beams) allows is not looked at.
-    #[must_use]
-    pub fn least_margin_m(
-        &self,
-        beams: &Directions<'_>,
-        readings_m: &[f64],
-        block_min_m: &[f64],
-    ) -> (f64, Option<usize>) {
-        let mut least = (f64::INFINITY, None);
-        self.ranges(beams, |piece, range| {
-            let (law, farthest_m) = (self.law(piece), self.farthest_m(piece));
-            let mut begin = range.start;
-            while begin < range.end {
-                let block = begin / BLOCK;
-                let end = range.end.min((block + 1) * BLOCK);
-                if block_min_m[block] - farthest_m < least.0 {
-                    let part = begin..end;
-                    let (x, y, r) = (&beams.x[part.clone()], &beams.y[part.clone()], &readings_m[part]);
-                    let margin = least_of(law, x, y, r);
-                    if margin < least.0 {
-                        let of = |i: usize| r[i] - law.at(x[i], y[i]);
-                        let i = (0..r.len()).find(|i| of(*i) <= margin).unwrap_or(0);
-                        least = (margin, Some(begin + i));
-                    }
-                }
-                begin = end;
-            }
-        });
-        least
     }
 
     /// Area of the hull between two directions, counter-clockwise from the first, square metres.
@@ -390,136 +288,5 @@ impl Seen<'_> {
     }
 }
 
-/// Beams of a block for [`Seen::least_margin_m`].
-pub const BLOCK: usize = 32;
-
-/// The least reading of each block.
-pub fn block_minima(readings_m: &[f64], minima_m: &mut Vec<f64>) {
-    minima_m.clear();
-    minima_m.extend(readings_m.chunks(BLOCK).map(|block| block.iter().copied().fold(f64::INFINITY, f64::min)));
-}
-
-/// The least of reading minus threshold, several beams side by side.
-fn least_of(law: Law, x: &[f64], y: &[f64], r: &[f64]) -> f64 {
-    match law {
-        Law::Line { n, k } => lanes(x, y, r, |x, y| k / (n.x * x + n.y * y)),
-        Law::Circle { m, c } => lanes(x, y, r, |x, y| {
-            let b = m.x * x + m.y * y;
-            b + (b * b - c).max(0.0).sqrt()
-        }),
-    }
-}
-
-#[inline(always)]
-fn lanes(x: &[f64], y: &[f64], r: &[f64], threshold: impl Fn(f64, f64) -> f64) -> f64 {
-    let mut least = [f64::INFINITY; LANES];
-    let (xs, ys, rs) = (x.chunks_exact(LANES), y.chunks_exact(LANES), r.chunks_exact(LANES));
-    let rest = xs.remainder().iter().zip(ys.remainder()).zip(rs.remainder());
-    for ((x, y), r) in rest {
-        least[0] = least[0].min(r - threshold(*x, *y));
-    }
-    for ((x, y), r) in xs.zip(ys).zip(rs) {
-        for lane in 0..LANES {
-            let margin = r[lane] - threshold(x[lane], y[lane]);
-            least[lane] = if margin < least[lane] { margin } else { least[lane] };
-        }
-    }
-    least.into_iter().fold(f64::INFINITY, f64::min)
-}
-
 #[cfg(test)]
-mod tests {
-    use super::{Boundary, Directions, block_minima};
-    use crate::hull::{Disc, Hull};
-    use crate::se2::Point;
-    use nalgebra::Vector2;
-    use proptest::prelude::*;
-
-    fn any_disc() -> impl Strategy<Value = Disc> {
-        (-1.5..1.5f64, -1.5..1.5f64, 0.05..0.5f64)
-            .prop_map(|(x, y, radius_m)| Disc { center: Point::new(x, y), radius_m })
-    }
-
-    /// Four discs as they are in practice too: some equal, some in one line, some within others.
-    fn any_discs() -> impl Strategy<Value = [Disc; 4]> {
-        ([any_disc(), any_disc(), any_disc(), any_disc()], 0..6u8).prop_map(|([a, b, c, d], kind)| match kind {
-            0 => [a, b, a, b],
-            1 => [a, a, a, a],
-            2 => {
-                let step = Vector2::new(0.25, 0.0);
-                [a, b, Disc { center: a.center + step, ..a }, Disc { center: b.center + step, ..b }]
-            }
-            3 => {
-                [a, Disc { radius_m: a.radius_m, ..b }, Disc { center: nalgebra::center(&a.center, &b.center), ..a }, a]
-            }
-            4 => [Disc { radius_m: 2.0, ..a }, b, c, d],
-            _ => [a, b, c, d],
-        })
-    }
-
-    fn fan(count: usize, first_rad: f64) -> (Vec<f64>, Vec<f64>, f64) {
-        let increment = std::f64::consts::TAU / count as f64;
-        let angle = |i: usize| first_rad + i as f64 * increment;
-        ((0..count).map(|i| angle(i).cos()).collect(), (0..count).map(|i| angle(i).sin()).collect(), increment)
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(4000))]
-        #[test]
-        fn piece_by_piece_is_as_all_at_once(discs in any_discs(), which in 0..4usize, first in -7.0..7.0f64) {
-            let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
-            let origin = discs[which].center;
-            let (x, y, increment_rad) = fan(97, first);
-            let beams = Directions { x: &x, y: &y, first_rad: first, increment_rad };
-            let seen = boundary.seen_from(origin).expect("a disc's middle is within");
-            let mut thresholds = Vec::new();
-            seen.thresholds_m(&beams, &mut thresholds);
-            for i in 0..97 {
-                let truth = hull.threshold_m(origin, Vector2::new(x[i], y[i]));
-                prop_assert!((thresholds[i] - truth).abs() < 1e-6, "beam {i}: {} {}", thresholds[i], truth);
-            }
-            let readings: Vec<f64> = (0..97).map(|i| 0.5 + 0.02 * f64::from((i * 37 % 97) as u32)).collect();
-            let mut minima = Vec::new();
-            block_minima(&readings, &mut minima);
-            let (least, beam) = seen.least_margin_m(&beams, &readings, &minima);
-            let margins: Vec<f64> = readings.iter().zip(&thresholds).map(|(r, t)| r - t).collect();
-            prop_assert!((least - margins.iter().copied().fold(f64::INFINITY, f64::min)).abs() < 1e-12);
-            prop_assert!(beam.is_some_and(|beam| (margins[beam] - least).abs() < 1e-12));
-        }
-
-        #[test]
-        fn within_is_where_the_distance_is_negative(discs in any_discs(), x in -2.5..2.5f64, y in -2.5..2.5f64) {
-            let (hull, point) = (Hull::new(discs), Point::new(x, y));
-            let distance = hull.signed_distance_m(point);
-            if distance.abs() > 1e-7 {
-                prop_assert_eq!(Boundary::of(&discs).seen_from(point).is_some(), distance < 0.0, "{}", distance);
-            }
-        }
-
-        #[test]
-        fn areas_add_up_to_what_many_thin_triangles_have(
-            discs in any_discs(), from in -4.0..4.0f64, turn in 0.0..6.2f64,
-        ) {
-            let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
-            let seen = boundary.seen_from(discs[0].center).expect("a disc's middle is within");
-            let steps = 4000;
-            let thin: f64 = (0..steps)
-                .map(|i| {
-                    let angle = from + turn * (f64::from(i) + 0.5) / f64::from(steps);
-                    hull.threshold_m(discs[0].center, Vector2::new(angle.cos(), angle.sin())).powi(2) / 2.0
-                })
-                .sum::<f64>() * turn / f64::from(steps);
-            let area = seen.area_between_m2(from, from + turn);
-            prop_assert!((area - thin).abs() < 2e-4 * (1.0 + thin), "{area} {thin}");
-        }
-    }
-
-    #[test]
-    fn a_disc_alone_is_a_circle() {
-        let disc = Disc { center: Point::new(0.2, -0.1), radius_m: 0.5 };
-        let boundary = Boundary::of(&[disc; 4]);
-        let seen = boundary.seen_from(disc.center).expect("its middle is within");
-        assert!((seen.area_between_m2(0.3, 0.3 + std::f64::consts::TAU) - std::f64::consts::PI * 0.25).abs() < 1e-9);
-        assert!(boundary.seen_from(Point::new(0.8, -0.1)).is_none());
-    }
-}
+mod tests;

@@ -1,9 +1,11 @@
 //! A scan in the robot frame, beam by beam.
 
+use std::ops::Range;
+
 use messages::{MAX_BEAMS, ScanHeader};
 use nalgebra::Vector2;
 
-use crate::boundary::Directions;
+use crate::boundary::{Directions, Readings};
 use crate::se2::{Point, Se2, pose2, se2};
 
 /// What a beam says.
@@ -53,6 +55,9 @@ pub struct Beams {
     /// The beams' directions once more, apart, for who works on many side by side.
     x: Vec<f64>,
     y: Vec<f64>,
+    /// The beams' readings likewise; infinite where a beam is unknown.
+    readings: Readings,
+    unknown: Vec<usize>,
     origin: Vector2<f64>,
     first_rad: f64,
     increment_rad: f64,
@@ -101,16 +106,21 @@ impl Beams {
         let last = header.angle_min_rad + (count - 1) as f64 * header.angle_increment_rad;
         self.first_rad = pose2(&robot_from_lidar).yaw_rad + if self.reversed { last } else { header.angle_min_rad };
         self.turn_to(count);
+        self.unknown.clear();
         for i in 0..count {
             let direction = Vector2::new(self.x[i], self.y[i]);
             let (kind, reading_m) = classify(range_m(self.number(i, count)), header);
             self.beams.push(Beam { kind, reading_m, direction, end: Point::from(self.origin + direction * reading_m) });
+            if kind == BeamKind::Unknown {
+                self.unknown.push(i);
+            }
         }
-        if self.beams.iter().all(|beam| beam.kind == BeamKind::Unknown) {
-            let count = self.beams.len();
+        if self.unknown.len() == count {
             self.beams.clear();
             return Err(ScanError::AllUnknown(count));
         }
+        let known = |beam: &Beam| if beam.kind == BeamKind::Unknown { f64::INFINITY } else { beam.reading_m };
+        self.readings.fill(self.beams.iter().map(known));
         Ok(())
     }
 
@@ -164,12 +174,26 @@ impl Beams {
         seen.reversed = self.reversed;
         seen.origin = (now_from_stamped * Point::from(self.origin)).coords;
         (seen.increment_rad, seen.sigma_m, seen.whole_turn) = (self.increment_rad, self.sigma_m, self.whole_turn);
+        seen.readings.copy_from(&self.readings);
+        seen.unknown.clone_from(&self.unknown);
     }
 
     /// The beams, counter-clockwise.
     #[must_use]
     pub fn beams(&self) -> &[Beam] {
         &self.beams
+    }
+
+    /// The readings of the beams that say something.
+    #[must_use]
+    pub fn readings(&self) -> &Readings {
+        &self.readings
+    }
+
+    /// The beams that say nothing, in rising order.
+    #[must_use]
+    pub fn unknown(&self) -> &[usize] {
+        &self.unknown
     }
 
     /// Where the lidar is, robot frame.
@@ -232,6 +256,21 @@ impl Fan {
             (left, count) if self.whole_turn && left > 0 && count > 0 => Some((count - 1, 0)),
             _ => None,
         }
+    }
+
+    /// Beams among which are all that pass within `radius_m` of a point: one run, or two where it goes over the end.
+    #[must_use]
+    pub fn towards(&self, point: Point, radius_m: f64) -> [Range<usize>; 2] {
+        let to = point - self.origin;
+        let distance_m = to.norm();
+        if distance_m <= radius_m {
+            return [0..self.count, 0..0];
+        }
+        let half_rad = (radius_m / distance_m).asin() + self.increment_rad;
+        let begin_rad = (to.y.atan2(to.x) - half_rad - self.first_rad).rem_euclid(std::f64::consts::TAU);
+        let index = |rad: f64| ((rad / self.increment_rad) as usize).min(self.count);
+        let end_rad = begin_rad + 2.0 * half_rad;
+        [0..index(end_rad - std::f64::consts::TAU), index(begin_rad)..index(end_rad)]
     }
 
     /// The beam that passes nearest to a point, as far as it lies within the field of view.

@@ -1,9 +1,11 @@
 //! How one motion is judged: everything that all motions from one moment share is prepared once.
 
-use super::{Evidence, Judgement, Motion, ShieldConfig};
+use std::cell::OnceCell;
+
 use messages::UnsafeCause;
 
-use crate::boundary::{Boundary, Seen, block_minima};
+use super::{Evidence, Judgement, Motion, ShieldConfig};
+use crate::boundary::{Boundary, Readings, Seen};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Hull};
@@ -22,16 +24,16 @@ const CLOSER_M: f64 = 1e-6;
 /// The scan sorted by what each beam means now. Kept from scan to scan, so that a steady state allocates nothing.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Sorted {
-    /// Thresholds of the present hull, metres.
+    /// Thresholds of the present hull, metres: of the unknown beams alone.
     present_m: Vec<f64>,
-    /// Readings to be held against thresholds, metres; infinite for the beams of the lists below.
-    readings_m: Vec<f64>,
-    minima_m: Vec<f64>,
-    unknown: Vec<usize>,
+    /// Readings to be held against thresholds: without unknown beams and those of the lists below.
+    readings: Readings,
     masked: Vec<usize>,
     /// Beams that end strictly inside the present hull, for the escape rule.
     pressing: Vec<usize>,
     thresholds_m: Vec<f64>,
+    /// The beam with the least margin of the motion before: mostly it is the next one's too.
+    guess: Option<usize>,
 }
 
 /// What all motions from one moment have in common.
@@ -43,7 +45,8 @@ pub(super) struct Present<'a> {
     handler: HandlerBody,
     robot_disc: Disc,
     handler_disc: Disc,
-    hull: Hull,
+    /// The present hull, all at once: only few ask for it.
+    hull: OnceCell<Hull>,
     sorted: &'a mut Sorted,
 }
 
@@ -57,45 +60,67 @@ impl<'a> Present<'a> {
         let robot_disc = Disc { center: Point::origin(), radius_m: config.robot_radius_m + config.margin_m };
         let handler_disc = Disc { center: handler.center, radius_m: handler.radius_m + config.margin_m };
         let discs = [robot_disc, handler_disc, robot_disc, handler_disc];
-        let mut present =
-            Self { config, beams, depth, memory, handler, robot_disc, handler_disc, hull: Hull::new(discs), sorted };
+        let hull = OnceCell::new();
+        let mut present = Self { config, beams, depth, memory, handler, robot_disc, handler_disc, hull, sorted };
         present.sort(&Boundary::of(&discs));
         present
     }
 
+    fn hull(&self) -> &Hull {
+        let discs = [self.robot_disc, self.handler_disc, self.robot_disc, self.handler_disc];
+        self.hull.get_or_init(|| Hull::new(discs))
+    }
+
+    /// What concerns few beams is looked for where they are: on the handler, and in the present hull.
     fn sort(&mut self, boundary: &Boundary) {
-        let (beams, hull) = (self.beams, &self.hull);
-        let sorted = &mut *self.sorted;
-        let within = boundary.seen_from(beams.origin());
-        match &within {
-            Some(seen) => seen.thresholds_m(&beams.directions(), &mut sorted.present_m),
-            None => all_thresholds(hull, beams, &mut sorted.present_m),
+        let beams = self.beams;
+        // Who asks for the hull needs all of `self`: the lists go back when they are filled.
+        let mut sorted = std::mem::take(self.sorted);
+        sorted.readings.copy_from(beams.readings());
+        sorted.present_m.resize(beams.beams().len(), 0.0);
+        sorted.masked.clear();
+        sorted.pressing.clear();
+        self.find_masked(&mut sorted);
+        match boundary.seen_from(beams.origin()) {
+            Some(seen) => {
+                let parts = seen.over(beams.directions());
+                parts.some_thresholds_m(beams.unknown(), |i, threshold_m| sorted.present_m[i] = threshold_m);
+                let is_hit = |i: &usize| beams.beams()[*i].kind == BeamKind::Hit;
+                if self.config.escape {
+                    parts.each_below(&sorted.readings, |i, _| sorted.pressing.extend(Some(i).filter(is_hit)));
+                }
+            }
+            None => self.sort_from_outside(&mut sorted),
         }
-        for list in [&mut sorted.unknown, &mut sorted.masked, &mut sorted.pressing] {
-            list.clear();
+        for i in &sorted.pressing {
+            sorted.readings.leave_out(*i);
         }
-        sorted.readings_m.clear();
-        for (i, beam) in beams.beams().iter().enumerate() {
-            let hit = beam.kind == BeamKind::Hit;
-            let list = if beam.kind == BeamKind::Unknown {
-                Some(&mut sorted.unknown)
-            } else if hit && self.handler.masks(beam.end) {
-                Some(&mut sorted.masked)
-            } else if hit
-                && self.config.escape
-                && beam.reading_m < sorted.present_m[i]
-                && (within.is_some() || hull.contains(beam.end))
-            {
-                Some(&mut sorted.pressing)
-            } else {
-                None
-            };
-            sorted.readings_m.push(if list.is_some() { f64::INFINITY } else { beam.reading_m });
-            if let Some(list) = list {
-                list.push(i);
+        sorted.guess = sorted.readings.nearest();
+        *self.sorted = sorted;
+    }
+
+    fn find_masked(&self, sorted: &mut Sorted) {
+        let Some(mask_m) = self.handler.mask_radius_m else { return };
+        for i in self.beams.fan().towards(self.handler.center, mask_m).into_iter().flatten() {
+            let beam = &self.beams.beams()[i];
+            if beam.kind == BeamKind::Hit && self.handler.masks(beam.end) {
+                sorted.masked.push(i);
+                sorted.readings.leave_out(i);
             }
         }
-        block_minima(&sorted.readings_m, &mut sorted.minima_m);
+    }
+
+    fn sort_from_outside(&self, sorted: &mut Sorted) {
+        let (beams, hull) = (self.beams, self.hull());
+        for i in beams.unknown() {
+            sorted.present_m[*i] = hull.threshold_m(beams.origin(), beams.beams()[*i].direction);
+        }
+        for (i, beam) in beams.beams().iter().enumerate().filter(|_| self.config.escape) {
+            // Masked beams are left out already.
+            if beam.kind == BeamKind::Hit && sorted.readings.get(i).is_finite() && hull.contains(beam.end) {
+                sorted.pressing.push(i);
+            }
+        }
     }
 
     /// Robot and handler, now and at the end.
@@ -110,7 +135,7 @@ impl<'a> Present<'a> {
         let discs = self.discs(motion);
         let mut thresholds_m = Vec::new();
         match Boundary::of(&discs).seen_from(self.beams.origin()) {
-            Some(seen) => seen.thresholds_m(&self.beams.directions(), &mut thresholds_m),
+            Some(seen) => seen.over(self.beams.directions()).thresholds_m(&mut thresholds_m),
             None => all_thresholds(&Hull::new(discs), self.beams, &mut thresholds_m),
         }
         thresholds_m
@@ -134,9 +159,10 @@ impl<'a> Present<'a> {
 
     /// A lidar inside the hull: each beam leaves it once.
     fn judge_from_within(&mut self, seen: &Seen<'_>, motion: &Motion, judgement: &mut Judgement) {
-        let (beams, directions) = (self.beams, self.beams.directions());
-        let sorted = &*self.sorted;
-        let (margin_m, beam) = seen.least_margin_m(&directions, &sorted.readings_m, &sorted.minima_m);
+        let beams = self.beams;
+        let parts = seen.over(beams.directions());
+        let (margin_m, beam) = parts.least_margin_m(&self.sorted.readings, self.sorted.guess);
+        self.sorted.guess = beam;
         if let Some(beam) = beam {
             self.note(beam, margin_m, judgement);
         }
@@ -146,27 +172,23 @@ impl<'a> Present<'a> {
             let reading_m = beams.beams()[i].reading_m.min(threshold_m);
             unseen_m2 += (threshold_m * threshold_m - reading_m * reading_m) * half;
         };
-        seen.some_thresholds_m(&directions, &sorted.masked, &mut behind);
-        seen.some_thresholds_m(&directions, &sorted.pressing, |i, threshold_m| {
+        let sorted = &*self.sorted;
+        parts.some_thresholds_m(&sorted.masked, &mut behind);
+        parts.some_thresholds_m(&sorted.pressing, |i, threshold_m| {
             behind(i, threshold_m);
             if self.gets_closer(beams.beams()[i].end, motion) {
                 self.note(i, beams.beams()[i].reading_m - threshold_m, judgement);
             }
         });
         let mut run = UnknownRun::default();
-        seen.some_thresholds_m(&directions, &sorted.unknown, |i, threshold_m| {
+        parts.some_thresholds_m(beams.unknown(), |i, threshold_m| {
             behind(i, threshold_m);
             run.take(self, i, threshold_m, judgement);
         });
         run.close(self, judgement);
+        // What is blocked hides what is behind it.
         if margin_m < 0.0 {
-            // What is blocked hides what is behind it.
-            let mut thresholds_m = std::mem::take(&mut self.sorted.thresholds_m);
-            seen.thresholds_m(&directions, &mut thresholds_m);
-            for (i, threshold_m) in thresholds_m.iter().enumerate().filter(|(i, t)| self.sorted.readings_m[*i] < **t) {
-                behind(i, *threshold_m);
-            }
-            self.sorted.thresholds_m = thresholds_m;
+            parts.each_below(&sorted.readings, behind);
         }
         judgement.unseen_area_m2 += unseen_m2;
         // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either
@@ -174,7 +196,7 @@ impl<'a> Present<'a> {
         let count = beams.beams().len() as f64;
         let rest = std::f64::consts::TAU - count * beams.increment_rad();
         if rest > half {
-            let last = directions.first_rad + (count - 0.5) * beams.increment_rad();
+            let last = beams.directions().first_rad + (count - 0.5) * beams.increment_rad();
             judgement.unseen_area_m2 += seen.area_between_m2(last, last + rest);
         }
     }
@@ -191,7 +213,7 @@ impl<'a> Present<'a> {
             judgement.unseen_area_m2 += (threshold_m * threshold_m - reading_m * reading_m) * half;
             if beam.kind == BeamKind::Unknown {
                 run.take(self, i, threshold_m, judgement);
-            } else if self.sorted.readings_m[i].is_finite()
+            } else if self.sorted.readings.get(i).is_finite()
                 || (self.sorted.pressing.binary_search(&i).is_ok() && self.gets_closer(beam.end, motion))
             {
                 self.note(i, beam.reading_m - threshold_m, judgement);
@@ -231,7 +253,7 @@ impl<'a> Present<'a> {
             if inside_m >= 0.0 || self.handler.masks(point) {
                 continue;
             }
-            let pressing = self.config.escape && self.hull.signed_distance_m(point) < uncertainty_m;
+            let pressing = self.config.escape && self.hull().signed_distance_m(point) < uncertainty_m;
             if pressing && !self.gets_closer(point, motion) {
                 continue;
             }
