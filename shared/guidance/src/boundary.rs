@@ -49,7 +49,7 @@ impl Piece {
 }
 
 /// Angle from one direction to another, counter-clockwise, radians in [0, 2 pi).
-fn positive_turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
+pub(crate) fn positive_turn(from: &Vector2<f64>, to: &Vector2<f64>) -> f64 {
     let turn = from.perp(to).atan2(from.dot(to)).rem_euclid(std::f64::consts::TAU);
     // A whole turn by less than nothing is rounding.
     if turn > std::f64::consts::TAU - SAME { 0.0 } else { turn }

@@ -156,6 +156,8 @@ mod tests {
     }
 
     proptest! {
+        #![proptest_config(crate::testing::cases())]
+
         #[test]
         fn inside_and_outside_are_as_in_the_sampled_hull(
             a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(), x in -2.5..2.5f64, y in -2.5..2.5f64,

@@ -16,6 +16,18 @@ pub mod shield;
 pub mod track;
 pub mod wayfinding;
 
+#[cfg(test)]
+mod testing {
+    use proptest::prelude::ProptestConfig;
+
+    /// Ten thousand cases, or as many as `PROPTEST_CASES` says.
+    pub(crate) fn cases() -> ProptestConfig {
+        let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+        let cases = asked.unwrap_or(10_000);
+        ProptestConfig { cases, max_global_rejects: cases.saturating_mul(10), ..ProptestConfig::default() }
+    }
+}
+
 pub use action::{Action, ActionTable};
 pub use depth::DepthView;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};

@@ -30,7 +30,7 @@ fn fan(count: usize, first_rad: f64) -> (Vec<f64>, Vec<f64>, f64) {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(4000))]
+    #![proptest_config(crate::testing::cases())]
     #[test]
     fn piece_by_piece_is_as_all_at_once(
         discs in any_discs(), which in 0..4usize, first in -7.0..7.0f64, guess in 0..97usize,

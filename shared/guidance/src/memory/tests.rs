@@ -212,6 +212,8 @@ fn what_was_seen_free_a_moment_ago_counts_for_unknown_beams() {
 }
 
 proptest! {
+    #![proptest_config(crate::testing::cases())]
+
     /// Memory takes nothing away but what was unknown: whatever was seen to be in the way stays in the way.
     #[test]
     fn memory_excuses_nothing_but_unknown_beams(

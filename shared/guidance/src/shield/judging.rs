@@ -2,10 +2,10 @@
 
 use std::cell::OnceCell;
 
-use messages::UnsafeCause;
+use messages::{Twist2, UnsafeCause};
 
 use super::{Evidence, Judgement, Motion, ShieldConfig};
-use crate::boundary::{Boundary, Readings, Seen};
+use crate::boundary::{Boundary, Readings, Seen, positive_turn};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Hull};
@@ -16,10 +16,11 @@ use crate::se2::{Point, exp, log};
 
 /// An action's hull reaches beyond the present one where its threshold is greater by more than this, metres.
 const BEYOND_M: f64 = 1e-3;
-/// Parts of a motion at which the escape rule looks.
-const ESCAPE_STEPS: u32 = 8;
-/// Getting closer by less than this is rounding, metres.
-const CLOSER_M: f64 = 1e-6;
+/// The escape rule allows what comes nearer by less than this, metres: what is abeam, give or take a centimetre, when
+/// the robot goes straight on.
+const CLOSER_M: f64 = 1e-4;
+/// A motion that turns by less is straight, radians.
+const STRAIGHT_RAD: f64 = 1e-9;
 
 /// The scan sorted by what each beam means now. Kept from scan to scan, so that a steady state allocates nothing.
 #[derive(Debug, Clone, Default)]
@@ -262,20 +263,11 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Whether a point comes closer to either disc along the motion: the escape rule allows only what does not.
+    /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does not.
     fn gets_closer(&self, point: Point, motion: &Motion) -> bool {
         let (robot, handler) = (self.robot_disc.center, self.handler_disc.center);
-        let twist = log(&motion.robot, 1.0);
-        let way = place(&motion.handler) - handler;
-        let (mut to_robot, mut to_handler) = ((point - robot).norm(), (point - handler).norm());
-        (1..=ESCAPE_STEPS).any(|i| {
-            let share = f64::from(i) / f64::from(ESCAPE_STEPS);
-            let next_robot = (point - place(&exp(twist, share))).norm();
-            let next_handler = (point - (handler + way * share)).norm();
-            let closer = next_robot < to_robot - CLOSER_M || next_handler < to_handler - CLOSER_M;
-            (to_robot, to_handler) = (next_robot, next_handler);
-            closer
-        })
+        nearest_on_arc(&log(&motion.robot, 1.0), point) < (point - robot).norm() - CLOSER_M
+            || nearest_on_line(handler, place(&motion.handler), point) < (point - handler).norm() - CLOSER_M
     }
 
     /// Whether the camera sees, or one of the last scans saw, that an unknown beam's way beyond the present hull is
@@ -288,6 +280,30 @@ impl<'a> Present<'a> {
                 || self.memory.is_some_and(|memory| memory.saw_free(point))
         })
     }
+}
+
+/// The least distance of a point to the way of a body that moves from the origin for a second, metres.
+fn nearest_on_arc(twist: &Twist2, point: Point) -> f64 {
+    let end = place(&exp(*twist, 1.0));
+    let turn = twist.wz_radps;
+    if turn.abs() < STRAIGHT_RAD {
+        return nearest_on_line(Point::origin(), end, point);
+    }
+    // A constant body velocity goes round one point, which is beside it.
+    let middle = Point::new(-twist.vy_mps / turn, twist.vx_mps / turn);
+    let (begin, to) = (Point::origin() - middle, point - middle);
+    let after = if turn > 0.0 { positive_turn(&begin, &to) } else { positive_turn(&to, &begin) };
+    if after <= turn.abs() {
+        return (to.norm() - begin.norm()).abs();
+    }
+    point.coords.norm().min((point - end).norm())
+}
+
+/// The least distance of a point to the way from one place straight to another, metres.
+fn nearest_on_line(from: Point, to: Point, point: Point) -> f64 {
+    let way = to - from;
+    let share = (point - from).dot(&way) / way.norm_squared().max(f64::MIN_POSITIVE);
+    (point - (from + way * share.clamp(0.0, 1.0))).norm()
 }
 
 fn all_thresholds(hull: &Hull, beams: &Beams, thresholds_m: &mut Vec<f64>) {

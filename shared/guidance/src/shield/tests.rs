@@ -6,7 +6,6 @@ use crate::scan::Beams;
 use crate::scan::tests::header;
 use crate::se2::Point;
 use messages::{Pose2, ScanHeader};
-use proptest::prelude::*;
 
 fn config(escape: bool) -> ShieldConfig {
     ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape, unseen_limit_m2: None }
@@ -162,33 +161,4 @@ fn drawing_follows_the_probabilities_and_never_takes_a_zero() {
     assert!((900..1100).contains(&counts[0]), "{counts:?}");
     assert_eq!(choose(&p, Draw::Seeded(7), 3), choose(&p, Draw::Seeded(7), 3));
     assert_eq!(choose(&p, Draw::ArgMax, 0), 2);
-}
-
-proptest! {
-    /// With the lidar inside the hull: no seen point strictly inside is judged free, none over 1 mm outside unsafe.
-    #[test]
-    fn a_point_is_unsafe_exactly_inside_the_hull(angle_deg in 0usize..360, range in 0.11..3.0f64, action in 0usize..8) {
-        let header = header();
-        let angle = header.angle_min_rad + angle_deg as f64 * header.angle_increment_rad;
-        let point = Point::new(range * angle.cos(), range * angle.sin());
-        let handler = handler();
-        prop_assume!(!handler.body(0.01).masks(point));
-        let motion = Shield::predict(&handler, &ActionTable::eight().actions()[action].start_from_end());
-        let disc = |pose: &crate::Se2, radius_m| {
-            crate::Disc { center: crate::interaction::place(pose), radius_m }
-        };
-        let hull = crate::Hull::new([
-            disc(&crate::Se2::identity(), 0.3), disc(handler.robot_from_handler(), handler.radius_m()),
-            disc(&motion.robot, 0.3), disc(&motion.handler, handler.radius_m()),
-        ]);
-        let beams = scan(&header, 360, &[point]);
-        let judgement = Shield::new(config(false)).judge(&motion, Evidence::scan(&beams), &handler);
-        let distance = hull.signed_distance_m(point);
-        // Readings are f32.
-        if distance < -1e-6 {
-            prop_assert!(!judgement.safe, "inside by {}", -distance);
-        } else if distance > 1e-3 {
-            prop_assert!(judgement.safe, "outside by {}", distance);
-        }
-    }
 }
