@@ -63,3 +63,41 @@ fn real_time_loses_no_scan() {
     assert_eq!(report["verdicts"].as_u64().map(|v| v + sum(&report["refusals"])), report["scans"].as_u64());
     assert!(report["latency_us"]["scan_to_permit"]["p99"].is_number(), "{report:#}");
 }
+
+#[test]
+fn a_recorded_robot_that_hit_nothing_is_seldom_flagged() {
+    let place = Place::new();
+    let Some(recording) = import(&place, "lidar/radish_fr079.clf.bz2") else { return };
+    let (report, code) = place.json(&["shield", "--recording", &recording, "--json"]);
+    assert_eq!((code, report["scans"].as_u64()), (0, Some(4934)), "{report:#}");
+    let flagged = |radius_m: f64| {
+        let moves = report["moves"].as_array().expect("a list");
+        let row = moves.iter().find(|row| row["robot_radius_m"] == radius_m).expect("a row");
+        row["share_flagged"].as_f64().expect("a share")
+    };
+    // The robot is some 0.2 m in radius; a larger disc is flagged more often, never less.
+    assert!(flagged(0.2) < 0.02 && flagged(0.2) <= flagged(0.25) && flagged(0.25) <= flagged(0.3), "{report:#}");
+    assert!(flagged(0.3) < 0.1, "{report:#}");
+}
+
+/// 42 % of what this RPLIDAR sent says nothing.
+#[test]
+fn a_lidar_that_often_sees_nothing_freezes_nobody_once_its_own_mount_is_left_out() {
+    let place = Place::new();
+    let Some(capture) = data("rplidar/living_room_90/frame_0001.bin") else { return };
+    let (capture, recording) = (capture.to_string_lossy().into_owned(), place.path().join("room.mcap"));
+    let recording = recording.to_string_lossy().into_owned();
+    let no_motion = |field_of_view: &str| {
+        let args =
+            ["import", "rplidar", &capture, "-o", &recording, "--field-of-view", field_of_view, "--force", "--json"];
+        let (report, code) = place.json(&args);
+        assert_eq!(code, 0, "{report:#}");
+        let (report, code) = place.json(&["shield", "--recording", &recording, "--json"]);
+        assert_eq!((code, report["scans"].as_u64()), (0, Some(13)), "{report:#}");
+        let with_all = report["team"].as_array().and_then(|rows| rows.last()).expect("a row").clone();
+        assert_eq!(with_all["rules"], serde_json::json!({ "escape": true, "memory": true }));
+        with_all["share_no_motion"].as_f64().expect("a share")
+    };
+    assert!(no_motion("200") < 0.1);
+    assert_eq!(no_motion("360"), 1.0, "what the mount hides was never seen free");
+}

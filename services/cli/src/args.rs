@@ -210,6 +210,22 @@ pub enum ImportFormat {
         #[arg(long)]
         allow_truncated: bool,
     },
+    /// What an RPLIDAR sent on its serial line in standard scan mode, byte for byte
+    #[command(after_help = "Example:\n  guidedog import rplidar frame_*.bin -o room.mcap")]
+    Rplidar {
+        /// What the lidar sees past its own mount, half to either side of straight ahead, degrees
+        #[arg(long, value_name = "DEG", default_value_t = 360.0, value_parser = field_of_view)]
+        field_of_view: f64,
+        /// The captures, in their order
+        #[arg(required = true, value_name = "CAPTURE")]
+        captures: Vec<PathBuf>,
+        /// The recording to write (.mcap)
+        #[arg(short, long, value_name = "RECORDING")]
+        output: PathBuf,
+        /// Replace a recording that is there
+        #[arg(long)]
+        force: bool,
+    },
 }
 
 /// `guidedog replay`.
@@ -271,12 +287,18 @@ pub enum FitModel {
 /// `guidedog shield`.
 #[derive(Debug, Args)]
 pub struct ShieldArgs {
-    /// JSON lines, the only form there is
-    #[arg(long, required = true)]
+    /// Cases on standard input, answers on standard output, one a line
+    #[arg(long, required_unless_present = "recording", conflicts_with = "recording")]
     pub jsonl: bool,
     /// Also every beam's threshold for every action
-    #[arg(long)]
+    #[arg(long, requires = "jsonl")]
     pub thresholds: bool,
+    /// How often it would have been in the way of a recorded robot
+    #[arg(long, value_name = "RECORDING")]
+    pub recording: Option<PathBuf>,
+    /// The configuration that says how large robot and handler are
+    #[arg(long, value_name = "FILE", requires = "recording")]
+    pub config: Option<PathBuf>,
 }
 
 /// `guidedog bench`.
@@ -322,6 +344,11 @@ pub struct ReceiverArgs {
     pub program: Program,
     /// The bench's run directory.
     pub dir: PathBuf,
+}
+
+fn field_of_view(text: &str) -> Result<f64, String> {
+    let degrees = text.parse::<f64>().ok().filter(|degrees| (10.0..=360.0).contains(degrees));
+    degrees.ok_or_else(|| "a field of view is 10 to 360 degrees".to_owned())
 }
 
 fn cue(text: &str) -> Result<CueKind, String> {

@@ -1,7 +1,9 @@
 //! `import`: other people's logs into recordings.
 
-use recording::Existing;
+use std::path::{Path, PathBuf};
+
 use recording::carmen::{ImportOptions, ImportReport, import as import_carmen};
+use recording::{Existing, rplidar};
 use serde_json::Value;
 
 use crate::args::{ImportArgs, ImportFormat};
@@ -13,9 +15,36 @@ use crate::out::{self, say};
 /// # Errors
 /// Where the log is wrong or the recording cannot be written.
 pub fn import(args: &ImportArgs, as_json: bool) -> Result<(), Failure> {
-    let ImportFormat::Carmen { log, output, force, allow_truncated } = &args.format;
-    let existing = if *force { Existing::Replace } else { Existing::Refuse };
-    let options = ImportOptions { existing, allow_truncated: *allow_truncated };
+    let existing = |force: bool| if force { Existing::Replace } else { Existing::Refuse };
+    match &args.format {
+        ImportFormat::Carmen { log, output, force, allow_truncated } => {
+            let options = ImportOptions { existing: existing(*force), allow_truncated: *allow_truncated };
+            carmen(log, output, options, as_json)
+        }
+        ImportFormat::Rplidar { captures, output, force, field_of_view } => {
+            let field_of_view_rad = field_of_view.to_radians();
+            rplidar(captures, output, rplidar::ImportOptions { existing: existing(*force), field_of_view_rad }, as_json)
+        }
+    }
+}
+
+fn rplidar(captures: &[PathBuf], output: &Path, options: rplidar::ImportOptions, as_json: bool) -> Result<(), Failure> {
+    let report = rplidar::import(captures, output, options).map_err(|error| {
+        let exists = matches!(error, rplidar::ImportError::Write(recording::WriteError::Exists { .. }));
+        let hint = if exists { "; --force replaces it" } else { "" };
+        Failure::input(format!("{}{hint}", crate::exit::chain(&error)))
+    })?;
+    if as_json {
+        return out::json(&serde_json::to_value(&report).map_err(Failure::of_run)?);
+    }
+    let zeros = 100.0 * report.zero_distance as f64 / report.nodes.max(1) as f64;
+    say(format!("{} captures -> {}", report.sources.len(), report.recording.display()));
+    say(format!("  {} scans of {} beams, {:.1} s", report.scans, report.beams, report.duration_s));
+    say(format!("  {} nodes, {zeros:.1} % with distance 0; {} bytes skipped", report.nodes, report.skipped_bytes));
+    Ok(())
+}
+
+fn carmen(log: &Path, output: &Path, options: ImportOptions, as_json: bool) -> Result<(), Failure> {
     let report = import_carmen(log, output, options).map_err(|error| {
         let hint = match &error {
             recording::carmen::ImportError::Write(recording::WriteError::Exists { .. }) => "; --force replaces it",

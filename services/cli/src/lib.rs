@@ -83,7 +83,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),
-        Verb::Shield(args) => done(shield::answer_lines(args.thresholds)),
+        Verb::Shield(args) => done(shield::shield(&args, json)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }
 }

@@ -16,18 +16,6 @@ pub mod shield;
 pub mod track;
 pub mod wayfinding;
 
-#[cfg(test)]
-mod testing {
-    use proptest::prelude::ProptestConfig;
-
-    /// Ten thousand cases, or as many as `PROPTEST_CASES` says.
-    pub(crate) fn cases() -> ProptestConfig {
-        let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
-        let cases = asked.unwrap_or(10_000);
-        ProptestConfig { cases, max_global_rejects: cases.saturating_mul(10), ..ProptestConfig::default() }
-    }
-}
-
 pub use action::{Action, ActionTable};
 pub use depth::DepthView;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
@@ -39,3 +27,15 @@ pub use se2::Se2;
 pub use shield::{Draw, Evidence, Judgement, Motion, Shield, ShieldConfig, Suppressed};
 pub use track::PoseTrack;
 pub use wayfinding::{Delta, Episode, HandlerErrors, Reward, RewardConfig};
+
+#[cfg(test)]
+mod testing {
+    use proptest::prelude::ProptestConfig;
+
+    /// Ten thousand cases, or as many as `PROPTEST_CASES` says.
+    pub(crate) fn cases() -> ProptestConfig {
+        let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+        let cases = asked.unwrap_or(10_000);
+        ProptestConfig { cases, max_global_rejects: cases.saturating_mul(10), ..ProptestConfig::default() }
+    }
+}

@@ -170,8 +170,8 @@ impl Memory {
         self.move_to(odom_from_robot);
     }
 
-    /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands where
-    /// the handler stands.
+    /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands
+    /// where the handler stands.
     fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
         let robot_from_odom = odom_from_robot.inverse();
         let (now_ns, odometer, config) = (self.now_ns, self.odometer, self.config.clone());

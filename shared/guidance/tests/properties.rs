@@ -276,7 +276,9 @@ proptest! {
     }
 
     #[test]
-    fn thresholds_are_where_a_ray_leaves_parrys_hull(moment in moment(0.5), count in 3usize..200, first in -7.0..7.0f64) {
+    fn thresholds_are_where_a_ray_leaves_parrys_hull(
+        moment in moment(0.5), count in 3usize..200, first in -7.0..7.0f64,
+    ) {
         prop_assume!(moment.lidar_is_inside());
         let origin = place(&se2(moment.header.robot_from_lidar));
         let angles: Vec<f64> = (0..count).map(|i| first + TAU * i as f64 / count as f64).collect();
@@ -404,7 +406,8 @@ proptest! {
 
     #[test]
     fn a_greater_beta_never_takes_more_from_an_unsafe_action(
-        weights in proptest::collection::vec(0.0..1.0f64, 2..10), mask in any::<u32>(), a in 0.0..=1.0f64, b in 0.0..=1.0f64,
+        weights in proptest::collection::vec(0.0..1.0f64, 2..10), mask in any::<u32>(),
+        a in 0.0..=1.0f64, b in 0.0..=1.0f64,
     ) {
         let sum: f64 = weights.iter().sum();
         prop_assume!(sum > 1e-6);

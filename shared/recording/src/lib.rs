@@ -26,6 +26,7 @@ mod info;
 mod json;
 mod reader;
 mod record;
+pub mod rplidar;
 mod writer;
 
 pub use info::{About, FORMAT_VERSION, Info};

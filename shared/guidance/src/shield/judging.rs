@@ -263,7 +263,8 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does not.
+    /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does
+    /// not.
     fn gets_closer(&self, point: Point, motion: &Motion) -> bool {
         let (robot, handler) = (self.robot_disc.center, self.handler_disc.center);
         nearest_on_arc(&log(&motion.robot, 1.0), point) < (point - robot).norm() - CLOSER_M
