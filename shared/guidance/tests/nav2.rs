@@ -16,10 +16,7 @@ const DOES_NOT_APPLY: [(&str, &str); 4] = [
     ("S2", "a zone that limits the speed: the shield drops actions and scales none"),
     ("S3", "a zone that slows down: likewise"),
     ("I2", "a concave zone: the hull is convex"),
-    (
-        "O1",
-        "an old source yields no points, and motion goes on without it: here it stops; services/shield/src/core/tests.rs",
-    ),
+    ("O1", "an old source yields no points and motion goes on: here it stops; services/shield/src/core/tests.rs"),
 ];
 
 fn scenarios() -> Option<BTreeMap<String, Value>> {

@@ -1,6 +1,6 @@
 //! Real captures of an RPLIDAR against what an independent decoder counted in them.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests are tests too")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are tests too")]
 
 mod common;
 
