@@ -78,7 +78,8 @@ impl Boundary {
         let nothing = Piece::Edge { from: Point::origin(), to: Point::origin() };
         let mut walk = Self { pieces: [nothing; MAX_PIECES], count: 0 };
         let tangents = tangents(discs);
-        let (mut current, mut turned, mut normal) = (first_disc(discs), 0.0, Vector2::x());
+        let first = first_disc(discs);
+        let (mut current, mut turned, mut normal) = (first, 0.0, Vector2::x());
         while walk.count + 2 < MAX_PIECES {
             let Some((next, tangent)) = next_tangent(&tangents[current], turned) else { break };
             walk.push_arc(discs[current], (turned, normal), (tangent.turn, tangent.normal));
@@ -87,6 +88,12 @@ impl Boundary {
             (current, turned, normal) = (next, tangent.turn, tangent.normal);
         }
         walk.push_arc(discs[current], (turned, normal), (4.0, Vector2::x()));
+        // Two discs that reach equally far, such as a robot before and after a step to the side: the edge between them
+        // closes the walk.
+        let (from, to) = [current, first].map(|i| discs[i].center + Vector2::x() * discs[i].radius_m).into();
+        if (to - from).norm() > SAME {
+            walk.push(Piece::Edge { from, to });
+        }
         walk
     }
 

@@ -15,8 +15,9 @@ use crate::se2::{Point, Se2};
 const CELL_M: f64 = 0.05;
 /// Cells along one side of what is remembered.
 const SIDE: i32 = 160;
-/// Points farther from the robot than this along an axis are let go, metres: no hull reaches so far.
-const REACH_M: f64 = 3.5;
+/// Points farther from the robot than this are let go, metres: no hull reaches so far, and twice as much is less than
+/// what the cells cover.
+const REACH_M: f64 = 3.9;
 /// A point that is seen again moves by this share of the difference: the lidar's noise is averaged.
 const GAIN: f64 = 0.4;
 /// However long ago a point was seen, it is let go only once the robot has walked this far since, metres.
@@ -184,7 +185,7 @@ impl Memory {
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let old = now_ns.saturating_sub(spot.seen_ns) > config.kept_ns
                 && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
-            !old && place.coords.amax() < REACH_M
+            !old && place.coords.norm() < REACH_M
         });
     }
 
@@ -205,7 +206,7 @@ impl Memory {
     }
 
     fn see(&mut self, odom_from_robot: &Se2, place: Point, source: Source) {
-        if place.coords.amax() >= REACH_M {
+        if place.coords.norm() >= REACH_M {
             return;
         }
         let odom = odom_from_robot * place;

@@ -149,13 +149,8 @@ impl<'a> Parts<'a> {
     #[must_use]
     pub fn least_margin_m(&self, readings: &Readings, guess: Option<usize>) -> (f64, Option<usize>) {
         let mut least = (NO_MARGIN_M, None);
-        if let Some((beam, part)) = guess.and_then(|beam| Some((beam, self.part_of(beam)?))) {
-            let margin_m = readings.readings_m[beam] - self.threshold_m(part, beam);
-            if margin_m < least.0 {
-                least = (margin_m, Some(beam));
-            }
-        }
-        for part in self.iter() {
+        let first = guess.and_then(|beam| Some(Part { begin: beam, end: beam + 1, ..*self.part_of(beam)? }));
+        for part in first.iter().chain(self.iter()) {
             self.blocks_below(part, readings, &mut least.0, |least_m, beam, margin_m| {
                 if margin_m < *least_m {
                     (*least_m, least.1) = (margin_m, Some(beam));

@@ -8,8 +8,20 @@ fn any_disc() -> impl Strategy<Value = Disc> {
     (-1.5..1.5f64, -1.5..1.5f64, 0.05..0.5f64).prop_map(|(x, y, radius_m)| Disc { center: Point::new(x, y), radius_m })
 }
 
+/// Discs on a grid, whose tangents often are one and the same, or begin where the walk begins.
+fn grid_disc() -> impl Strategy<Value = Disc> {
+    (-2..=2i8, -2..=2i8, 1..=2u8).prop_map(|(x, y, r)| Disc {
+        center: Point::new(f64::from(x) * 0.5, f64::from(y) * 0.5),
+        radius_m: f64::from(r) * 0.25,
+    })
+}
+
 /// Four discs as they are in practice too: some equal, some in one line, some within others.
 fn any_discs() -> impl Strategy<Value = [Disc; 4]> {
+    prop_oneof![1 => [grid_disc(), grid_disc(), grid_disc(), grid_disc()], 2 => drawn_discs()]
+}
+
+fn drawn_discs() -> impl Strategy<Value = [Disc; 4]> {
     ([any_disc(), any_disc(), any_disc(), any_disc()], 0..6u8).prop_map(|([a, b, c, d], kind)| match kind {
         0 => [a, b, a, b],
         1 => [a, a, a, a],
@@ -62,6 +74,15 @@ proptest! {
         expected.extend((0..97).filter(|i| margins[*i] < 0.0));
         below.sort_unstable();
         prop_assert_eq!(below.iter().map(|(beam, _)| *beam).collect::<Vec<_>>(), expected);
+        for (beam, threshold) in below {
+            prop_assert!((f64::from_bits(threshold) - thresholds[beam]).abs() < 1e-12);
+        }
+        // Each of some is told once, wherever the pieces end.
+        let which: Vec<usize> = (0..97).filter(|i| i % 3 != guess % 3).collect();
+        let mut some = Vec::new();
+        parts.some_thresholds_m(&which, |beam, threshold| some.push((beam, threshold)));
+        prop_assert_eq!(some.iter().map(|(beam, _)| *beam).collect::<Vec<_>>(), which);
+        prop_assert!(some.iter().all(|(beam, threshold)| *threshold == thresholds[*beam]));
     }
 
     #[test]
@@ -98,4 +119,34 @@ fn a_disc_alone_is_a_circle() {
     let seen = boundary.seen_from(disc.center).expect("its middle is within");
     assert!((seen.area_between_m2(0.3, 0.3 + std::f64::consts::TAU) - std::f64::consts::PI * 0.25).abs() < 1e-9);
     assert!(boundary.seen_from(Point::new(0.8, -0.1)).is_none());
+}
+
+#[test]
+fn the_nearest_reading_is_found_in_the_last_block_too() {
+    let mut readings = Readings::default();
+    for (count, nearest) in [(5, 3), (32, 31), (70, 66), (96, 40)] {
+        readings.fill((0..count).map(|i| if i == nearest { 0.5 } else { 1.0 + i as f64 }));
+        assert_eq!(readings.nearest(), Some(nearest));
+    }
+    readings.fill(std::iter::empty());
+    assert_eq!(readings.nearest(), None);
+}
+
+/// Robot and handler take a step to the side: two discs of each reach equally far, ahead and behind.
+#[test]
+fn a_step_to_the_side_has_a_straight_edge_ahead() {
+    let disc = |x, y, radius_m| Disc { center: Point::new(x, y), radius_m };
+    for side in [0.15, -0.15] {
+        let discs =
+            [disc(0.0, 0.0, 0.3), disc(-0.75, -0.35, 0.25), disc(0.0, side, 0.3), disc(-0.75, side - 0.35, 0.25)];
+        let (hull, boundary) = (Hull::new(discs), Boundary::of(&discs));
+        let seen = boundary.seen_from(Point::origin()).expect("a disc's middle is within");
+        let (x, y, increment_rad) = fan(360, 0.0);
+        let mut thresholds = Vec::new();
+        seen.over(Directions { x: &x, y: &y, first_rad: 0.0, increment_rad }).thresholds_m(&mut thresholds);
+        for i in 0..360 {
+            let truth = hull.threshold_m(Point::origin(), Vector2::new(x[i], y[i]));
+            assert!((thresholds[i] - truth).abs() < 1e-9, "{i} degrees: {} {truth}", thresholds[i]);
+        }
+    }
 }

@@ -18,6 +18,10 @@ fn handler() -> HandlerBody {
     HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.28) }
 }
 
+fn pose_nearby() -> impl Strategy<Value = Pose2> {
+    (-6.0..6.0f64, -6.0..6.0f64, -3.0..3.0f64).prop_map(|(x, y, yaw)| Pose2::new(x, y, yaw))
+}
+
 /// Round things in the open, as a lidar at the robot's origin sees them.
 fn scan(things: &[(Point, f64)]) -> Beams {
     let header = header();
@@ -211,6 +215,120 @@ fn what_was_seen_free_a_moment_ago_counts_for_unknown_beams() {
     assert!(!judged_after(1600), "too long ago, and the scans since saw nothing there");
 }
 
+#[test]
+fn the_uncertainty_grows_from_where_a_thing_was_last_seen() {
+    let mut memory = memory();
+    let screened = |at_m: f64, turn: f64| {
+        // The post stands at (3, 1) in the odometry frame, and now something nearer hides it.
+        let odom_from_robot = se2(Pose2::new(at_m, 0.0, turn));
+        let post = odom_from_robot.inverse() * Point::new(3.0, 1.0);
+        (odom_from_robot, post, scan(&[(post - post.coords.normalize() * 0.4, 0.15)]))
+    };
+    // Two metres and a radian there and back before it is seen at all.
+    for (at_m, turn) in [(0.0, 0.0), (1.0, 0.5), (0.0, 0.0)] {
+        memory.update(0, &se2(Pose2::new(at_m, 0.0, turn)), &scan(&[]), None, &handler());
+    }
+    let (odom_from_robot, post, _) = screened(0.5, 0.0);
+    memory.update(100 * MS, &odom_from_robot, &scan(&[(post, POST_M)]), None, &handler());
+    let (odom_from_robot, post, beams) = screened(0.9, 0.2);
+    memory.update(200 * MS, &odom_from_robot, &beams, None, &handler());
+    let hidden: Vec<_> = memory.hidden().iter().filter(|spot| (spot.place - post).norm() < 0.1).collect();
+    assert!(!hidden.is_empty());
+    for spot in hidden {
+        let expected = 0.03 * (0.4 + 0.2 * spot.place.coords.norm());
+        assert!((spot.uncertainty_m - expected).abs() < 1e-9, "{spot:?}, not {expected}");
+    }
+    // Long ago now, and 0.9 m since: it stays. 0.2 m more, and it goes.
+    let (odom_from_robot, _, beams) = screened(1.4, 0.2);
+    memory.update(20_000 * MS, &odom_from_robot, &beams, None, &handler());
+    assert!(memory.hidden().iter().any(|spot| spot.uncertainty_m > 0.03));
+    let (odom_from_robot, _, beams) = screened(1.6, 0.2);
+    memory.update(20_100 * MS, &odom_from_robot, &beams, None, &handler());
+    assert!(memory.hidden().iter().all(|spot| spot.uncertainty_m < 0.03), "{:?}", memory.hidden());
+}
+
+#[test]
+fn what_lidar_and_camera_both_see_only_the_lidar_has_to_see_gone() {
+    let mut memory = memory();
+    let ahead = Point::new(1.0, 0.0);
+    let (wall, camera_sees) = (scan(&[(ahead, 0.05)]), camera(Some(0.75)));
+    assert!(camera_sees.points().iter().any(|point| (point - ahead).norm() < 0.1), "{:?}", camera_sees.points());
+    memory.update(0, &Se2::identity(), &wall, Some(&camera_sees), &handler());
+    // The lidar sees it gone, and the camera is covered by something near.
+    memory.update(100 * MS, &Se2::identity(), &scan(&[]), None, &handler());
+    assert!(memory.hidden().iter().all(|spot| (spot.place - ahead).norm() > 0.06), "{:?}", memory.hidden());
+    // What the camera sees on the handler is the handler.
+    let in_view = HandlerBody { center: ahead, ..handler() };
+    let mut memory = super::Memory::new(memory.config.clone());
+    memory.update(0, &Se2::identity(), &scan(&[]), Some(&camera_sees), &in_view);
+    memory.update(100 * MS, &Se2::identity(), &scan(&[]), None, &handler());
+    assert!(memory.hidden().iter().all(|spot| (spot.place - ahead).norm() > 0.25), "{:?}", memory.hidden());
+}
+
+#[test]
+fn a_thing_seen_again_is_averaged_and_one_of_another_kind_takes_its_place() {
+    let mut memory = memory();
+    let one = |range_m: f64| {
+        let mut beams = Beams::default();
+        beams.fill_with(&header(), 360, |i| if i == 180 { range_m } else { f64::INFINITY }).expect("usable");
+        beams
+    };
+    memory.update(0, &Se2::identity(), &one(1.01), None, &handler());
+    memory.update(100 * MS, &Se2::identity(), &one(1.04), None, &handler());
+    assert_eq!(memory.spots.len(), 1);
+    assert!((memory.spots[0].odom.x - (1.01 + 0.4 * 0.03)).abs() < 1e-9, "{:?}", memory.spots);
+    // Another cell: both are there until the scan after.
+    memory.update(200 * MS, &Se2::identity(), &one(1.06), None, &handler());
+    assert!((memory.spots[0].odom.x - 1.06).abs() < 1e-9 && memory.spots.len() == 1, "{:?}", memory.spots);
+    memory.see(&Se2::identity(), Point::new(1.07, 0.0), super::Source::Camera);
+    assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 1.07), "nothing is averaged between sensors");
+    // The same slot eight metres on is another cell.
+    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), super::Source::Camera);
+    assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 9.09));
+}
+
+#[test]
+fn just_behind_the_handler_is_hidden_and_just_behind_a_wall_is_the_wall() {
+    for (masked, remains) in [(true, true), (false, false)] {
+        let mut memory = memory();
+        let thing = Point::new(-1.04, -0.35);
+        memory.update(0, &Se2::identity(), &scan(&[(thing, 0.01)]), None, &handler());
+        assert_eq!(memory.spots.len(), 1);
+        // 0.05 m before it something ends the beams: the handler's far side, or a wall.
+        let distance_m = thing.coords.norm() - 0.05;
+        let mut beams = Beams::default();
+        beams.fill_with(&header(), 360, |_| distance_m).expect("usable");
+        let body = HandlerBody { mask_radius_m: masked.then_some(0.28), ..handler() };
+        memory.update(100 * MS, &Se2::identity(), &beams, None, &body);
+        assert_eq!(memory.hidden().iter().any(|spot| (spot.place - thing).norm() < 0.02), remains, "masked {masked}");
+    }
+}
+
+#[test]
+fn free_is_what_lies_before_the_reading_by_three_sigma_and_the_drift() {
+    let mut memory = memory();
+    let mut beams = Beams::default();
+    beams.fill_with(&header(), 360, |_| 2.0).expect("usable");
+    memory.update(0, &Se2::identity(), &beams, None, &handler());
+    let ahead = |x: f64| Point::new(x, 1e-3);
+    assert!(memory.saw_free(ahead(1.969)) && !memory.saw_free(ahead(1.971)));
+    // 0.5 m back and forth: 0.03 m more.
+    for x in [0.5, 0.0] {
+        let nothing = scan(&[(Point::new(0.2, 0.0), 0.15)]);
+        memory.update(10 * MS, &Se2::translation(x, 0.0), &nothing, None, &handler());
+    }
+    assert!(memory.saw_free(ahead(1.939)) && !memory.saw_free(ahead(1.941)));
+}
+
+impl Memory {
+    /// Every spot is found by its cell, and no cell points elsewhere.
+    fn is_consistent(&self) -> bool {
+        let found = |i: usize| usize::from(self.numbers[super::slot_of(self.spots[i].cell)]) == i + 1;
+        (0..self.spots.len()).all(found)
+            && self.numbers.iter().filter(|number| **number > 0).count() == self.spots.len()
+    }
+}
+
 proptest! {
     #![proptest_config(crate::testing::cases())]
 
@@ -237,6 +355,27 @@ proptest! {
             prop_assert!(alone.safe || alone.cause == UnsafeCause::Unknown, "{:?}", alone);
         } else if alone.safe {
             prop_assert_eq!(with.cause, UnsafeCause::Memory);
+        }
+    }
+
+    /// As many spots as there are cells with a hit, each where its cell says, whatever came before.
+    #[test]
+    fn every_hit_has_its_cell(
+        scans in proptest::collection::vec((proptest::collection::vec(0.3..4.5f64, 60), pose_nearby()), 1..6),
+    ) {
+        let header = messages::ScanHeader { angle_increment_rad: std::f64::consts::TAU / 60.0, ..header() };
+        let mut memory = memory();
+        for (n, (readings, pose)) in scans.iter().enumerate() {
+            let (mut beams, odom_from_robot) = (Beams::default(), se2(*pose));
+            beams.fill_with(&header, 60, |i| readings[i]).expect("usable");
+            memory.update(n as u64 * 100 * MS, &odom_from_robot, &beams, None, &handler());
+            prop_assert!(memory.is_consistent());
+            for beam in beams.beams().iter().filter(|beam| !handler().masks(beam.end)) {
+                let kept = beam.end.coords.norm() < 3.9;
+                let cell = super::cell_of(odom_from_robot * beam.end);
+                let near = |spot: &super::Spot| spot.cell == cell && (spot.odom - odom_from_robot * beam.end).norm() < 0.08;
+                prop_assert!(!kept || memory.spots.iter().any(near), "{:?}", beam.end);
+            }
         }
     }
 

@@ -1,11 +1,12 @@
 use super::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
 use crate::action::ActionTable;
 use crate::handler::{HandlerEstimate, HandlerLimits};
-use crate::interaction::DelayedHarness;
+use crate::hull::{Disc, Hull};
+use crate::interaction::{DelayedHarness, Interaction, place};
 use crate::scan::Beams;
 use crate::scan::tests::header;
-use crate::se2::Point;
-use messages::{Pose2, ScanHeader};
+use crate::se2::{Point, Se2, exp};
+use messages::{Pose2, ScanHeader, Twist2};
 
 fn config(escape: bool) -> ShieldConfig {
     ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape, unseen_limit_m2: None }
@@ -161,4 +162,64 @@ fn drawing_follows_the_probabilities_and_never_takes_a_zero() {
     assert!((900..1100).contains(&counts[0]), "{counts:?}");
     assert_eq!(choose(&p, Draw::Seeded(7), 3), choose(&p, Draw::Seeded(7), 3));
     assert_eq!(choose(&p, Draw::ArgMax, 0), 2);
+}
+
+#[test]
+fn one_motion_is_judged_as_one_of_many() {
+    let beams = scan(&header(), 360, &[Point::new(0.5, 0.0)]);
+    let (_, judgements) = judge(&beams, true);
+    for (i, action) in ActionTable::eight().actions().iter().enumerate() {
+        let motion = Shield::predict(&handler(), &action.start_from_end());
+        let alone = Shield::new(config(true)).judge(&motion, Evidence::scan(&beams), &handler());
+        assert_eq!(alone, judgements[i], "{}", action.name);
+    }
+}
+
+#[test]
+fn thresholds_come_in_the_lidars_own_order() {
+    let mut clockwise = header();
+    clockwise.angle_min_rad = 3.0;
+    clockwise.angle_increment_rad = -0.02;
+    let mut beams = Beams::default();
+    beams.fill(&clockwise, &[5.0; 300]).expect("usable");
+    let motion = Shield::predict(&handler(), &ActionTable::eight().actions()[1].start_from_end());
+    let thresholds = Shield::new(config(false)).thresholds_m(&motion, &beams, handler().body(0.01));
+    let disc = |center, radius_m| Disc { center, radius_m };
+    let (here, radius_m) = (place(handler().robot_from_handler()), handler().radius_m());
+    let hull = Hull::new([
+        disc(Point::origin(), 0.3),
+        disc(here, radius_m),
+        disc(place(&motion.robot), 0.3),
+        disc(place(&motion.handler), radius_m),
+    ]);
+    assert_eq!(thresholds.len(), 300);
+    for (i, threshold) in thresholds.iter().enumerate() {
+        let angle = 3.0 - 0.02 * i as f64;
+        let truth = hull.threshold_m(Point::origin(), nalgebra::Vector2::new(angle.cos(), angle.sin()));
+        assert!((threshold - truth).abs() < 1e-9, "beam {i}: {threshold} {truth}");
+    }
+}
+
+#[test]
+fn the_remainder_goes_on_with_robot_and_handler() {
+    let velocity = Twist2 { vx_mps: 0.5, vy_mps: 0.1, wz_radps: 0.4 };
+    let motion = Shield::remainder(&handler(), &Se2::identity(), velocity, 0.3, 1.0);
+    let robot = exp(velocity, 0.3);
+    assert!((motion.robot.inverse() * robot).translation.vector.norm() < 1e-12);
+    // The step's whole motion is what is left of it: the model's own step from where the handler is.
+    let truth = robot * handler().model().step(handler().robot_from_handler(), &robot);
+    assert!((place(&motion.handler) - place(&truth)).norm() < 1e-12);
+}
+
+#[test]
+fn of_equals_the_first_is_taken_and_draws_are_those_of_splitmix64() {
+    assert_eq!(choose(&[0.2, 0.4, 0.4], Draw::ArgMax, 0), 1);
+    assert_eq!(choose(&[0.4, 0.2, 0.4], Draw::ArgMax, 0), 0);
+    // The first outputs of the published generator with seed 0, as shares of 2^64.
+    for (n, output) in [(1u64, 0xe220_a839_7b1d_cdaf_u64), (2, 0x6e78_9e6a_a1b9_65f4), (3, 0x06c4_5d18_8009_454f)] {
+        let share = output as f64 / 2f64.powi(64);
+        let below = [share - 1e-9, 1.0 - share + 1e-9];
+        let above = [share + 1e-9, 1.0 - share - 1e-9];
+        assert_eq!((choose(&below, Draw::Seeded(0), n), choose(&above, Draw::Seeded(0), n)), (1, 0), "draw {n}");
+    }
 }
