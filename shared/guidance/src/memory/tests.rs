@@ -373,7 +373,8 @@ proptest! {
             for beam in beams.beams().iter().filter(|beam| !handler().masks(beam.end)) {
                 let kept = beam.end.coords.norm() < 3.9;
                 let cell = super::cell_of(odom_from_robot * beam.end);
-                let near = |spot: &super::Spot| spot.cell == cell && (spot.odom - odom_from_robot * beam.end).norm() < 0.08;
+                let end = odom_from_robot * beam.end;
+                let near = |spot: &super::Spot| spot.cell == cell && (spot.odom - end).norm() < 0.08;
                 prop_assert!(!kept || memory.spots.iter().any(near), "{:?}", beam.end);
             }
         }
