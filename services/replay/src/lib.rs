@@ -102,7 +102,7 @@ impl Replay {
     /// queue.
     fn publish_due(&mut self, begins_at_ns: u64, now_ns: u64) -> Result<(), TransportError> {
         while let Some(record) = &self.next {
-            let stamp_ns = begins_at_ns + self.since_start(record);
+            let stamp_ns = begins_at_ns.saturating_add(self.since_start(record));
             let is_scan = matches!(record, Record::Scan { .. });
             if stamp_ns > now_ns || (is_scan && now_ns < self.next_scan_ns) {
                 return Ok(());

@@ -11,6 +11,9 @@ pub const FORMAT_VERSION: u32 = 1;
 /// Name of the metadata record.
 pub(crate) const METADATA_NAME: &str = "guidedog";
 
+/// What a recording says about itself goes into reports, and over lines between processes.
+const BYTES_MAX: usize = 3000;
+
 const RECORDS: &str = "records.";
 const ANOMALIES: &str = "anomalies.";
 
@@ -63,6 +66,11 @@ impl Info {
 
     /// The error names the entry that is missing or wrong.
     pub(crate) fn from_map(map: &BTreeMap<String, String>) -> Result<Self, String> {
+        check_size(map)?;
+        let (start_ns, duration_ns) = (number::<u64>(map, "start_ns")?, number::<u64>(map, "duration_ns")?);
+        if start_ns.checked_add(duration_ns).is_none() {
+            return Err("metadata entries `start_ns` and `duration_ns` end after all time".to_owned());
+        }
         Ok(Self {
             about: About {
                 source: text(map, "source")?.to_owned(),
@@ -75,10 +83,15 @@ impl Info {
                 anomalies: counts(map, ANOMALIES)?,
             },
             records: counts(map, RECORDS)?,
-            start_ns: number(map, "start_ns")?,
-            duration_ns: number(map, "duration_ns")?,
+            start_ns,
+            duration_ns,
         })
     }
+}
+
+pub(crate) fn check_size(map: &BTreeMap<String, String>) -> Result<(), String> {
+    let bytes: usize = map.iter().map(|(key, value)| key.len() + value.len()).sum();
+    if bytes <= BYTES_MAX { Ok(()) } else { Err(format!("the metadata has {bytes} bytes, over {BYTES_MAX}")) }
 }
 
 /// The format version that the metadata claims.

@@ -222,7 +222,8 @@ impl Reader {
                     let parsed = mcap::parse_record(op::MESSAGE, data).map_err(|error| damaged(error.to_string()))?;
                     let mcap::records::Record::Message { header, data } = parsed else { continue };
                     let Some(channel) = self.channels.get(&header.channel_id) else { continue };
-                    let record = decode(channel, header.log_time, &data).map_err(|what| ReadError::Record {
+                    let record = decode(channel, header.log_time, &data).and_then(|record| self.in_span(record));
+                    let record = record.map_err(|what| ReadError::Record {
                         path: self.path.clone(),
                         topic: channel.topic,
                         log_time_ns: header.log_time,
@@ -240,6 +241,16 @@ impl Reader {
             return Err(damaged(format!("chunks of over {WAITING_BYTES_MAX} bytes overlap in time")));
         }
         Ok(())
+    }
+
+    /// Who plays a recording back reckons with the time that it says it lasts.
+    fn in_span(&self, record: Record) -> Result<Record, String> {
+        let (start_ns, end_ns) = (self.info.start_ns, self.info.start_ns + self.info.duration_ns);
+        if (start_ns..=end_ns).contains(&record.stamp_ns()) {
+            Ok(record)
+        } else {
+            Err(format!("its stamp is not within the recording's own {start_ns} to {end_ns} ns"))
+        }
     }
 
     fn check_counts(&self) -> Result<(), ReadError> {

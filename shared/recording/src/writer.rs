@@ -11,7 +11,7 @@ use mcap::records::{MessageHeader, Metadata};
 use messages::TopicId;
 
 use crate::channel::{CHANNELS, MESSAGE_ENCODING, SCHEMA_ENCODING, encode};
-use crate::info::METADATA_NAME;
+use crate::info::{METADATA_NAME, check_size};
 use crate::{About, Info, Record};
 
 /// What a reader must hold at once; a larger chunk compresses hardly better.
@@ -62,6 +62,14 @@ pub enum WriteError {
         path: PathBuf,
         /// Why it failed.
         source: mcap::McapError,
+    },
+    /// What whoever records has to say is too long to be read back.
+    #[error("{} cannot be finished: {what}", path.display())]
+    About {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
     },
     /// What stands there is a folder, a device or a link, and is not replaced.
     #[error("{} is no regular file, and is left as it is", path.display())]
@@ -178,7 +186,9 @@ impl Writer {
             start_ns: first_ns,
             duration_ns: last_ns - first_ns,
         };
-        let metadata = Metadata { name: METADATA_NAME.to_owned(), metadata: info.to_map() };
+        let map = info.to_map();
+        check_size(&map).map_err(|what| WriteError::About { path: self.path.clone(), what })?;
+        let metadata = Metadata { name: METADATA_NAME.to_owned(), metadata: map };
         let ended = self.mcap.write_metadata(&metadata).and_then(|()| self.mcap.finish().map(drop));
         ended.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })?;
         let Self { path, partial, existing, mcap, .. } = self;

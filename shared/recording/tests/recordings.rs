@@ -7,7 +7,7 @@ mod common;
 use std::fs;
 
 use common::{about, bits, chain, data, odometry, read, scan, write};
-use guidedog_recording::{Existing, ReadError, Reader, Record, WriteError, Writer};
+use guidedog_recording::{About, Existing, ReadError, Reader, Record, WriteError, Writer};
 use messages::{MAX_BEAMS, TopicId};
 use tempfile::tempdir;
 
@@ -204,4 +204,14 @@ fn the_schemas_are_foxgloves() {
 fn a_foreign_real_file_is_told() {
     let Some(path) = data("lidar/radish_aces.clf.bz2") else { return };
     assert!(matches!(try_read(&path), Err(ReadError::NotMcap { .. })));
+}
+
+#[test]
+fn what_a_recording_says_of_itself_is_bounded() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("x.mcap");
+    let mut writer = Writer::create(&path, Existing::Refuse).unwrap();
+    writer.write(&scan(5, 1, vec![1.0; 8])).unwrap();
+    let error = writer.finish(About { source: "s".repeat(4000), ..about() }).unwrap_err();
+    assert!(chain(&error).contains("over 3000") && !path.exists(), "{error}");
 }
