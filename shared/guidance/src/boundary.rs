@@ -130,7 +130,6 @@ struct Tangent {
     /// Outward normal, and [`turn_of`] it.
     normal: Vector2<f64>,
     turn: f64,
-    distance_m: f64,
 }
 
 /// The outer tangent that leads counter-clockwise from each disc to each other; none where one holds the other.
@@ -147,28 +146,21 @@ fn tangents(discs: &[Disc; 4]) -> [[Option<Tangent>; 4]; 4] {
             let u = between / distance_m;
             let cos = wider_m / distance_m;
             let side = Vector2::new(-u.y, u.x) * (1.0 - cos * cos).max(0.0).sqrt();
-            let tangent = |normal: Vector2<f64>| Some(Tangent { normal, turn: turn_of(&normal), distance_m });
+            let tangent = |normal: Vector2<f64>| Some(Tangent { normal, turn: turn_of(&normal) });
             (all[i][j], all[j][i]) = (tangent(u * cos - side), tangent(u * cos + side));
         }
     }
     all
 }
 
-/// The first tangent that a line turned on from `turned` meets, before it is once around; of those that it meets at
-/// once the one to the farthest disc.
+/// The first tangent that a line turned on from `turned` meets, before it is once around.
 fn next_tangent(tangents: &[Option<Tangent>; 4], turned: f64) -> Option<(usize, Tangent)> {
     let mut best: Option<(usize, Tangent)> = None;
     for (i, tangent) in tangents.iter().enumerate() {
         let Some(tangent) = tangent else { continue };
         // What lies behind by rounding lies here; what really lies behind comes only once around.
         let turn = if tangent.turn < turned && tangent.turn > turned - SAME { turned } else { tangent.turn };
-        if turn < turned || turn >= 4.0 - SAME {
-            continue;
-        }
-        let better = best.is_none_or(|(_, best)| {
-            turn < best.turn - SAME || (turn <= best.turn + SAME && tangent.distance_m > best.distance_m)
-        });
-        if better {
+        if turn >= turned && best.is_none_or(|(_, best)| turn < best.turn) {
             best = Some((i, Tangent { turn, ..*tangent }));
         }
     }
