@@ -149,7 +149,8 @@ fn camera(low_at_m: Option<f64>) -> DepthView {
 #[test]
 fn what_was_low_ahead_is_there_when_the_camera_looks_over_it_and_goes_when_it_sees_the_floor() {
     let mut memory = memory();
-    let open = scan(&[HANDLER]);
+    // The lidar looks over it, at a wall behind.
+    let open = scan(&[HANDLER, (Point::new(4.0, 0.0), 1.0)]);
     memory.update(0, &Se2::identity(), &open, Some(&camera(Some(0.6))), &handler());
     // 0.4 m on, the camera is 0.2 m from it and sees nothing there.
     let odom_from_robot = Se2::translation(0.4, 0.0);
