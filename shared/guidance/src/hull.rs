@@ -52,9 +52,18 @@ impl Hull {
     /// never meets it (Kim et al. 2023, alg. 1 line 7).
     #[must_use]
     pub fn threshold_m(&self, origin: Point, direction: Vector2<f64>) -> f64 {
-        let arcs = self.discs.iter().filter_map(|disc| leaves_disc(disc, origin, direction));
+        self.crossing_m(origin, direction).map_or(0.0, |(_, leaves_m)| leaves_m)
+    }
+
+    /// Distances from `origin` to where the ray enters the hull (0 or less from within) and where it leaves it; none where
+    /// it never meets it. The first and the last arc or tangent that it meets.
+    #[must_use]
+    pub fn crossing_m(&self, origin: Point, direction: Vector2<f64>) -> Option<(f64, f64)> {
+        let arcs = self.discs.iter().filter_map(|disc| crosses_disc(disc, origin, direction));
         let tangents = self.tangents.iter().flatten().filter_map(|tangent| tangent.meets(origin, direction));
-        arcs.chain(tangents).fold(0.0, f64::max)
+        let all = arcs.chain(tangents.map(|t| (t, t)));
+        let widest = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
+        all.reduce(widest).filter(|(_, leaves_m)| *leaves_m > 0.0)
     }
 
     /// Distance of a point to the boundary, metres; negative inside.
@@ -93,7 +102,7 @@ fn tangent(a: &Disc, b: &Disc, side: f64) -> Option<Tangent> {
 }
 
 impl Tangent {
-    /// Distance along the ray to where it crosses the tangent between its two points.
+    /// Distance along the line to where it crosses the tangent between its two points.
     fn meets(&self, origin: Point, direction: Vector2<f64>) -> Option<f64> {
         let denominator = direction.perp(&self.along);
         if denominator.abs() < 1e-15 {
@@ -103,20 +112,19 @@ impl Tangent {
         let to_from = self.from - origin;
         let t = to_from.perp(&self.along) / denominator;
         let share = to_from.perp(&direction) / denominator;
-        (t > 0.0 && (0.0..=1.0).contains(&share)).then_some(t)
+        (0.0..=1.0).contains(&share).then_some(t)
     }
 }
 
-/// Distance along the ray to where it leaves a disc.
-fn leaves_disc(disc: &Disc, origin: Point, direction: Vector2<f64>) -> Option<f64> {
+/// Distances along the line to where it enters a disc and leaves it.
+fn crosses_disc(disc: &Disc, origin: Point, direction: Vector2<f64>) -> Option<(f64, f64)> {
     let to_center = disc.center - origin;
     let along = to_center.dot(&direction);
     let root = along * along - (to_center.norm_squared() - disc.radius_m * disc.radius_m);
     if root < 0.0 {
         return None;
     }
-    let t = along + root.sqrt();
-    (t > 0.0).then_some(t)
+    Some((along - root.sqrt(), along + root.sqrt()))
 }
 
 #[cfg(test)]

@@ -102,13 +102,21 @@ impl Moment {
     }
 
     fn judge_by(&self, escape: bool) -> Judgement {
-        let mut shield = Shield::new(ShieldConfig {
+        self.judge_with(ShieldConfig { escape, ..self.config() })
+    }
+
+    fn config(&self) -> ShieldConfig {
+        ShieldConfig {
             robot_radius_m: self.robot_radius_m,
             margin_m: 0.0,
             unknown_gap_m: 0.1,
-            escape,
+            escape: false,
             unseen_limit_m2: None,
-        });
+        }
+    }
+
+    fn judge_with(&self, config: ShieldConfig) -> Judgement {
+        let mut shield = Shield::new(config);
         let motion = Motion { robot: se2(self.robot_end), handler: se2(self.handler_end) };
         let mut judgements = Vec::new();
         let beams = self.beams();
@@ -146,6 +154,32 @@ impl Moment {
             (point.coords.norm() - (point - robot).norm()).max((point - from).norm() - (point - handler).norm())
         });
         way.fold(f64::MIN, f64::max)
+    }
+
+    /// The part of the hull that no beam sees, where each beam stands for half an increment to either side, square
+    /// metres.
+    fn unseen_area_m2(&self, hull: &Hull) -> f64 {
+        let lidar = se2(self.header.robot_from_lidar);
+        let (origin, increment_rad) = (place(&lidar), self.header.angle_increment_rad);
+        let count = self.readings_m.len();
+        let way = |angle: f64| lidar.rotation * Vector2::new(angle.cos(), angle.sin());
+        let mut unseen_m2 = 0.0;
+        for i in 0..count {
+            let direction = way(self.header.angle_min_rad + i as f64 * increment_rad);
+            let threshold_m = hull.threshold_m(origin, direction);
+            let reading_m = if self.readings_m[i].is_nan() { 0.0 } else { self.readings_m[i] };
+            unseen_m2 += (threshold_m.powi(2) - reading_m.min(threshold_m).powi(2)) * increment_rad.abs() / 2.0;
+        }
+        let rest_rad = TAU - count as f64 * increment_rad.abs();
+        if rest_rad > increment_rad.abs() / 2.0 {
+            let steps = 4000;
+            let begin = self.header.angle_min_rad + (count as f64 - 0.5) * increment_rad;
+            for i in 0..steps {
+                let angle = begin + increment_rad.signum() * rest_rad * (f64::from(i) + 0.5) / f64::from(steps);
+                unseen_m2 += hull.threshold_m(origin, way(angle)).powi(2) / 2.0 * rest_rad / f64::from(steps);
+            }
+        }
+        unseen_m2
     }
 
     fn lidar_is_inside(&self) -> bool {
@@ -390,6 +424,65 @@ proptest! {
         let judgement = moment.judge();
         prop_assert_eq!(judgement.safe, chord_m <= 0.1, "the widest chord is {} m", chord_m);
         prop_assert_eq!(judgement.cause, if judgement.safe { UnsafeCause::None } else { UnsafeCause::Unknown });
+    }
+
+    #[test]
+    fn what_no_beam_sees_of_the_hull_is_told_and_may_be_limited(
+        moment in moment(0.5), unknown in proptest::collection::vec(0..4u8, 120),
+    ) {
+        prop_assume!(moment.lidar_is_inside());
+        let blind = |(i, reading_m): (usize, f64)| if i > 0 && unknown[i] == 0 { f64::NAN } else { reading_m };
+        let readings_m = moment.readings_m.iter().copied().enumerate().map(blind).collect();
+        let moment = Moment { readings_m, ..moment };
+        let truth_m2 = moment.unseen_area_m2(&Hull::new(moment.discs()));
+        for escape in [false, true] {
+            let judgement = moment.judge_by(escape);
+            let told_m2 = judgement.unseen_area_m2;
+            prop_assert!((told_m2 - truth_m2).abs() < 1e-3 * (1.0 + truth_m2), "{told_m2}, not {truth_m2}");
+            for (limit_m2, limited) in [(told_m2 + 1e-6, false), (told_m2 - 1e-6, true)] {
+                let by_limit = moment.judge_with(ShieldConfig {
+                    escape, unseen_limit_m2: Some(limit_m2), ..moment.config()
+                });
+                prop_assert_eq!(by_limit.safe, judgement.safe && !limited);
+                if judgement.safe && limited {
+                    prop_assert_eq!(by_limit.cause, UnsafeCause::Unseen);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn from_outside_what_is_not_seen_is_the_hull_less_what_is(moment in moment(3.0)) {
+        let hull = Hull::new(moment.discs());
+        let lidar = se2(moment.header.robot_from_lidar);
+        prop_assume!(hull.signed_distance_m(place(&lidar)) > 1e-3);
+        let polygon = polygon(&moment.discs());
+        let whole_m2: f64 = (0..polygon.len())
+            .map(|i| polygon[i].coords.perp(&polygon[(i + 1) % polygon.len()].coords) / 2.0)
+            .sum();
+        let increment_rad = moment.header.angle_increment_rad;
+        let seen_m2: f64 = (0..moment.readings_m.len())
+            .filter_map(|i| {
+                let angle = moment.header.angle_min_rad + i as f64 * increment_rad;
+                let direction = lidar.rotation * Vector2::new(angle.cos(), angle.sin());
+                let (enters, leaves) = crossing(&polygon, place(&lidar), direction)?;
+                let reading_m = moment.readings_m[i].min(leaves);
+                Some((reading_m.powi(2) - enters.max(0.0).powi(2)).max(0.0) * increment_rad.abs() / 2.0)
+            })
+            .sum();
+        let (told_m2, truth_m2) = (moment.judge().unseen_area_m2, (whole_m2 - seen_m2).max(0.0));
+        prop_assert!((told_m2 - truth_m2).abs() < 5e-3 * (1.0 + whole_m2), "{told_m2}, not {truth_m2}");
+    }
+
+    #[test]
+    fn a_margin_is_as_larger_bodies(moment in moment(0.5), margin_m in 0.0..0.2f64, escape in any::<bool>()) {
+        let larger = Moment {
+            robot_radius_m: moment.robot_radius_m + margin_m,
+            handler_radius_m: moment.handler_radius_m + margin_m,
+            ..moment.clone()
+        };
+        let with_margin = moment.judge_with(ShieldConfig { margin_m, escape, ..moment.config() });
+        prop_assert_eq!(with_margin, larger.judge_by(escape));
     }
 
     #[test]

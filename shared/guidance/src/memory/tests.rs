@@ -1,6 +1,7 @@
-use super::{Memory, MemoryConfig};
+use super::{Memory, MemoryConfig, Remembered};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
+use crate::hull::{Disc, Hull};
 use crate::scan::Beams;
 use crate::scan::tests::header;
 use crate::se2::{Point, Se2, se2};
@@ -44,14 +45,16 @@ fn judge(evidence: Evidence<'_>, start_from_end: Pose2) -> Judgement {
     judge_with(evidence, handler(), start_from_end)
 }
 
+fn config() -> ShieldConfig {
+    ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape: true, unseen_limit_m2: None }
+}
+
 fn judge_with(evidence: Evidence<'_>, body: HandlerBody, start_from_end: Pose2) -> Judgement {
-    let config =
-        ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape: true, unseen_limit_m2: None };
     let robot = se2(start_from_end);
     let after = robot * Se2::translation(-0.75, -0.35);
     let mut judgements = Vec::new();
     let motion = Motion { robot, handler: after };
-    Shield::new(config).judge_motions([motion].into_iter(), evidence, body, &mut judgements);
+    Shield::new(config()).judge_motions([motion].into_iter(), evidence, body, &mut judgements);
     judgements[0]
 }
 
@@ -356,6 +359,51 @@ proptest! {
             prop_assert!(alone.safe || alone.cause == UnsafeCause::Unknown, "{:?}", alone);
         } else if alone.safe {
             prop_assert_eq!(with.cause, UnsafeCause::Memory);
+        }
+    }
+
+    /// A hidden spot forbids a motion exactly where it lies in the swept hull, give or take what is not known of its
+    /// place; in the present hull only what comes nearer to it; and where the handler stands nothing.
+    #[test]
+    fn a_hidden_spot_is_judged_as_a_point_of_its_uncertainty(
+        (x, y, uncertainty_m) in (-2.0..1.2f64, -1.5..1.5f64, 0.0..0.3f64),
+        (dx, dy, turn) in (-0.3..0.3f64, -0.3..0.3f64, -0.5..0.5f64),
+        escape in any::<bool>(),
+    ) {
+        let place = Point::new(x, y);
+        let mut memory = memory();
+        memory.hidden.push(Remembered { place, uncertainty_m });
+        let open = scan(&[HANDLER]);
+        let motion = Pose2::new(dx, dy, turn);
+        let robot = se2(motion);
+        let disc = |center, radius_m| Disc { center, radius_m };
+        let here = [disc(Point::origin(), 0.3), disc(handler().center, 0.25)];
+        let there = [Point::from(robot.translation.vector), robot * Point::new(-0.75, -0.35)];
+        let there = [disc(there[0], 0.3), disc(there[1], 0.25)];
+        let swept_m = Hull::new([here[0], here[1], there[0], there[1]]).signed_distance_m(place) - uncertainty_m;
+        let present_m = Hull::new([here[0], here[1], here[0], here[1]]).signed_distance_m(place) - uncertainty_m;
+        prop_assume!(swept_m.abs() > 1e-9 && present_m.abs() > 1e-9);
+        let mut shield = Shield::new(ShieldConfig { escape, ..config() });
+        let mut judge = |memory: &Memory| {
+            let (evidence, mut judgements) = (Evidence { memory: Some(memory), ..Evidence::scan(&open) }, Vec::new());
+            let motion = Motion { robot, handler: robot * Se2::translation(-0.75, -0.35) };
+            shield.judge_motions([motion].into_iter(), evidence, handler(), &mut judgements);
+            judgements[0]
+        };
+        let judgement = judge(&memory);
+        let in_the_way = swept_m < 0.0 && !handler().masks(place);
+        if !in_the_way {
+            prop_assert!(judgement.safe, "{:?}", judgement);
+        } else if !escape || present_m > 0.0 {
+            prop_assert_eq!((judgement.safe, judgement.cause), (false, UnsafeCause::Memory));
+            prop_assert!(judgement.margin_m <= swept_m + 1e-12);
+            memory.hidden.clear();
+            prop_assert!((judgement.margin_m - judge(&memory).margin_m.min(swept_m)).abs() < 1e-12);
+        } else {
+            // In the present hull: the ends of the way tell for what is clear, the properties of the beams for the rest.
+            let nearer = |from: Point, to: Point| (place - to).norm() < (place - from).norm() - 1e-3;
+            let forbidden = nearer(Point::origin(), there[0].center) || nearer(handler().center, there[1].center);
+            prop_assert!(!forbidden || !judgement.safe, "{:?}", judgement);
         }
     }
 

@@ -1,6 +1,7 @@
 //! How one motion is judged: everything that all motions from one moment share is prepared once.
 
 use std::cell::OnceCell;
+use std::f64::consts::TAU;
 
 use messages::{Twist2, UnsafeCause};
 
@@ -32,7 +33,6 @@ pub(super) struct Sorted {
     masked: Vec<usize>,
     /// Beams that end strictly inside the present hull, for the escape rule.
     pressing: Vec<usize>,
-    thresholds_m: Vec<f64>,
     /// The beam with the least margin of the motion before: mostly it is the next one's too.
     guess: Option<usize>,
 }
@@ -149,7 +149,7 @@ impl<'a> Present<'a> {
         let mut judgement = Judgement::default();
         match boundary.seen_from(self.beams.origin()) {
             Some(seen) => self.judge_from_within(&seen, motion, &mut judgement),
-            None => self.judge_from_outside(&Hull::new(discs), motion, &mut judgement),
+            None => self.judge_from_outside(&discs, motion, &mut judgement),
         }
         self.judge_points(&discs, motion, &mut judgement);
         if self.config.unseen_limit_m2.is_some_and(|limit| judgement.unseen_area_m2 > limit) {
@@ -195,7 +195,7 @@ impl<'a> Present<'a> {
         // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either
         // side.
         let count = beams.beams().len() as f64;
-        let rest = std::f64::consts::TAU - count * beams.increment_rad();
+        let rest = TAU - count * beams.increment_rad();
         if rest > half {
             let last = beams.directions().first_rad + (count - 0.5) * beams.increment_rad();
             judgement.unseen_area_m2 += seen.area_between_m2(last, last + rest);
@@ -203,15 +203,14 @@ impl<'a> Present<'a> {
     }
 
     /// A lidar outside the hull: a beam may meet it or not, and whatever stands before or in it occludes it.
-    fn judge_from_outside(&mut self, swept: &Hull, motion: &Motion, judgement: &mut Judgement) {
-        let mut thresholds_m = std::mem::take(&mut self.sorted.thresholds_m);
-        all_thresholds(swept, self.beams, &mut thresholds_m);
+    fn judge_from_outside(&mut self, discs: &[Disc; 4], motion: &Motion, judgement: &mut Judgement) {
+        let (swept, beams) = (Hull::new(*discs), self.beams);
+        let mut seen_m2 = 0.0;
         let mut run = UnknownRun::default();
-        for (i, beam) in self.beams.beams().iter().enumerate() {
-            let threshold_m = thresholds_m[i];
-            let reading_m = beam.reading_m.min(threshold_m);
-            let half = self.beams.increment_rad() / 2.0;
-            judgement.unseen_area_m2 += (threshold_m * threshold_m - reading_m * reading_m) * half;
+        for (i, beam) in beams.beams().iter().enumerate() {
+            let (enters_m, threshold_m) = swept.crossing_m(beams.origin(), beam.direction).unwrap_or((0.0, 0.0));
+            let (near_m, far_m) = (enters_m.max(0.0), beam.reading_m.min(threshold_m));
+            seen_m2 += (far_m * far_m - near_m * near_m).max(0.0) * beams.increment_rad() / 2.0;
             if beam.kind == BeamKind::Unknown {
                 run.take(self, i, threshold_m, judgement);
             } else if self.sorted.readings.get(i).is_finite()
@@ -221,7 +220,9 @@ impl<'a> Present<'a> {
             }
         }
         run.close(self, judgement);
-        self.sorted.thresholds_m = thresholds_m;
+        let whole = Boundary::of(discs);
+        let whole_m2 = whole.seen_from(discs[0].center).map_or(0.0, |hull| hull.area_between_m2(0.0, TAU));
+        judgement.unseen_area_m2 += (whole_m2 - seen_m2).max(0.0);
     }
 
     /// Kim et al. 2023, alg. 1 line 8: a reading less than its threshold is unsafe.
