@@ -55,8 +55,8 @@ impl Hull {
         self.crossing_m(origin, direction).map_or(0.0, |(_, leaves_m)| leaves_m)
     }
 
-    /// Distances from `origin` to where the ray enters the hull (0 or less from within) and where it leaves it; none where
-    /// it never meets it. The first and the last arc or tangent that it meets.
+    /// Distances from `origin` to where the ray enters the hull (0 or less from within) and where it leaves it; none
+    /// where it never meets it. The first and the last arc or tangent that it meets.
     #[must_use]
     pub fn crossing_m(&self, origin: Point, direction: Vector2<f64>) -> Option<(f64, f64)> {
         let arcs = self.discs.iter().filter_map(|disc| crosses_disc(disc, origin, direction));

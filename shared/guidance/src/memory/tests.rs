@@ -400,7 +400,8 @@ proptest! {
             memory.hidden.clear();
             prop_assert!((judgement.margin_m - judge(&memory).margin_m.min(swept_m)).abs() < 1e-12);
         } else {
-            // In the present hull: the ends of the way tell for what is clear, the properties of the beams for the rest.
+            // In the present hull: the ends of the way tell for what is clear, the properties of the beams for the
+            // rest.
             let nearer = |from: Point, to: Point| (place - to).norm() < (place - from).norm() - 1e-3;
             let forbidden = nearer(Point::origin(), there[0].center) || nearer(handler().center, there[1].center);
             prop_assert!(!forbidden || !judgement.safe, "{:?}", judgement);

@@ -285,7 +285,7 @@ impl<'a> Present<'a> {
 }
 
 /// The least distance of a point to the way of a body that moves from the origin for a second, metres.
-fn nearest_on_arc(twist: &Twist2, point: Point) -> f64 {
+pub(super) fn nearest_on_arc(twist: &Twist2, point: Point) -> f64 {
     let end = place(&exp(*twist, 1.0));
     let turn = twist.wz_radps;
     if turn.abs() < STRAIGHT_RAD {

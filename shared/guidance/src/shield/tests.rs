@@ -1,12 +1,15 @@
+use super::judging::nearest_on_arc;
 use super::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
 use crate::action::ActionTable;
 use crate::handler::{HandlerEstimate, HandlerLimits};
 use crate::hull::{Disc, Hull};
 use crate::interaction::{DelayedHarness, Interaction, place};
+use crate::memory::{Memory, MemoryConfig};
 use crate::scan::Beams;
 use crate::scan::tests::header;
 use crate::se2::{Point, Se2, exp};
-use messages::{Pose2, ScanHeader, Twist2};
+use messages::{Pose2, ScanHeader, Twist2, UnsafeCause};
+use proptest::prelude::*;
 
 fn config(escape: bool) -> ShieldConfig {
     ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape, unseen_limit_m2: None }
@@ -221,5 +224,40 @@ fn of_equals_the_first_is_taken_and_draws_are_those_of_splitmix64() {
         let below = [share - 1e-9, 1.0 - share + 1e-9];
         let above = [share + 1e-9, 1.0 - share - 1e-9];
         assert_eq!((choose(&below, Draw::Seeded(0), n), choose(&above, Draw::Seeded(0), n)), (1, 0), "draw {n}");
+    }
+}
+
+#[test]
+fn an_unknown_beam_is_excused_only_as_far_as_it_was_seen_free() {
+    let reading = |i: usize, ahead_m: f64| if (165..195).contains(&i) { ahead_m } else { 9.0 };
+    let mut unknown = Beams::default();
+    unknown.fill_with(&header(), 360, |i| reading(i, f64::NAN)).expect("usable");
+    // Forward reaches 0.55 m. What was seen to 0.56 m is not free to there, by three sigma.
+    for (seen_m, forbidden) in [(0.56, true), (0.75, false)] {
+        let mut before = Beams::default();
+        before.fill_with(&header(), 360, |i| reading(i, seen_m)).expect("usable");
+        let mut memory = Memory::new(MemoryConfig { kept_ns: 1, free_ns: 1_000_000_000, drift: 0.0 });
+        memory.update(0, &Se2::identity(), &before, None, &handler().body(0.01));
+        memory.update(1, &Se2::identity(), &unknown, None, &handler().body(0.01));
+        let evidence = Evidence { memory: Some(&memory), ..Evidence::scan(&unknown) };
+        let motion = Shield::predict(&handler(), &ActionTable::eight().actions()[1].start_from_end());
+        let judgement = Shield::new(config(true)).judge(&motion, evidence, &handler());
+        let cause = if forbidden { UnsafeCause::Unknown } else { UnsafeCause::None };
+        assert_eq!(judgement.cause, cause, "seen to {seen_m} m");
+    }
+}
+
+proptest! {
+    #![proptest_config(crate::testing::cases())]
+
+    #[test]
+    fn the_nearest_place_of_an_arc_is_the_nearest_of_many(
+        (vx, vy, wz) in (-0.5..0.5f64, -0.5..0.5f64, prop_oneof![Just(0.0), -6.0..6.0f64]),
+        (x, y) in (-1.0..1.0f64, -1.0..1.0f64),
+    ) {
+        let (twist, point) = (Twist2 { vx_mps: vx, vy_mps: vy, wz_radps: wz }, Point::new(x, y));
+        let sampled = (0..=2000).map(|i| (place(&exp(twist, f64::from(i) / 2000.0)) - point).norm());
+        let (nearest, truth) = (nearest_on_arc(&twist, point), sampled.fold(f64::INFINITY, f64::min));
+        prop_assert!(nearest <= truth + 1e-9 && nearest > truth - 5e-4, "{nearest}, not {truth}");
     }
 }
