@@ -221,10 +221,11 @@ impl Core {
         let usable = self.surroundings.take_scan(header, ranges_m);
         self.invalid_inputs += u64::from(!usable);
         self.come_to(now_ns);
-        if self.surroundings.usable_scan().is_some() {
+        let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.config.scan_max_age_ns;
+        if fresh && self.surroundings.usable_scan().is_some() {
             let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
             let handler = self.handler.body(self.surroundings.beams().sigma_m());
-            self.surroundings.remember(now_ns, &self.odom_from_robot, &handler);
+            self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, &handler);
         }
         self.draw_belatedly(now_ns);
         let permit = self.verdict(now_ns, PermitCause::Scan);
@@ -319,7 +320,7 @@ impl Core {
         if let Some(now) = self.track.at(now_ns) {
             self.odom_from_robot = now;
         }
-        self.surroundings.move_to(&self.odom_from_robot, &self.track);
+        self.surroundings.move_to(now_ns, &self.odom_from_robot, &self.track);
         self.predict_handler(now_ns);
     }
 
@@ -392,7 +393,7 @@ impl Core {
                 break;
             }
             let left_s = s_from_ns(end_ns - now_ns);
-            let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s, 1.0);
+            let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s);
             let judgement = self.shield.judge(&motion, self.surroundings.evidence(now_ns), &self.handler);
             explain(&judgement, permit);
             if judgement.safe {
@@ -408,10 +409,9 @@ impl Core {
     /// Odometry is held to its own age by locomotion, at every tick.
     fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
         let scan = self.surroundings.scan().map_or(0, |scan| scan.stamp_ns + self.config.scan_max_age_ns);
-        let depth = match (self.config.depth_needed, self.surroundings.depth()) {
-            (true, Some(depth)) => depth.stamp_ns + self.config.depth_max_age_ns,
-            _ => u64::MAX,
-        };
+        // A frame that was judged on, needed or not.
+        let depth = self.surroundings.depth().filter(|_| self.surroundings.depth_is_fresh(now_ns));
+        let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns + self.config.depth_max_age_ns);
         hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
     }
 

@@ -114,10 +114,11 @@ impl Recording {
 pub fn read(file: &str, input: impl Read) -> Result<Vec<Recording>, DataError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(input);
     let mut walks: BTreeMap<(String, String, u32), Vec<(u64, Sample)>> = BTreeMap::new();
-    for row in reader.deserialize::<Row>() {
-        let row = row.map_err(|error| of_csv(file, &error))?;
-        // The record after this one begins on the reader's line.
-        let line = row_line(walks.values().map(Vec::len).sum());
+    let headers = reader.headers().map_err(|error| of_csv(file, &error))?.clone();
+    for record in reader.records() {
+        let record = record.map_err(|error| of_csv(file, &error))?;
+        let line = record.position().map_or(1, csv::Position::line);
+        let row: Row = record.deserialize(Some(&headers)).map_err(|error| of_csv(file, &error))?;
         let sample = sample(&row).map_err(|what| DataError::Line { file: file.to_owned(), line, what })?;
         walks.entry((row.subject, row.trajectory, row.repetition)).or_default().push((line, sample));
     }
@@ -125,11 +126,6 @@ pub fn read(file: &str, input: impl Read) -> Result<Vec<Recording>, DataError> {
         return Err(DataError::File { file: file.to_owned(), what: "no row after the heading".to_owned() });
     }
     walks.into_iter().map(|(key, samples)| recording(file, key, samples)).collect()
-}
-
-/// Rows are one line each, after the heading.
-fn row_line(rows_before: usize) -> u64 {
-    rows_before as u64 + 2
 }
 
 fn of_csv(file: &str, error: &csv::Error) -> DataError {

@@ -198,16 +198,15 @@ impl Law {
 }
 
 impl Boundary {
-    /// The boundary seen from `origin`; none where that is not strictly within.
+    /// The boundary seen from `origin`; none where that is not within by more than rounding.
     #[must_use]
     pub fn seen_from(&self, origin: Point) -> Option<Seen<'_>> {
         let pieces = &self.pieces[..self.count];
         let within = pieces.iter().all(|piece| match piece {
-            Piece::Edge { from, to } => (to - from).perp(&(origin - from)) > 0.0,
+            Piece::Edge { from, to } => (to - from).perp(&(origin - from)) > SAME * (to - from).norm(),
             Piece::Arc { disc, from, to, whole } => {
                 let away = origin - disc.center;
-                away.norm_squared() < disc.radius_m * disc.radius_m
-                    || !(*whole || positive_turn(from, &away) <= positive_turn(from, to))
+                away.norm() < disc.radius_m - SAME || !(*whole || positive_turn(from, &away) <= positive_turn(from, to))
             }
         });
         if !within || pieces.is_empty() {

@@ -20,6 +20,9 @@ const KNOWN_OF: usize = 20;
 /// Pixels that say nothing hide something that is higher than this, metres.
 const HIDDEN_M: f64 = 0.05;
 
+/// Rounding of the tangent of a column's angle.
+const EDGE: f64 = 1e-9;
+
 /// A depth frame cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DepthError {
@@ -231,10 +234,13 @@ impl DepthView {
             return false;
         }
         let left = to.dot(&Vector2::new(-self.forward.y, self.forward.x)) / along;
-        // Columns go from left to right.
-        let i = self.columns.partition_point(|column| column.left > left);
-        let inside = i > 0 && i < self.columns.len();
-        inside && self.columns[i - 1].free_m > along && self.columns[i].free_m > along
+        // Columns go from left to right; what the outermost saw lies on the edge of the view and may be off by rounding.
+        let (first, last) = (self.columns[0].left, self.columns[self.columns.len() - 1].left);
+        if self.columns.len() < 2 || left > first + EDGE || left < last - EDGE {
+            return false;
+        }
+        let i = self.columns.partition_point(|column| column.left > left).clamp(1, self.columns.len() - 1);
+        self.columns[i - 1].free_m > along && self.columns[i].free_m > along
     }
 }
 

@@ -1,7 +1,7 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
-use crate::interaction::{Interaction, InteractionModel, place};
+use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 
@@ -89,12 +89,12 @@ impl HandlerEstimate {
             widening_m: 0.0,
             absent_since_ns: None,
         };
-        estimate.widening_m = estimate.largest_lag_m();
+        estimate.widening_m = estimate.astray_m().min(HARNESS_M);
         estimate
     }
 
-    fn largest_lag_m(&self) -> f64 {
-        self.model.lag_m(self.limits.speed_max_mps)
+    fn astray_m(&self) -> f64 {
+        self.model.astray_m(self.limits.speed_max_mps)
     }
 
     /// After a gap, a restart or a new odometry frame: nothing is known any more.
@@ -205,7 +205,7 @@ impl HandlerEstimate {
         let step = (error * GAIN).cap_magnitude(CORRECTION_MAX_M);
         let moved = self.robot_from_handler.translation.vector + step;
         let default = self.model.robot_from_default().translation.vector;
-        let bounded = default + (moved - default).cap_magnitude(self.largest_lag_m() + STRAY_MAX_M);
+        let bounded = default + (moved - default).cap_magnitude(self.astray_m() + STRAY_MAX_M);
         let correction = bounded - self.robot_from_handler.translation.vector;
         self.robot_from_handler.translation.vector = bounded;
         // The step goes on from where the handler must have been to be here now.
@@ -242,7 +242,7 @@ impl HandlerEstimate {
 #[cfg(test)]
 mod tests {
     use super::{HandlerEstimate, HandlerLimits, Sighting};
-    use crate::interaction::DelayedHarness;
+    use crate::interaction::{DelayedHarness, Interaction, InteractionModel, RotatingRod};
     use crate::scan::Beams;
     use crate::scan::tests::header;
     use crate::se2::{Point, Se2, se2};
@@ -347,5 +347,33 @@ mod tests {
         // Half of the forward action, then a stop: the handler is where the half leads to.
         estimate.predict(&se2(Pose2::new(0.125, 0.0, 0.0)), 1.0);
         assert!((estimate.robot_from_handler().translation.x - (-0.75 - 0.4 * 0.125)).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_rod_may_point_anywhere_and_is_followed_there() {
+        let rod = RotatingRod::new(-0.3, 0.0, 0.8).expect("a rod");
+        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        let mut estimate = HandlerEstimate::new(InteractionModel::Rod(rod), limits);
+        assert!(estimate.radius_m() > 1.0, "nobody knows where: {}", estimate.radius_m());
+        for i in 0..30 {
+            let _ = estimate.correct(&scan_of(Some(Point::new(-1.1, 0.0))), i);
+        }
+        // The robot turns on the spot by a quarter, and the handler stands behind as far as the rod lets them.
+        let by = Se2::rotation(std::f64::consts::FRAC_PI_2 / 18.0);
+        let (mut turned, mut truth) = (Se2::identity(), se2(Pose2::new(-1.1, 0.0, 0.0)));
+        for i in 1..=18 {
+            estimate.begin_step(&turned);
+            truth = estimate.model().step(&truth, &by);
+            turned *= by;
+            estimate.predict(&turned, 1.0);
+            let seen = Point::from(truth.translation.vector);
+            for n in 0..5 {
+                assert_eq!(estimate.correct(&scan_of(Some(seen)), 100 * i + n), Sighting::Seen, "turn {i}");
+            }
+            let error = (estimate.robot_from_handler().translation.vector - seen.coords).norm();
+            assert!(error < 0.06, "turn {i}: off by {error} m");
+        }
+        let default = estimate.model().robot_from_default().translation.vector;
+        assert!((truth.translation.vector - default).norm() > 0.4, "far beyond any leash about the default");
     }
 }

@@ -18,7 +18,7 @@ pub use rod::RotatingRod;
 /// Speed at which the lag of a parameter set is judged, metres per second: the forward action of the table.
 const LAG_SPEED_MPS: f64 = 0.5;
 /// A harness is no longer than this; a lag over it is no harness, metres.
-const HARNESS_M: f64 = 1.0;
+pub(crate) const HARNESS_M: f64 = 1.0;
 /// Nobody holds a harness from farther away, metres.
 const REACH_M: f64 = 2.0;
 
@@ -69,6 +69,11 @@ pub trait Interaction {
     /// How far behind the default offset the handler stays in a straight walk at a speed, metres.
     fn lag_m(&self, speed_mps: f64) -> f64;
 
+    /// How far from the default offset a handler may be of whom nothing else is known, metres.
+    fn astray_m(&self, speed_mps: f64) -> f64 {
+        self.lag_m(speed_mps)
+    }
+
     /// The share of an unknown offset that is left after a step: how fast a guess gets better.
     fn remembered(&self) -> f64;
 }
@@ -105,6 +110,10 @@ impl Interaction for InteractionModel {
 
     fn lag_m(&self, speed_mps: f64) -> f64 {
         self.inner().lag_m(speed_mps)
+    }
+
+    fn astray_m(&self, speed_mps: f64) -> f64 {
+        self.inner().astray_m(speed_mps)
     }
 
     fn remembered(&self) -> f64 {

@@ -22,6 +22,9 @@ const REACH_M: f64 = 3.9;
 const GAIN: f64 = 0.4;
 /// However long ago a point was seen, it is let go only once the robot has walked this far since, metres.
 const WALKED_MIN_M: f64 = 1.0;
+/// Who waits for so long may be walked around: what only the lidar saw is let go, nanoseconds. What the camera saw stays:
+/// it lies below what the camera sees from there.
+const STANDING_MAX_NS: u64 = 60_000_000_000;
 /// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
 const SAME_M: f64 = 0.15;
 /// At most so many scans tell what was free a moment ago.
@@ -111,6 +114,8 @@ pub struct Memory {
     numbers: Vec<u16>,
     /// The oldest first.
     glimpses: VecDeque<Glimpse>,
+    /// Of the newest scan.
+    stamp_ns: u64,
     now_ns: u64,
     /// Where the robot was at the newest scan.
     odom_from_scanned: Option<Se2>,
@@ -128,6 +133,7 @@ impl Memory {
             spots: Vec::new(),
             numbers: vec![0; (SIDE * SIDE) as usize],
             glimpses: VecDeque::new(),
+            stamp_ns: 0,
             now_ns: 0,
             odom_from_scanned: None,
             odom_from_robot: Se2::identity(),
@@ -141,17 +147,17 @@ impl Memory {
         *self = Self::new(self.config.clone());
     }
 
-    /// Takes in a scan and the newest depth frame, both seen from where the robot is now, and who of the handler is in
-    /// them: what ends on the handler is never remembered.
+    /// Takes in a scan of that stamp and the newest depth frame, both seen from where the robot is now, and who of the
+    /// handler is in them: what ends on the handler is never remembered.
     pub fn update(
         &mut self,
-        now_ns: u64,
+        stamp_ns: u64,
         odom_from_robot: &Se2,
         beams: &Beams,
         depth: Option<&DepthView>,
         handler: &HandlerBody,
     ) {
-        self.now_ns = now_ns;
+        self.stamp_ns = stamp_ns;
         if let Some(before) = self.odom_from_scanned.replace(*odom_from_robot) {
             let moved = before.inverse() * odom_from_robot;
             self.odometer.walked_m += moved.translation.vector.norm();
@@ -168,23 +174,27 @@ impl Memory {
         }
         self.keep(|spot| spot.sight != Sight::Due);
         self.glimpse(odom_from_robot, beams);
-        self.move_to(odom_from_robot);
+        self.move_to(stamp_ns, odom_from_robot);
     }
 
     /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands
     /// where the handler stands.
     fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
         let robot_from_odom = odom_from_robot.inverse();
-        let (now_ns, odometer, config) = (self.now_ns, self.odometer, self.config.clone());
+        let (stamp_ns, odometer, config) = (self.stamp_ns, self.odometer, self.config.clone());
+        // The mask is wider than the handler by what the lidar is off: there something else may stand.
+        let body_m = handler.mask_radius_m.map(|mask_m| mask_m - 3.0 * beams.sigma_m());
+        let on_handler = |place: Point| body_m.is_some_and(|body_m| (place - handler.center).norm() <= body_m);
         self.keep(|spot| {
             let place = robot_from_odom * spot.odom;
             let visible = match spot.source {
-                Source::Lidar => handler.masks(place) || sees_as_far_as(beams, place, handler),
+                Source::Lidar => on_handler(place) || sees_as_far_as(beams, place, handler),
                 Source::Camera => depth.is_some_and(|depth| depth.sees_free(place)),
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
-            let old = now_ns.saturating_sub(spot.seen_ns) > config.kept_ns
-                && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
+            let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
+            let old = age_ns > config.kept_ns && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M
+                || age_ns > STANDING_MAX_NS && spot.source == Source::Lidar;
             !old && place.coords.norm() < REACH_M
         });
     }
@@ -211,7 +221,7 @@ impl Memory {
         }
         let odom = odom_from_robot * place;
         let cell = cell_of(odom);
-        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns: self.now_ns, seen_at: self.odometer };
+        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns: self.stamp_ns, seen_at: self.odometer };
         let number = &mut self.numbers[slot_of(cell)];
         match usize::from(*number).checked_sub(1) {
             Some(i) => {
@@ -234,7 +244,7 @@ impl Memory {
         readings_m.clear();
         readings_m.extend(beams.beams().iter().map(|beam| beam.reading_m));
         self.glimpses.push_back(Glimpse {
-            at_ns: self.now_ns,
+            at_ns: self.stamp_ns,
             at: self.odometer,
             odom_from_robot: *odom_from_robot,
             fan: beams.fan(),
@@ -243,8 +253,9 @@ impl Memory {
         });
     }
 
-    /// From now on told from where the robot is now.
-    pub fn move_to(&mut self, odom_from_robot: &Se2) {
+    /// From now on told as of now, from where the robot is.
+    pub fn move_to(&mut self, now_ns: u64, odom_from_robot: &Se2) {
+        self.now_ns = now_ns;
         self.odom_from_robot = *odom_from_robot;
         let robot_from_odom = odom_from_robot.inverse();
         self.hidden.clear();
@@ -290,6 +301,7 @@ fn sees_as_far_as(beams: &Beams, place: Point, handler: &HandlerBody) -> bool {
     let Some(beam) = beams.fan().nearest(place).map(|i| beams.beams()[i]) else { return false };
     let distance_m = (place - beams.origin()).norm();
     let on_handler = beam.kind == BeamKind::Hit && handler.masks(beam.end);
+    // What the handler hides begins where the beam ends.
     let noise_m = if on_handler { 0.0 } else { CELL_M + 3.0 * beams.sigma_m() };
     beam.kind != BeamKind::Unknown && distance_m <= beam.reading_m + noise_m
 }

@@ -8,6 +8,13 @@ use nalgebra::Vector2;
 use crate::boundary::{Directions, Readings};
 use crate::se2::{Point, Se2, pose2, se2};
 
+/// No lidar's beams are nearer to each other, radians.
+const INCREMENT_MIN_RAD: f64 = 1e-6;
+/// Beyond it angles lose the digits that tell beams apart, radians.
+const ANGLE_MAX_RAD: f64 = 100.0;
+/// A lidar that is less exact is none, metres: the handler's mask is three times as wide.
+pub const SIGMA_MAX_M: f64 = 0.1;
+
 /// What a beam says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum BeamKind {
@@ -293,7 +300,7 @@ fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
         return Err(ScanError::Count(count));
     }
     let increment = header.angle_increment_rad;
-    if !header.angle_min_rad.is_finite() || !increment.is_finite() || increment == 0.0 {
+    if !(header.angle_min_rad.abs() < ANGLE_MAX_RAD && increment.is_finite() && increment.abs() > INCREMENT_MIN_RAD) {
         return Err(ScanError::Geometry("angles"));
     }
     // Half a beam over a whole turn is rounding; more would be seen twice.
@@ -304,7 +311,7 @@ fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
     if !(min.is_finite() && max.is_finite() && min >= 0.0 && min < max) {
         return Err(ScanError::Geometry("range"));
     }
-    if !header.sigma_m.is_finite() || !(0.0..=1.0).contains(&header.sigma_m) {
+    if !(0.0..=SIGMA_MAX_M).contains(&header.sigma_m) {
         return Err(ScanError::Geometry("sigma"));
     }
     if !header.robot_from_lidar.is_finite() {
@@ -407,6 +414,14 @@ pub(crate) mod tests {
         bad.angle_increment_rad = 0.0;
         assert_eq!(beams.fill(&bad, &[1.0; 360]), Err(ScanError::Geometry("angles")));
         assert_eq!(beams.fill(&header(), &[1.0; 400]), Err(ScanError::Geometry("field of view")));
+        for increment in [1e-19, 5e-324, f64::NAN, f64::INFINITY] {
+            bad.angle_increment_rad = increment;
+            assert_eq!(beams.fill(&bad, &[1.0; 10]), Err(ScanError::Geometry("angles")), "{increment}");
+        }
+        let far = ScanHeader { angle_min_rad: 1e12, ..header() };
+        assert_eq!(beams.fill(&far, &[1.0; 360]), Err(ScanError::Geometry("angles")));
+        let vague = ScanHeader { sigma_m: 1.0, ..header() };
+        assert_eq!(beams.fill(&vague, &[1.0; 360]), Err(ScanError::Geometry("sigma")), "its mask would hide the robot");
         let mut bad = header();
         bad.range_min_m = f64::NAN;
         assert_eq!(beams.fill(&bad, &[1.0; 360]), Err(ScanError::Geometry("range")));

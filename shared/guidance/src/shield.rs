@@ -64,9 +64,10 @@ pub struct Judgement {
     pub safe: bool,
     /// The first cause for which it is not.
     pub cause: UnsafeCause,
-    /// Smallest reading minus threshold over the judged beams, metres; infinite where no beam is judged.
+    /// Smallest reading minus threshold over the judged beams, metres; infinite where no beam is judged. A point that
+    /// lies deeper in the hull counts with its depth.
     pub margin_m: f64,
-    /// The beam with that margin, by the lidar's own number.
+    /// The beam with that margin, by the lidar's own number; none where it is a point's.
     pub beam: Option<usize>,
     /// Its reading, metres.
     pub reading_m: f64,
@@ -187,15 +188,9 @@ impl Shield {
 
     /// Where the running action leads to from now: what is left of it, and one scan period more at the same velocity.
     #[must_use]
-    pub fn remainder(
-        handler: &HandlerEstimate,
-        odom_from_robot: &Se2,
-        velocity: Twist2,
-        left_s: f64,
-        end_fraction: f64,
-    ) -> Motion {
+    pub fn remainder(handler: &HandlerEstimate, odom_from_robot: &Se2, velocity: Twist2, left_s: f64) -> Motion {
         let now_from_end = exp(velocity, left_s);
-        let after = handler.ahead(odom_from_robot, &now_from_end, end_fraction);
+        let after = handler.ahead(odom_from_robot, &now_from_end, 1.0);
         Motion { robot: now_from_end, handler: now_from_end * after }
     }
 }

@@ -38,14 +38,17 @@ fn pose(xy_m: f64, yaw_rad: f64) -> impl Strategy<Value = Pose2> {
     (-xy_m..xy_m, -xy_m..xy_m, -yaw_rad..yaw_rad).prop_map(|(x, y, yaw)| Pose2::new(x, y, yaw))
 }
 
-/// Layouts: a whole turn or a sector, either way around, from any angle on.
+/// Layouts: a whole turn or a sector, either way around, from any angle on; or a turn whose last beam is the first once
+/// more, or goes beyond it by up to half a beam.
 fn layout() -> impl Strategy<Value = (f64, f64, usize)> {
-    (3usize..120, -7.0..7.0f64, prop_oneof![Just(TAU), 0.2..6.0f64], any::<bool>()).prop_map(
-        |(count, first_rad, field_rad, clockwise)| {
-            let increment_rad = field_rad / count as f64;
-            (first_rad, if clockwise { -increment_rad } else { increment_rad }, count)
-        },
-    )
+    let field_rad = prop_oneof![2 => Just(TAU), 2 => 0.2..6.0f64, 1 => Just(0.0), 1 => -0.5..0.0f64];
+    let first_rad = prop_oneof![-7.0..7.0f64, Just(0.0), Just(-PI), Just(PI)];
+    (3usize..120, first_rad, field_rad, any::<bool>()).prop_map(|(count, first_rad, field_rad, clockwise)| {
+        // Not over 0: by how much of a beam the last one goes beyond the first, a turn later.
+        let turns_over = TAU / (count as f64 - 1.0 + field_rad * 0.9);
+        let increment_rad = if field_rad > 0.0 { field_rad / count as f64 } else { turns_over };
+        (first_rad, if clockwise { -increment_rad } else { increment_rad }, count)
+    })
 }
 
 /// `mount_m`: how far the lidar is from the robot's middle at most.

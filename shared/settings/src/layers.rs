@@ -146,8 +146,12 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if lidar.range_min_m >= lidar.range_max_m {
         return Err("lidar.range_min_m is not under lidar.range_max_m".to_owned());
     }
-    if !(0.0..=0.5).contains(&lidar.sigma_m) {
-        return Err(format!("lidar.sigma_m = {} is not in 0..0.5", lidar.sigma_m));
+    if !(0.0..=guidance::scan::SIGMA_MAX_M).contains(&lidar.sigma_m) {
+        return Err(format!("lidar.sigma_m = {} is not in 0..{}", lidar.sigma_m, guidance::scan::SIGMA_MAX_M));
+    }
+    // What lies beyond the range is not seen, and hulls reach as far as two metres and more.
+    if lidar.range_max_m.get() < 3.0 {
+        return Err(format!("lidar.range_max_m = {} is under 3", lidar.range_max_m.get()));
     }
     if depth.width == 0 || depth.width > 1280 || depth.height == 0 || depth.height > 720 {
         return Err(format!("depth {}x{} is not within 1x1..1280x720", depth.width, depth.height));

@@ -20,6 +20,10 @@ use crate::out;
 
 /// A case longer than this is none, bytes.
 const LINE_MAX: u64 = 4 << 20;
+/// Where a beam that hit nothing ends, metres: beyond every threshold.
+const NOTHING_M: f64 = 1e9;
+/// Nothing is larger or farther away, metres.
+const PLACE_MAX_M: f64 = 1e3;
 /// More actions than this are none.
 const ACTIONS_MAX: usize = 1000;
 /// A run of unknown beams wider than this is unsafe where a case does not say, metres.
@@ -40,12 +44,13 @@ struct Case {
     handler_mask_margin_m: Option<f64>,
     probabilities: Vec<f64>,
     beta: f64,
-    #[serde(default = "unknown_gap_m")]
-    unknown_gap_m: f64,
+    unknown_gap_m: Option<f64>,
 }
 
-fn unknown_gap_m() -> f64 {
-    UNKNOWN_GAP_M
+impl Case {
+    fn unknown_gap_m(&self) -> f64 {
+        self.unknown_gap_m.unwrap_or(UNKNOWN_GAP_M)
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -91,7 +96,7 @@ struct Answer {
     #[serde(rename = "unsafe")]
     is_unsafe: Vec<bool>,
     all_unsafe: bool,
-    /// Null where no beam is judged.
+    /// Null where no beam that is judged hit anything.
     margins_m: Vec<Option<f64>>,
     next_handler: Vec<[f64; 3]>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -168,7 +173,10 @@ impl Judge {
 
     fn judge(&mut self, case: Case, thresholds: bool) -> Result<Answer, String> {
         check(&case)?;
-        let readings: Vec<f64> = case.scan.ranges_m.iter().map(metres).collect::<Result<_, _>>()?;
+        let range_max_m = case.scan.range_max_m;
+        let hit = |metres: f64| if metres >= range_max_m { NOTHING_M } else { metres };
+        let readings = case.scan.ranges_m.iter().map(|reading| metres(reading).map(hit));
+        let readings: Vec<f64> = readings.collect::<Result<_, _>>()?;
         let header = header(&case);
         self.beams.fill_with(&header, readings.len(), |i| readings[i]).map_err(|error| error.to_string())?;
         let handler = se2(pose(case.robot_from_handler));
@@ -186,7 +194,7 @@ impl Judge {
         let mut shield = Shield::new(ShieldConfig {
             robot_radius_m: case.robot_radius_m,
             margin_m: 0.0,
-            unknown_gap_m: case.unknown_gap_m,
+            unknown_gap_m: case.unknown_gap_m(),
             escape: false,
             unseen_limit_m2: None,
         });
@@ -204,7 +212,7 @@ impl Judge {
             probabilities,
             is_unsafe,
             all_unsafe,
-            margins_m: margins.map(|margin| margin.is_finite().then_some(margin)).collect(),
+            margins_m: margins.map(|margin| (margin < NOTHING_M / 2.0).then_some(margin)).collect(),
             next_handler: motions.iter().map(|motion| numbers(&motion.handler)).collect(),
             thresholds_m,
         })
@@ -235,7 +243,7 @@ fn header(case: &Case) -> ScanHeader {
         angle_min_rad: scan.angle_min_rad,
         angle_increment_rad: scan.angle_increment_rad,
         range_min_m: scan.range_min_m,
-        range_max_m: scan.range_max_m,
+        range_max_m: NOTHING_M,
         robot_from_lidar: pose(case.robot_from_lidar),
         ..ScanHeader::default()
     }
@@ -275,18 +283,22 @@ fn check(case: &Case) -> Result<(), String> {
         ("robot_radius_m", case.robot_radius_m, 0.0),
         ("handler_radius_m", case.handler_radius_m, 0.0),
         ("handler_mask_margin_m", case.handler_mask_margin_m.unwrap_or(0.0), -case.handler_radius_m),
-        ("unknown_gap_m", case.unknown_gap_m, 0.0),
+        ("unknown_gap_m", case.unknown_gap_m(), 0.0),
     ] {
-        if !(value.is_finite() && value >= from) {
-            return Err(format!("{key}: {value} is not finite and from {from}"));
+        if !(from..=PLACE_MAX_M).contains(&value) {
+            return Err(format!("{key}: {value} is not in {from}..{PLACE_MAX_M}"));
         }
     }
     if !(0.0..=1.0).contains(&case.beta) {
         return Err(format!("beta: {} is not in 0..1", case.beta));
     }
     let poses = case.actions.iter().map(|action| action.motion).chain([case.robot_from_handler, case.robot_from_lidar]);
-    if !poses.flatten().all(f64::is_finite) {
-        return Err("a motion or a pose is not finite".to_owned());
+    if !poses.flatten().all(|value| value.abs() <= PLACE_MAX_M) {
+        return Err(format!("a motion or a pose is not within {PLACE_MAX_M} m or radians"));
+    }
+    let Scan { range_min_m, range_max_m, .. } = case.scan;
+    if !(range_min_m >= 0.0 && range_min_m < range_max_m && range_max_m < NOTHING_M) {
+        return Err(format!("scan: range_min_m {range_min_m} and range_max_m {range_max_m} are no range"));
     }
     Ok(())
 }

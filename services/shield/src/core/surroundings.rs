@@ -58,7 +58,7 @@ impl Surroundings {
 
     /// Scan and frame were taken a while ago, and the robot has moved on. Where nobody knows where it was then, they
     /// say nothing about now.
-    pub fn move_to(&mut self, odom_from_robot: &Se2, track: &PoseTrack) {
+    pub fn move_to(&mut self, now_ns: u64, odom_from_robot: &Se2, track: &PoseTrack) {
         let then_in_now = |header: Header| track.at(header.stamp_ns).map(|then| odom_from_robot.inverse() * then);
         if let Some(header) = self.scan {
             match then_in_now(header) {
@@ -73,15 +73,15 @@ impl Surroundings {
             }
         }
         if let Some(memory) = &mut self.memory {
-            memory.move_to(odom_from_robot);
+            memory.move_to(now_ns, odom_from_robot);
         }
     }
 
-    /// Remembers the newest scan and frame.
-    pub fn remember(&mut self, now_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
+    /// Remembers the newest scan, of that stamp, and frame.
+    pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         if let Some(memory) = &mut self.memory {
-            memory.update(now_ns, odom_from_robot, &self.beams, depth, handler);
+            memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);
         }
     }
 

@@ -93,9 +93,12 @@ fn depth_header(stamp_ms: u64) -> DepthHeader {
 
 /// A core in run at 1000 ms, all inputs fresh, the robot standing in the open.
 fn ready() -> Core {
-    let settings = Settings::default();
+    ready_with(&Settings::default())
+}
+
+fn ready_with(settings: &Settings) -> Core {
     let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let mut core = Core::new(CoreConfig::of(&settings, harness.into(), ActionTable::eight()));
+    let mut core = Core::new(CoreConfig::of(settings, harness.into(), ActionTable::eight()));
     core.take_mode(&mode(ModeClass::Run, 990));
     core.take_odometry(&odometry(990, 0.0));
     core.take_depth(&depth_header(990), &[5000; PIXELS]);
@@ -229,6 +232,39 @@ fn what_was_seen_stays_in_the_way_until_it_is_seen_gone_or_the_frame_is_a_new_on
         let permit = core.on_action(1100 * MS, &action_at(2, 1095)).expect("a verdict");
         assert_eq!(permit.unsafe_mask >> 1 & 1 == 1, forbidden, "forward: {permit:?}");
     }
+}
+
+#[test]
+fn a_permit_ends_with_every_input_that_it_was_judged_on() {
+    let mut settings = Settings::default();
+    settings.depth.needed = false;
+    let mut core = ready_with(&settings);
+    core.take_odometry(&odometry(850, 0.0));
+    core.take_depth(&depth_header(990), &[5000; PIXELS]);
+    let permit = core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
+    assert_eq!(permit.expiry_ns, 1190 * MS);
+    core.take_odometry(&odometry(1090, 0.0));
+    let permit = core.on_scan(1100 * MS, &scan_header(1095), &open_scan());
+    assert_eq!((permit.outcome, permit.expiry_ns), (Outcome::Granted, 1190 * MS), "the frame is of 990 ms");
+    let permit = core.on_scan(1150 * MS, &scan_header(1095), &open_scan());
+    assert_eq!(permit.expiry_ns, 1190 * MS);
+}
+
+#[test]
+fn a_scan_that_comes_late_is_not_remembered() {
+    let mut core = ready();
+    let mut unknown = open_scan();
+    unknown[165..=195].fill(f32::NAN);
+    // Open, and stamped 1.1 s, but it comes at 2.0 s.
+    core.take_mode(&mode(ModeClass::Run, 2000));
+    for stamp_ms in (1010..2100).step_by(20) {
+        core.take_odometry(&odometry(stamp_ms, 0.0));
+    }
+    core.take_depth(&depth_header(2000), &floor_ahead());
+    assert_eq!(core.on_scan(2000 * MS, &scan_header(1100), &open_scan()).outcome, Outcome::StaleScan);
+    core.on_scan(2100 * MS, &scan_header(2090), &unknown);
+    let permit = core.on_action(2100 * MS, &action_at(4, 2095)).expect("a verdict");
+    assert_eq!(permit.unsafe_mask >> 1 & 1, 1, "nobody has seen the way ahead for a second: {permit:?}");
 }
 
 #[test]

@@ -8,6 +8,8 @@ use super::{Law, MAX_PIECES, Piece, Seen};
 
 /// Beams of a block of [`Readings`].
 pub const BLOCK: usize = 32;
+/// A scan goes over at most so many turns of the boundary: it begins within the first and ends within the last.
+const TURNS: usize = 3;
 /// Lanes that the compiler may work on side by side.
 const LANES: usize = 8;
 /// Greater than every margin, and finite, so that it can be reckoned with, metres.
@@ -85,20 +87,23 @@ struct Part {
 #[derive(Debug, Clone)]
 pub struct Parts<'a> {
     beams: Directions<'a>,
-    parts: [Part; 2 * MAX_PIECES],
+    parts: [Part; TURNS * MAX_PIECES],
     count: usize,
 }
 
 impl<'a> Parts<'a> {
     pub(super) fn of(seen: &Seen<'_>, beams: Directions<'a>) -> Self {
         let nothing = Part { law: Law::Line { n: Vector2::x(), k: 0.0 }, farthest_m: 0.0, begin: 0, end: 0 };
-        let mut parts = Self { beams, parts: [nothing; 2 * MAX_PIECES], count: 0 };
+        let mut parts = Self { beams, parts: [nothing; TURNS * MAX_PIECES], count: 0 };
         let (count, tau) = (beams.x.len(), std::f64::consts::TAU);
         let start_rad = (seen.begins_rad[0] - beams.first_rad).rem_euclid(tau);
         let index = |rad: f64| first_at_or_after(rad / beams.increment_rad).min(count);
-        // The pieces a turn earlier have the beams before the first piece begins.
-        for (from_rad, to_rad) in [(start_rad - tau, start_rad), (start_rad, start_rad + tau)] {
-            let mut begin = index(from_rad);
+        // The pieces a turn earlier have the beams before the first piece begins; a turn later, the last beam of a scan
+        // that ends where it began.
+        let mut begin = 0;
+        for turn in 0..TURNS {
+            let from_rad = start_rad + (turn as f64 - 1.0) * tau;
+            let to_rad = start_rad + turn as f64 * tau;
             for piece in 0..seen.boundary.count {
                 let last = piece + 1 == seen.boundary.count;
                 let end_rad = from_rad + (seen.begins_rad[piece + 1] - seen.begins_rad[0]);
@@ -233,7 +238,7 @@ fn farthest_m(seen: &Seen<'_>, piece: usize) -> f64 {
 /// The least whole number that is not less; 0 for what is under 0. (`ceil` is a call on older processors.)
 fn first_at_or_after(share: f64) -> usize {
     let whole = share as usize;
-    whole + usize::from((whole as f64) < share)
+    whole.saturating_add(usize::from((whole as f64) < share))
 }
 
 /// The lowest of a figure of each beam, several beams side by side.

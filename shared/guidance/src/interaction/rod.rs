@@ -52,6 +52,11 @@ impl Interaction for RotatingRod {
         0.0
     }
 
+    /// Anywhere around the grip.
+    fn astray_m(&self, _speed_mps: f64) -> f64 {
+        2.0 * self.length_m
+    }
+
     /// A rod that swings recovers by the way that the robot makes, not by time: nothing is sure to be forgotten in a
     /// step.
     fn remembered(&self) -> f64 {

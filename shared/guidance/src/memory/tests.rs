@@ -84,6 +84,7 @@ fn what_the_handler_hides_is_still_there() {
     let turn = Pose2::new(0.0, 0.0, 0.5);
     let judgement = judge_with(evidence, hiding, turn);
     assert!(!judgement.safe && judgement.cause == UnsafeCause::Memory, "{judgement:?}");
+    assert!(judgement.margin_m < 0.0 && judgement.beam.is_none(), "the margin is no beam's: {judgement:?}");
     assert!(judge_with(Evidence { memory: None, ..evidence }, hiding, turn).safe, "without memory nobody knows");
 }
 
@@ -100,7 +101,7 @@ fn a_beam_that_passes_clears_and_a_new_frame_forgets() {
     memory.update(300 * MS, &Se2::identity(), &scan(&[(Point::new(0.6, 0.18), 0.1)]), None, &handler());
     assert!(memory.hidden().is_empty());
     forgetful.clear();
-    forgetful.move_to(&Se2::identity());
+    forgetful.move_to(0, &Se2::identity());
     assert!(forgetful.hidden().is_empty() && !forgetful.saw_free(Point::new(0.5, -0.5)));
 }
 
@@ -123,6 +124,15 @@ fn what_ends_on_the_handler_never_enters_and_where_they_stand_nothing_else_does(
 
 /// A camera at the robot's nose that sees something low straight ahead, or the bare floor.
 fn camera(low_at_m: Option<f64>) -> DepthView {
+    view(low_at_m, 20..44)
+}
+
+/// The same over the whole width of the image.
+fn camera_across(low_at_m: Option<f64>) -> DepthView {
+    view(low_at_m, 0..64)
+}
+
+fn view(low_at_m: Option<f64>, columns: std::ops::Range<usize>) -> DepthView {
     let header = DepthHeader {
         width: 64,
         height: 48,
@@ -137,7 +147,7 @@ fn camera(low_at_m: Option<f64>) -> DepthView {
         .map(|i| {
             let below = ((i / 64) as f64 - 23.5) / 32.0;
             let floor_m = if below > 0.0 { (0.45 / below).min(9.0) } else { 9.0 };
-            let ahead = (20..44).contains(&(i % 64));
+            let ahead = columns.contains(&(i % 64));
             // What is 0.2 m high, seen from 0.45 m: only rays that fall by 0.25 m before it end on it.
             let box_m = low_at_m.filter(|at| ahead && at * below > 0.25);
             let depth_m = box_m.map_or(floor_m, |at| at.min(floor_m));
@@ -179,26 +189,72 @@ fn what_is_old_is_forgotten_once_the_robot_has_walked_on() {
     let post = Point::new(-1.0, 0.5);
     let screen = (Point::new(-0.5, 0.25), 0.15);
     memory.update(0, &Se2::identity(), &scan(&[(post, POST_M)]), None, &handler());
-    memory.update(60_000 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
+    memory.update(50_000 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
     let spot = *memory.hidden().first().expect("kept while the robot stands");
     assert!(spot.uncertainty_m < 1e-12);
     // Half a turn and back: a place 1.1 m away is off by 0.03 x 2 x 0.5 x 1.1 m.
     memory.update(
-        60_100 * MS,
+        50_100 * MS,
         &Se2::rotation(0.5),
         &scan(&[(se2(Pose2::new(0.0, 0.0, -0.5)) * screen.0, 0.15)]),
         None,
         &handler(),
     );
-    memory.update(60_200 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
+    memory.update(50_200 * MS, &Se2::identity(), &scan(&[screen]), None, &handler());
     let spot = *memory.hidden().first().expect("kept");
     assert!((spot.uncertainty_m - 0.03 * spot.place.coords.norm()).abs() < 1e-9, "{spot:?}");
     // It stays hidden on the way, and after more than a metre it is let go.
     for (i, x) in [(1u64, 0.4), (2, 0.8), (3, 1.1)] {
         let back = Se2::translation(x, 0.0).inverse();
-        memory.update(61_000 * MS + i, &back.inverse(), &scan(&[(back * screen.0, 0.2)]), None, &handler());
+        memory.update(51_000 * MS + i, &back.inverse(), &scan(&[(back * screen.0, 0.2)]), None, &handler());
     }
     assert!(memory.hidden().iter().all(|spot| spot.place.x > -1.8), "{:?}", memory.hidden());
+}
+
+#[test]
+fn what_only_the_lidar_saw_is_let_go_after_a_minute_even_where_the_robot_stands() {
+    let mut memory = memory();
+    let screen = scan(&[(Point::new(-0.5, 0.25), 0.15)]);
+    memory.update(0, &Se2::identity(), &scan(&[(Point::new(-1.0, 0.5), POST_M)]), None, &handler());
+    memory.update(59_000 * MS, &Se2::identity(), &screen, None, &handler());
+    assert!(!memory.hidden().is_empty());
+    memory.update(61_000 * MS, &Se2::identity(), &screen, None, &handler());
+    assert!(memory.hidden().is_empty(), "whoever it was may be gone: {:?}", memory.hidden());
+}
+
+/// The mask is wider than the handler by what the lidar is off.
+#[test]
+fn what_stands_close_to_the_handler_is_not_forgotten() {
+    for (beside_m, remains) in [(0.27, true), (0.2, false)] {
+        let mut memory = memory();
+        let post = HANDLER.0 + nalgebra::Vector2::new(0.0, -beside_m);
+        let elsewhere = HandlerBody { center: Point::new(-0.75, 0.5), ..handler() };
+        memory.update(0, &Se2::identity(), &scan(&[(post, 0.01)]), None, &elsewhere);
+        // The handler stands beside it, and hides it; then they go on, and it is hidden still.
+        memory.update(100 * MS, &Se2::identity(), &scan(&[(HANDLER.0, 0.22)]), None, &handler());
+        memory.update(200 * MS, &Se2::identity(), &scan(&[(post - post.coords * 0.4, 0.15)]), None, &elsewhere);
+        assert_eq!(memory.hidden().iter().any(|spot| (spot.place - post).norm() < 0.03), remains, "{beside_m} m");
+    }
+}
+
+#[test]
+fn what_the_outermost_columns_saw_can_be_seen_gone() {
+    let mut memory = memory();
+    let everywhere = camera_across(Some(0.6));
+    memory.update(0, &Se2::identity(), &scan(&[]), Some(&everywhere), &handler());
+    memory.update(100 * MS, &Se2::identity(), &scan(&[]), Some(&camera_across(None)), &handler());
+    assert!(everywhere.points().len() == 16 && memory.hidden().is_empty(), "{:?}", memory.hidden());
+}
+
+#[test]
+fn free_is_counted_from_the_scans_stamp_to_now() {
+    let mut memory = memory();
+    memory.update(1000 * MS, &Se2::identity(), &scan(&[]), None, &handler());
+    let ahead = Point::new(1.0, 0.01);
+    memory.move_to(1500 * MS, &Se2::identity());
+    assert!(memory.saw_free(ahead));
+    memory.move_to(1501 * MS, &Se2::identity());
+    assert!(!memory.saw_free(ahead), "no scan since: it is nobody's knowledge any more");
 }
 
 #[test]
@@ -441,7 +497,7 @@ proptest! {
         let mut memory = memory();
         memory.update(0, &Se2::identity(), &then, None, &handler());
         let odom_from_robot = se2(Pose2::new(x, y, yaw));
-        memory.move_to(&odom_from_robot);
+        memory.move_to(0, &odom_from_robot);
         let odom = Point::new(range * angle.cos(), range * angle.sin());
         if memory.saw_free(odom_from_robot.inverse() * odom) {
             let right = ((angle + std::f64::consts::PI).to_degrees()) as usize;

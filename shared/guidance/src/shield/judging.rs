@@ -259,7 +259,11 @@ impl<'a> Present<'a> {
             if pressing && !self.gets_closer(point, motion) {
                 continue;
             }
-            judgement.margin_m = judgement.margin_m.min(inside_m);
+            if inside_m < judgement.margin_m {
+                judgement.margin_m = inside_m;
+                // It is no beam's any more.
+                (judgement.beam, judgement.reading_m, judgement.threshold_m) = (None, 0.0, 0.0);
+            }
             judgement.forbid(cause);
         }
     }

@@ -206,7 +206,7 @@ fn thresholds_come_in_the_lidars_own_order() {
 #[test]
 fn the_remainder_goes_on_with_robot_and_handler() {
     let velocity = Twist2 { vx_mps: 0.5, vy_mps: 0.1, wz_radps: 0.4 };
-    let motion = Shield::remainder(&handler(), &Se2::identity(), velocity, 0.3, 1.0);
+    let motion = Shield::remainder(&handler(), &Se2::identity(), velocity, 0.3);
     let robot = exp(velocity, 0.3);
     assert!((motion.robot.inverse() * robot).translation.vector.norm() < 1e-12);
     // The step's whole motion is what is left of it: the model's own step from where the handler is.
@@ -244,6 +244,24 @@ fn an_unknown_beam_is_excused_only_as_far_as_it_was_seen_free() {
         let judgement = Shield::new(config(true)).judge(&motion, evidence, &handler());
         let cause = if forbidden { UnsafeCause::Unknown } else { UnsafeCause::None };
         assert_eq!(judgement.cause, cause, "seen to {seen_m} m");
+    }
+}
+
+/// 0 to 2 pi inclusive, as some drivers send it: the last beam is the first once more.
+#[test]
+fn the_last_beam_of_a_turn_that_ends_where_it_began_counts() {
+    for mount_rad in [0.0, std::f64::consts::PI, 1.0] {
+        let inclusive = ScanHeader {
+            angle_min_rad: -mount_rad,
+            angle_increment_rad: std::f64::consts::TAU / 360.0,
+            robot_from_lidar: Pose2::new(0.0, 0.0, mount_rad),
+            ..header()
+        };
+        for near in [0, 360] {
+            let mut ranges = [5.0f32; 361];
+            ranges[near] = 0.4;
+            assert_eq!(judge_ranges(&inclusive, &ranges) & 0b10, 0b10, "beam {near} of a lidar turned by {mount_rad}");
+        }
     }
 }
 
