@@ -234,7 +234,8 @@ impl DepthView {
             return false;
         }
         let left = to.dot(&Vector2::new(-self.forward.y, self.forward.x)) / along;
-        // Columns go from left to right; what the outermost saw lies on the edge of the view and may be off by rounding.
+        // Columns go from left to right; what the outermost saw lies on the edge of the view and may be off by
+        // rounding.
         let (first, last) = (self.columns[0].left, self.columns[self.columns.len() - 1].left);
         if self.columns.len() < 2 || left > first + EDGE || left < last - EDGE {
             return false;

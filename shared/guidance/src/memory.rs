@@ -22,8 +22,8 @@ const REACH_M: f64 = 3.9;
 const GAIN: f64 = 0.4;
 /// However long ago a point was seen, it is let go only once the robot has walked this far since, metres.
 const WALKED_MIN_M: f64 = 1.0;
-/// Who waits for so long may be walked around: what only the lidar saw is let go, nanoseconds. What the camera saw stays:
-/// it lies below what the camera sees from there.
+/// Who waits for so long may be walked around: what only the lidar saw is let go, nanoseconds. What the camera saw
+/// stays: it lies below what the camera sees from there.
 const STANDING_MAX_NS: u64 = 60_000_000_000;
 /// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
 const SAME_M: f64 = 0.15;

@@ -277,7 +277,9 @@ impl Fan {
         let begin_rad = (to.y.atan2(to.x) - half_rad - self.first_rad).rem_euclid(std::f64::consts::TAU);
         let index = |rad: f64| ((rad / self.increment_rad) as usize).min(self.count);
         let end_rad = begin_rad + 2.0 * half_rad;
-        [0..index(end_rad - std::f64::consts::TAU), index(begin_rad)..index(end_rad)]
+        // Wide beams may be in both; each is told once.
+        let over = index(end_rad - std::f64::consts::TAU);
+        [0..over, index(begin_rad).max(over)..index(end_rad)]
     }
 
     /// The beam that passes nearest to a point, as far as it lies within the field of view.
