@@ -221,8 +221,8 @@ fn of_equals_the_first_is_taken_and_draws_are_those_of_splitmix64() {
     // The first outputs of the published generator with seed 0, as shares of 2^64.
     for (n, output) in [(1u64, 0xe220_a839_7b1d_cdaf_u64), (2, 0x6e78_9e6a_a1b9_65f4), (3, 0x06c4_5d18_8009_454f)] {
         let share = output as f64 / 2f64.powi(64);
-        let below = [share - 1e-9, 1.0 - share + 1e-9];
-        let above = [share + 1e-9, 1.0 - share - 1e-9];
+        let below = [share - 1e-12, 1.0 - share + 1e-12];
+        let above = [share + 1e-12, 1.0 - share - 1e-12];
         assert_eq!((choose(&below, Draw::Seeded(0), n), choose(&above, Draw::Seeded(0), n)), (1, 0), "draw {n}");
     }
 }
