@@ -76,7 +76,10 @@ impl ModelKind {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// Fewer recordings than parameters can be told from.
-    #[error("{recordings} recordings of {whom}: at least 3 are needed, two to fit and one to validate")]
+    #[error(
+        "{recordings} recordings of {whom}, too few: the last walk of each trajectory that has more than one validates, and \
+         two at least must be left to fit"
+    )]
     TooFew {
         /// Whose.
         whom: String,
