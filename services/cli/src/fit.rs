@@ -16,6 +16,9 @@ use crate::args::{FitArgs, FitModel};
 use crate::exit::Failure;
 use crate::out::{self, say};
 
+/// Decision periods, from and to, seconds.
+const DT_S: (f64, f64) = (0.01, 5.0);
+
 /// `guidedog fit`.
 ///
 /// # Errors
@@ -23,6 +26,9 @@ use crate::out::{self, say};
 pub fn fit(args: &FitArgs, as_json: bool) -> Result<(), Failure> {
     let recordings = recordings(args)?;
     let dt_s = args.dt.s();
+    if !(DT_S.0..=DT_S.1).contains(&dt_s) {
+        return Err(Failure::input(format!("--dt is {dt_s} s, not in {}..{} s", DT_S.0, DT_S.1)));
+    }
     if let Some(path) = &args.svg {
         let text = picture(&recordings, dt_s)?;
         std::fs::write(path, text).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;

@@ -77,8 +77,9 @@ impl Boundary {
     pub fn of(discs: &[Disc; 4]) -> Self {
         let nothing = Piece::Edge { from: Point::origin(), to: Point::origin() };
         let mut walk = Self { pieces: [nothing; MAX_PIECES], count: 0 };
-        let tangents = tangents(discs);
-        let first = first_disc(discs);
+        let counts = not_held(discs);
+        let tangents = tangents(discs, &counts);
+        let first = first_disc(discs, &counts);
         let (mut current, mut turned, mut normal) = (first, 0.0, Vector2::x());
         while walk.count + 2 < MAX_PIECES {
             let Some((next, tangent)) = next_tangent(&tangents[current], turned) else { break };
@@ -111,11 +112,21 @@ impl Boundary {
     }
 }
 
+/// Which discs count: not those that another holds, touching it from within or the same included. Of such a pair the
+/// walk could begin at the one from which no tangent leads on.
+fn not_held(discs: &[Disc; 4]) -> [bool; 4] {
+    std::array::from_fn(|i| {
+        let larger = |j: usize| (discs[j].radius_m, i) > (discs[i].radius_m, j);
+        let reach_m = |j: usize| (discs[i].center - discs[j].center).norm() + discs[i].radius_m;
+        !(0..discs.len()).any(|j| j != i && larger(j) && reach_m(j) <= discs[j].radius_m + SAME)
+    })
+}
+
 /// The disc that reaches farthest along x; of equals the one that is farthest along the walk.
-fn first_disc(discs: &[Disc; 4]) -> usize {
+fn first_disc(discs: &[Disc; 4], counts: &[bool; 4]) -> usize {
     let reach = |disc: &Disc| (disc.center.x + disc.radius_m, disc.center.y);
-    let mut best = 0;
-    for i in 1..discs.len() {
+    let mut best = counts.iter().position(|counts| *counts).unwrap_or(0);
+    for i in (best + 1..discs.len()).filter(|i| counts[*i]) {
         let (mine, others) = (reach(&discs[i]), reach(&discs[best]));
         if mine.0 > others.0 + SAME || (mine.0 >= others.0 - SAME && mine.1 > others.1) {
             best = i;
@@ -132,17 +143,16 @@ struct Tangent {
     turn: f64,
 }
 
-/// The outer tangent that leads counter-clockwise from each disc to each other; none where one holds the other.
-fn tangents(discs: &[Disc; 4]) -> [[Option<Tangent>; 4]; 4] {
+/// The outer tangent that leads counter-clockwise from each disc to each other.
+fn tangents(discs: &[Disc; 4], counts: &[bool; 4]) -> [[Option<Tangent>; 4]; 4] {
     let mut all = [[None; 4]; 4];
-    for i in 0..4 {
-        for j in i + 1..4 {
+    for i in (0..4).filter(|i| counts[*i]) {
+        for j in (i + 1..4).filter(|j| counts[*j]) {
             let between = discs[j].center - discs[i].center;
             let distance_m = between.norm();
             let wider_m = discs[i].radius_m - discs[j].radius_m;
-            if distance_m <= wider_m.abs() || distance_m < 1e-12 {
-                continue;
-            }
+            // No disc that counts is held by another.
+            debug_assert!(distance_m > wider_m.abs());
             let u = between / distance_m;
             let cos = wider_m / distance_m;
             let side = Vector2::new(-u.y, u.x) * (1.0 - cos * cos).max(0.0).sqrt();

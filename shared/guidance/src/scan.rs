@@ -89,13 +89,20 @@ impl Beams {
     /// # Errors
     /// Where the scan cannot be used; the beams are then empty.
     pub fn fill(&mut self, header: &ScanHeader, ranges_m: &[f32]) -> Result<(), ScanError> {
-        self.fill_with(header, ranges_m.len(), |i| f64::from(ranges_m[i]))
+        self.fill_with(header, ranges_m.len(), |i| f64::from(ranges_m[i]))?;
+        if self.unknown.len() == self.beams.len() {
+            let count = self.beams.len();
+            self.beams.clear();
+            return Err(ScanError::AllUnknown(count));
+        }
+        Ok(())
     }
 
-    /// The same with readings from wherever they are, in the lidar's order, metres; NaN says nothing.
+    /// The same with readings from wherever they are, in the lidar's order, metres; NaN says nothing, and all may say
+    /// nothing: who judges then, judges on that.
     ///
     /// # Errors
-    /// As [`Beams::fill`].
+    /// Where the scan cannot be used but for that; the beams are then empty.
     pub fn fill_with(
         &mut self,
         header: &ScanHeader,
@@ -121,10 +128,6 @@ impl Beams {
             if kind == BeamKind::Unknown {
                 self.unknown.push(i);
             }
-        }
-        if self.unknown.len() == count {
-            self.beams.clear();
-            return Err(ScanError::AllUnknown(count));
         }
         let known = |beam: &Beam| if beam.kind == BeamKind::Unknown { f64::INFINITY } else { beam.reading_m };
         self.readings.fill(self.beams.iter().map(known));

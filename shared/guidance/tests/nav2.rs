@@ -174,6 +174,6 @@ fn a_scan_that_says_nothing_is_refused() {
         ..ScanHeader::default()
     };
     let mut beams = Beams::default();
-    assert_eq!(beams.fill_with(&header, 360, |_| f64::NAN), Err(ScanError::AllUnknown(360)));
+    assert_eq!(beams.fill(&header, &[f32::NAN; 360]), Err(ScanError::AllUnknown(360)));
     assert!(beams.beams().is_empty(), "nothing is left to be judged by");
 }

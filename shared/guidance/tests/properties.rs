@@ -238,9 +238,9 @@ fn widest_unknown_chord(moment: &Moment) -> (f64, f64) {
             let (at, before) =
                 (swept.threshold_m(place(&lidar), direction), present.threshold_m(place(&lidar), direction));
             if moment.readings_m[i].is_nan() {
-                closest_m = closest_m.min((at - before - 1e-3).abs());
+                closest_m = closest_m.min((at - before - 1e-9).abs());
             }
-            (moment.readings_m[i].is_nan() && at > before + 1e-3).then_some(at)
+            (moment.readings_m[i].is_nan() && at > before + 1e-9).then_some(at)
         })
         .collect();
     let whole_turn = increment_rad.abs() * (count as f64 + 0.5) >= TAU;
@@ -425,7 +425,7 @@ proptest! {
         let readings_m: Vec<f64> = (0..count).map(|i| if blind(i) { f64::NAN } else { 4.0 }).collect();
         let moment = Moment { readings_m, mask_radius_m: None, ..moment };
         let (chord_m, decides_by_m) = widest_unknown_chord(&moment);
-        prop_assume!((chord_m - 0.1).abs() > 1e-6 && decides_by_m > 1e-6);
+        prop_assume!((chord_m - 0.1).abs() > 1e-6 && decides_by_m > 5e-10);
         let judgement = moment.judge();
         prop_assert_eq!(judgement.safe, chord_m <= 0.1, "the widest chord is {} m", chord_m);
         prop_assert_eq!(judgement.cause, if judgement.safe { UnsafeCause::None } else { UnsafeCause::Unknown });

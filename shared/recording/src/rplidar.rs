@@ -104,6 +104,12 @@ pub enum ImportError {
         /// Why.
         source: std::io::Error,
     },
+    /// The recording would replace a capture.
+    #[error("{} is to be read and written at once", path.display())]
+    SameFile {
+        /// The file.
+        path: PathBuf,
+    },
     /// It is larger than any capture.
     #[error("{} has {bytes} bytes, over {CAPTURE_MAX}", path.display())]
     TooLong {
@@ -161,6 +167,11 @@ pub struct ImportReport {
 /// # Errors
 /// For a capture that cannot be read or holds no scan, and where the recording cannot be written.
 pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Result<ImportReport, ImportError> {
+    if let Ok(out) = out.canonicalize()
+        && captures.iter().any(|path| path.canonicalize().is_ok_and(|path| path == out))
+    {
+        return Err(ImportError::SameFile { path: out });
+    }
     let mut writer = Writer::create(out, options.existing)?;
     let decoded = captures.iter().map(|path| read(path)).collect::<Result<Vec<_>, _>>()?;
     let lengths = decoded.iter().flat_map(|capture| revolutions(&capture.nodes)).map(|(from, to)| to - from);

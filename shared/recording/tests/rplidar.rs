@@ -60,6 +60,10 @@ fn captures_become_a_recording_of_whole_revolutions() {
         scans += 1;
     }
     assert_eq!(scans, report.scans);
+    let copy = out.path().join("copy.bin");
+    std::fs::copy(&sources[0], &copy).unwrap();
+    let same = rplidar::import(std::slice::from_ref(&copy), &copy, options(Existing::Replace));
+    assert!(same.is_err_and(|error| error.to_string().contains("at once")), "the capture is still there");
     let none = rplidar::import(&[folder.join("expected.json")], &recording, options(Existing::Replace));
     assert!(none.is_err_and(|error| error.to_string().contains("expected.json holds no standard scan")));
 }

@@ -1,6 +1,7 @@
 //! The world and the sensors of a run, as its settings say.
 
-use guidance::HandlerErrors;
+use guidance::se2::pose2;
+use guidance::{HandlerErrors, Interaction};
 use settings::{DepthSettings, LidarSettings, OdometrySettings, Settings, Walk};
 
 use crate::{
@@ -90,7 +91,10 @@ impl From<&Settings> for PhysicsConfig {
                 ..RobotConfig::default()
             },
             handler: HandlerConfig {
-                robot_from_handler: handler.robot_from_handler,
+                // Where the model says that they walk: a rod has a place of its own.
+                robot_from_handler: settings
+                    .interaction()
+                    .map_or(handler.robot_from_handler, |model| pose2(&model.robot_from_default())),
                 alpha: handler.alpha.get(),
                 dt_s: settings.policy.dt.s(),
                 radius_m: handler.radius_m.get(),

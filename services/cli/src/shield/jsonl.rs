@@ -22,6 +22,8 @@ use crate::out;
 const LINE_MAX: u64 = 4 << 20;
 /// Where a beam that hit nothing ends, metres: beyond every threshold.
 const NOTHING_M: f64 = 1e9;
+/// Probabilities need not sum to 1, but to a number.
+const WEIGHT_MAX: f64 = 1e9;
 /// Nothing is larger or farther away, metres.
 const PLACE_MAX_M: f64 = 1e3;
 /// More actions than this are none.
@@ -276,8 +278,10 @@ fn check(case: &Case) -> Result<(), String> {
     if case.probabilities.len() != actions {
         return Err(format!("probabilities: {}, where there are {actions} actions", case.probabilities.len()));
     }
-    if !case.probabilities.iter().all(|p| p.is_finite() && *p >= 0.0) || case.probabilities.iter().sum::<f64>() <= 0.0 {
-        return Err("probabilities: not all finite and from 0, with a sum over 0".to_owned());
+    if !case.probabilities.iter().all(|p| (0.0..=WEIGHT_MAX).contains(p))
+        || case.probabilities.iter().sum::<f64>() <= 0.0
+    {
+        return Err(format!("probabilities: not all in 0..{WEIGHT_MAX}, with a sum over 0"));
     }
     for (key, value, from) in [
         ("robot_radius_m", case.robot_radius_m, 0.0),

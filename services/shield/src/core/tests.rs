@@ -239,8 +239,6 @@ fn a_permit_ends_with_every_input_that_it_was_judged_on() {
     let mut settings = Settings::default();
     settings.depth.needed = false;
     let mut core = ready_with(&settings);
-    core.take_odometry(&odometry(850, 0.0));
-    core.take_depth(&depth_header(990), &[5000; PIXELS]);
     let permit = core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
     assert_eq!(permit.expiry_ns, 1190 * MS);
     core.take_odometry(&odometry(1090, 0.0));

@@ -10,8 +10,8 @@ fn any_disc() -> impl Strategy<Value = Disc> {
 
 /// Discs on a grid, whose tangents often are one and the same, or begin where the walk begins.
 fn grid_disc() -> impl Strategy<Value = Disc> {
-    (-2..=2i8, -2..=2i8, 1..=2u8).prop_map(|(x, y, r)| Disc {
-        center: Point::new(f64::from(x) * 0.5, f64::from(y) * 0.5),
+    (-4..=4i8, -4..=4i8, 1..=3u8).prop_map(|(x, y, r)| Disc {
+        center: Point::new(f64::from(x) * 0.25, f64::from(y) * 0.25),
         radius_m: f64::from(r) * 0.25,
     })
 }

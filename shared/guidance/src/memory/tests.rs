@@ -4,7 +4,7 @@ use crate::handler::HandlerBody;
 use crate::hull::{Disc, Hull};
 use crate::scan::Beams;
 use crate::scan::tests::header;
-use crate::se2::{Point, Se2, se2};
+use crate::se2::{Point, Se2, exp, log, se2};
 use crate::shield::{Evidence, Judgement, Motion, Shield, ShieldConfig};
 use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
 use proptest::prelude::*;
@@ -461,6 +461,15 @@ proptest! {
             let nearer = |from: Point, to: Point| (place - to).norm() < (place - from).norm() - 1e-3;
             let forbidden = nearer(Point::origin(), there[0].center) || nearer(handler().center, there[1].center);
             prop_assert!(!forbidden || !judgement.safe, "{:?}", judgement);
+            let from = handler().center;
+            let comes = (0..=200).map(|i| {
+                let share = f64::from(i) / 200.0;
+                let robot = Point::from(exp(log(&robot, 1.0), share).translation.vector);
+                let handler = from + (there[1].center - from) * share;
+                (place.coords.norm() - (place - robot).norm()).max((place - from).norm() - (place - handler).norm())
+            });
+            let allowed = comes.fold(f64::MIN, f64::max) < 0.5e-4;
+            prop_assert!(!allowed || judgement.safe, "{:?}", judgement);
         }
     }
 

@@ -15,8 +15,8 @@ use crate::memory::Memory;
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, exp, log};
 
-/// An action's hull reaches beyond the present one where its threshold is greater by more than this, metres.
-const BEYOND_M: f64 = 1e-3;
+/// An action's hull reaches beyond the present one where its threshold is greater by more than rounding, metres.
+const BEYOND_M: f64 = 1e-9;
 /// The escape rule allows what comes nearer by less than this, metres: what is abeam, give or take a centimetre, when
 /// the robot goes straight on.
 const CLOSER_M: f64 = 1e-4;

@@ -265,6 +265,21 @@ fn the_last_beam_of_a_turn_that_ends_where_it_began_counts() {
     }
 }
 
+#[test]
+fn the_escape_rule_holds_for_a_lidar_outside_the_hull() {
+    let outside = ScanHeader { robot_from_lidar: Pose2::new(2.0, 0.0, 0.0), ..header() };
+    // Beam 0 looks back at the robot: something stands 0.28 m before its middle, within its disc.
+    let mut ranges = vec![f32::INFINITY; 360];
+    ranges[0] = 1.72;
+    let mut beams = Beams::default();
+    beams.fill(&outside, &ranges).expect("usable");
+    for (x_m, safe) in [(-0.1, true), (0.1, false)] {
+        let motion = Shield::predict(&handler(), &Se2::translation(x_m, 0.0));
+        assert_eq!(Shield::new(config(true)).judge(&motion, Evidence::scan(&beams), &handler()).safe, safe, "{x_m} m");
+        assert!(!Shield::new(config(false)).judge(&motion, Evidence::scan(&beams), &handler()).safe);
+    }
+}
+
 proptest! {
     #![proptest_config(crate::testing::cases())]
 
