@@ -78,9 +78,9 @@ A case (paper mode: no escape rule, no memory), on one line:
    "actions": [{"name": "stop", "motion": [dx, dy, dyaw], "dt_s": 0.5}, ...], "robot_radius_m": 0.3,
    "handler_radius_m": 0.25, "handler_mask_margin_m": 0.03, "probabilities": [...], "beta": 0.5, "unknown_gap_m": 0.1}
 Also {"model": "rigid", "offset": [..]} and {"model": "rod", "grip": [x, y], "length_m": 0.8}. A mask margin of null
-masks nothing; unknown_gap_m may be left out. A reading at or over range_max_m or "inf" hit nothing, however far; null or
-under range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included. A margin is
-null where no judged beam hit anything."#;
+masks nothing; unknown_gap_m may be left out. A reading at or over range_max_m or "inf" hit nothing, however far; null
+or under range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included. A margin
+is null where no judged beam hit anything."#;
 
 const UP_EXAMPLES: &str = "\
 Examples:
