@@ -77,8 +77,8 @@ impl ModelKind {
 pub enum FitError {
     /// Fewer recordings than parameters can be told from.
     #[error(
-        "{recordings} recordings of {whom}, too few: the last walk of each trajectory that has more than one validates, \
-         and two at least must be left to fit"
+        "{recordings} recordings of {whom}, too few: of each trajectory that has more than one, the last validates, and \
+         two must be left to fit"
     )]
     TooFew {
         /// Whose.
