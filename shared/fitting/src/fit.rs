@@ -77,7 +77,7 @@ impl ModelKind {
 pub enum FitError {
     /// Fewer recordings than parameters can be told from.
     #[error(
-        "{recordings} recordings of {whom}, too few: of each trajectory that has more than one, the last validates, and \
+        "{recordings} recordings of {whom}, too few: the last of each trajectory that has more than one validates, and \
          two must be left to fit"
     )]
     TooFew {
