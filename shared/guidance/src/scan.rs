@@ -11,7 +11,7 @@ use crate::se2::{Point, Se2, pose2, se2};
 /// No lidar's beams are nearer to each other, radians.
 const INCREMENT_MIN_RAD: f64 = 1e-6;
 /// Beyond it angles lose the digits that tell beams apart, radians.
-const ANGLE_MAX_RAD: f64 = 100.0;
+const ANGLE_MAX_RAD: f64 = 1e4;
 /// A lidar that is less exact is none, metres: the handler's mask is three times as wide.
 pub const SIGMA_MAX_M: f64 = 0.1;
 
