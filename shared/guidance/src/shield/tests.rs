@@ -111,6 +111,22 @@ fn a_run_of_unknown_beams_goes_on_over_the_end_of_a_whole_turn() {
     assert_eq!(judge(&beams, true).0 & 0b10, 0b10);
 }
 
+/// Forward by the beams that are unknown, of `count` beams of a degree from straight ahead on.
+fn forward_is_unsafe(count: usize, unknown: &[std::ops::Range<usize>]) -> bool {
+    let from_ahead = ScanHeader { angle_min_rad: 0.0, ..header() };
+    let mut ranges = vec![9.0f32; count];
+    unknown.iter().for_each(|run| ranges[run.clone()].fill(f32::NAN));
+    judge_ranges(&from_ahead, &ranges) & 0b10 != 0
+}
+
+#[test]
+fn only_the_run_that_begins_a_whole_turn_goes_on_from_its_end() {
+    assert!(!forward_is_unsafe(360, &[0..4, 355..360]), "nine beams are 0.086 m");
+    assert!(forward_is_unsafe(360, &[0..6, 354..360]), "twelve are 0.115 m");
+    assert!(!forward_is_unsafe(360, &[4..10, 352..360]), "the first run begins after the turn");
+    assert!(!forward_is_unsafe(350, &[0..8, 342..350]), "this turn is not whole");
+}
+
 #[test]
 fn what_the_field_of_view_lacks_is_unseen_and_not_unsafe() {
     let mut front = header();
@@ -199,6 +215,16 @@ fn thresholds_come_in_the_lidars_own_order() {
     for (i, threshold) in thresholds.iter().enumerate() {
         let angle = 3.0 - 0.02 * i as f64;
         let truth = hull.threshold_m(Point::origin(), nalgebra::Vector2::new(angle.cos(), angle.sin()));
+        assert!((threshold - truth).abs() < 1e-9, "beam {i}: {threshold} {truth}");
+    }
+    // From outside the hull too.
+    clockwise.robot_from_lidar = Pose2::new(2.0, 0.5, 0.0);
+    beams.fill(&clockwise, &[5.0; 300]).expect("usable");
+    let thresholds = Shield::new(config(false)).thresholds_m(&motion, &beams, handler().body(0.01));
+    assert!(thresholds.len() == 300 && thresholds.iter().any(|threshold| *threshold > 0.0));
+    for (i, threshold) in thresholds.iter().enumerate() {
+        let angle = 3.0 - 0.02 * i as f64;
+        let truth = hull.threshold_m(Point::new(2.0, 0.5), nalgebra::Vector2::new(angle.cos(), angle.sin()));
         assert!((threshold - truth).abs() < 1e-9, "beam {i}: {threshold} {truth}");
     }
 }
