@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use messages::CueKind;
 use serde::Deserialize;
@@ -33,6 +33,17 @@ pub enum Request {
     Stop,
     /// Out of a lock.
     Resume,
+    /// Another policy is to be swapped in.
+    PolicySwap {
+        /// Another executable in place of `guidedog-policy`, its path absolute.
+        exe: Option<PathBuf>,
+        /// The model to load, its path absolute.
+        model: Option<PathBuf>,
+    },
+    /// Back to the policy before.
+    PolicyRollback,
+    /// The policy in force, and the last swaps.
+    PolicyShow,
     /// The run is to end.
     Quit,
 }

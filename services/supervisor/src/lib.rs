@@ -16,8 +16,11 @@ pub mod report;
 mod step_watch;
 pub mod stops;
 
+use std::collections::BTreeMap;
+
 use messages::{
-    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns,
+    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, Permit, PolicyAction, ServiceId,
+    WorldTruth, s_from_ns,
 };
 use serde_json::{Value, json};
 use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
@@ -26,7 +29,7 @@ use transport::{ToChild, TransportError, monotonic_ns};
 use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
-use machine::{Action, Event, Machine, Now};
+use machine::{Action, Event, Machine, Now, PolicySpec};
 use report::Figures;
 use step_watch::StepWatch;
 
@@ -57,9 +60,13 @@ pub struct Supervisor {
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
     locomotion: Subscriber<LocomotionState>,
+    decisions: Subscriber<PolicyAction>,
+    permits: Subscriber<Permit>,
     truth: Subscriber<WorldTruth>,
     modes: Publisher<Mode>,
     requests: Publisher<CueRequest>,
+    /// What services say that they run with.
+    abouts: BTreeMap<(ServiceId, u32), Value>,
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
@@ -113,7 +120,7 @@ impl Supervisor {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
                 Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
-                Action::Release(service, _) => self.children.tell(service, &ToChild::Leave),
+                Action::Release(service, life) => self.children.tell_life(service, life, &ToChild::Leave),
                 Action::Spawn(service, incarnation) => {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
                 }
@@ -146,7 +153,12 @@ impl Supervisor {
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
         let log = io.domain.dir.log(service, incarnation);
-        match self.children.spawn(service, incarnation, self.machine.has_line(service), &log, io) {
+        let spec = match service {
+            ServiceId::Policy => self.machine.policy_spec(incarnation).clone(),
+            _ => PolicySpec::default(),
+        };
+        let has_line = self.machine.has_line(service);
+        match self.children.spawn((service, incarnation), has_line, &spec, &log, io) {
             Ok(pid) => self.machine.started(service, incarnation, pid),
             Err(error) => {
                 self.figures.note(io.now_ns(), error.to_string());
@@ -172,6 +184,12 @@ impl Supervisor {
                 self.figures.beat(&health);
                 self.machine.handle(Event::Beat(&health), now);
             }
+        }
+        while let Some(action) = self.decisions.take()? {
+            self.machine.handle(Event::Decision(&action), now);
+        }
+        while let Some(permit) = self.permits.take()? {
+            self.machine.handle(Event::Permit(&permit), now);
         }
         while let Some(cue) = self.cues.take()? {
             self.machine.handle(Event::Cue(&cue), now);
@@ -259,8 +277,11 @@ impl Supervisor {
                 }
                 if !self.ending.has_begun() {
                     // Nobody waits for its last figures but the next beat that is read.
-                    self.children.tell(service, &ToChild::Exit);
+                    self.children.tell_life(service, incarnation, &ToChild::Exit);
                 }
+            }
+            FromChild::About { about } => {
+                self.abouts.insert((service, incarnation), about);
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
             FromChild::RunEnded { figures } => {
@@ -298,6 +319,9 @@ impl Supervisor {
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
             }
+            Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
+            Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
+            Request::PolicyShow => self.show_policy(),
             Request::Quit => {
                 self.begin_end(io);
                 json!({ "ok": true })
@@ -379,6 +403,21 @@ impl Supervisor {
         })
     }
 
+    fn show_policy(&self) -> Value {
+        let policies = self.machine.policies();
+        let life = |incarnation: u32| {
+            let about = self.abouts.get(&(ServiceId::Policy, incarnation));
+            json!({ "incarnation": incarnation, "runs": about })
+        };
+        let mode = self.machine.mode();
+        json!({
+            "active": life(mode.active_policy),
+            "previous": (mode.previous_policy != 0).then(|| life(mode.previous_policy)),
+            "in_force": policies.spec(),
+            "swaps": policies.records(),
+        })
+    }
+
     /// Stepped time: who keeps time waiting for too long is hung.
     fn watch_steps(&mut self, io: &Io, now: Now) -> Result<(), TransportError> {
         if !io.domain.clock.is_stepped() || self.ending.has_begun() {
@@ -393,6 +432,13 @@ impl Supervisor {
             self.machine.handle(Event::TimeStands(&late), now);
         }
         Ok(())
+    }
+}
+
+fn swap_answer(outcome: Result<u64, String>) -> Value {
+    match outcome {
+        Ok(number) => json!({ "ok": true, "swap": number }),
+        Err(why) => json!({ "error": format!("refused: {why}") }),
     }
 }
 

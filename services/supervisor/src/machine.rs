@@ -1,16 +1,18 @@
 //! What the supervisor decides: events and times in, actions out. No clock, no process, no I/O.
 
+mod swap;
 mod watched;
 
 use messages::{
-    Cue, CueInForce, CueKind, CueSource, Health, LocomotionState, Member, Mode, ModeClass, ServiceId, StopKind,
-    StopReason, TopicId, age_ns,
+    Cue, CueInForce, CueKind, CueSource, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction,
+    ServiceId, StopKind, StopReason, TopicId, age_ns,
 };
 
-use crate::plan::{Limits, Plan};
+use crate::plan::{Limits, Plan, ServicePlan};
 use crate::stops::StopLog;
-pub use watched::Phase;
+pub use swap::{Policies, PolicySpec, SwapLimits, SwapRecord};
 use watched::Watched;
+pub use watched::{Phase, Role};
 
 /// A service that is no longer wanted has so long to leave, wall time: a recorder ends its file.
 const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
@@ -54,6 +56,10 @@ pub enum Event<'a> {
     BrakeEngaged(u32),
     /// A cue was recognised.
     Cue(&'a Cue),
+    /// A policy decided, active or not.
+    Decision(&'a PolicyAction),
+    /// The shield's verdict.
+    Permit(&'a Permit),
     /// What locomotion does.
     Locomotion(&'a LocomotionState),
     /// The operator's stop.
@@ -105,6 +111,8 @@ pub struct ServiceStatus {
     pub restarts: u32,
     /// Whether motion needs it.
     pub critical: bool,
+    /// Which of two policies.
+    pub role: Role,
 }
 
 /// Watches over all services and decides the mode.
@@ -124,6 +132,7 @@ pub struct Machine {
     stuck_states: u32,
     ending: bool,
     begun: bool,
+    policies: Policies,
     /// What stopped the robot, and when.
     pub stops: StopLog,
 }
@@ -132,7 +141,11 @@ impl Machine {
     /// A machine over the services of a plan, none of them started, in fault.
     #[must_use]
     pub fn new(plan: Plan) -> Self {
-        let services = plan.services.into_iter().map(Watched::new).collect();
+        let mut services: Vec<Watched> =
+            plan.services.into_iter().map(|plan| Watched::new(plan, Role::Active)).collect();
+        // Room for a candidate beside the policy in force.
+        let policy = services.iter().find(|s| s.plan.service == ServiceId::Policy).map(|s| s.plan.clone());
+        services.extend(policy.map(|plan| Watched::new(ServicePlan { on_demand: true, ..plan }, Role::Shadow)));
         let mut machine = Self {
             limits: plan.limits,
             services,
@@ -147,9 +160,10 @@ impl Machine {
             stuck_states: 0,
             ending: false,
             begun: false,
+            policies: Policies::default(),
             stops: StopLog::default(),
         };
-        machine.enter(ModeClass::Fault, StopReason::of(StopKind::Boot), 0);
+        machine.enter(ModeClass::Fault, StopReason::of(StopKind::Boot), Now { run_ns: 0, wall_ns: 0 });
         // There is nobody to be told yet.
         machine.actions.clear();
         machine
@@ -187,18 +201,21 @@ impl Machine {
                 .any(|s| !s.joined && run_ns >= s.joins_at_ns && s.is_wanted() && self.roster_version > 0)
     }
 
-    /// Every service as it is.
+    /// Every service as it is; the room for another policy only while there is one.
     #[must_use]
     pub fn status(&self) -> Vec<ServiceStatus> {
-        self.services
-            .iter()
+        let is_told = |s: &&Watched| s.role == Role::Active || s.phase != Phase::Off;
+        let by_role = |role| self.services.iter().filter(is_told).filter(move |s| s.role == role);
+        by_role(Role::Active)
+            .chain(by_role(Role::Shadow))
             .map(|s| ServiceStatus {
                 service: s.plan.service,
                 pid: if matches!(s.phase, Phase::Off | Phase::Down { .. } | Phase::Spent) { 0 } else { s.pid },
                 phase: s.phase,
                 incarnation: s.incarnation,
                 restarts: s.restarts,
-                critical: s.plan.critical,
+                critical: s.is_critical(),
+                role: s.role,
             })
             .collect()
     }
@@ -216,7 +233,7 @@ impl Machine {
             Event::TimeStands(late) => self.on_time_stands(late, now),
             Event::BrakeEngaged(incarnation) => {
                 let reason = StopReason::service(StopKind::BrakeEngaged, ServiceId::Locomotion, incarnation);
-                self.enter(ModeClass::Fault, reason, now.run_ns);
+                self.enter(ModeClass::Fault, reason, now);
                 if let Some(s) = self.find(ServiceId::Locomotion, incarnation)
                     && s.phase == Phase::Ready
                 {
@@ -225,14 +242,16 @@ impl Machine {
                 }
             }
             Event::Cue(cue) => self.on_cue(cue, now),
+            Event::Decision(action) => self.on_decision(action, now),
+            Event::Permit(permit) => self.on_permit(permit, now),
             Event::Locomotion(state) => self.on_locomotion(state, now),
             Event::OperatorStop => {
-                self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now.run_ns);
+                self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now);
             }
             Event::OperatorResume => self.on_resume(now),
             Event::ShutDown => {
                 self.ending = true;
-                self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now.run_ns);
+                self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now);
             }
             Event::Overslept => {
                 // A judge that slept condemns nobody: everything is counted from its wake-up on.
@@ -250,23 +269,29 @@ impl Machine {
         }
         for i in 0..self.services.len() {
             let stage = self.services[i].plan.stage;
-            let below_ready = self.services.iter().all(|s| s.plan.stage >= stage || s.phase == Phase::Ready);
+            let is_there = |s: &Watched| matches!(s.phase, Phase::Ready | Phase::Off | Phase::Leaving { .. });
+            let below_ready = self.services.iter().all(|s| s.plan.stage >= stage || is_there(s));
+            let incarnation = self.next_incarnation(self.services[i].plan.service);
             let s = &mut self.services[i];
             match s.phase {
                 Phase::Down { start_at_ns } if now.wall_ns >= start_at_ns && below_ready => {
-                    s.begin_life(now.wall_ns + self.limits.ready_ns);
-                    let (service, incarnation) = (s.plan.service, s.incarnation);
+                    s.begin_life(incarnation, now.wall_ns + self.limits.ready_ns);
+                    let (service, role) = (s.plan.service, s.role);
                     self.actions.push(Action::Spawn(service, incarnation));
                     self.void_lines_of(service);
+                    if role == Role::Shadow {
+                        self.candidate_spawned(incarnation);
+                    }
                 }
                 Phase::Starting { ready_by_ns } if now.wall_ns > ready_by_ns => {
                     let reason = StopReason::service(StopKind::ServiceHung, s.plan.service, s.incarnation);
                     self.actions.push(Action::Note(format!("{} was not ready in time", s.plan.service)));
                     self.condemn(reason, now);
                 }
-                Phase::Leaving { kill_at_ns } if now.wall_ns > kill_at_ns => {
-                    s.phase = Phase::Leaving { kill_at_ns: u64::MAX };
-                    self.actions.push(Action::Note(format!("{} did not leave in time", s.plan.service)));
+                Phase::Leaving { kill_at_ns, asked } if now.wall_ns > kill_at_ns => {
+                    s.phase = Phase::Leaving { kill_at_ns: u64::MAX, asked };
+                    let late = format!("{} ({}) did not leave in time", s.plan.service, s.incarnation);
+                    self.actions.extend(asked.then_some(Action::Note(late)));
                     self.actions.push(Action::Kill(s.plan.service, s.incarnation));
                 }
                 _ => {}
@@ -289,10 +314,16 @@ impl Machine {
             if self.mode.class == ModeClass::Run
                 && let Some(reason) = self.stale_stream(now, 2)
             {
-                self.enter(ModeClass::Fault, reason, now.run_ns);
+                self.enter(ModeClass::Fault, reason, now);
             }
+            self.tick_swap(now);
         }
         self.update_ready(now);
+    }
+
+    /// Two policies count their lives together.
+    fn next_incarnation(&self, service: ServiceId) -> u32 {
+        1 + self.services.iter().filter(|s| s.plan.service == service).map(|s| s.incarnation).max().unwrap_or(0)
     }
 
     fn find(&mut self, service: ServiceId, incarnation: u32) -> Option<&mut Watched> {
@@ -305,7 +336,9 @@ impl Machine {
         {
             s.phase = Phase::Ready;
             s.count_from(now.run_ns);
+            let role = s.role;
             match service {
+                ServiceId::Policy if role == Role::Shadow => self.candidate_ready(now),
                 ServiceId::Policy => self.mode.active_policy = incarnation,
                 ServiceId::Shield => self.mode.active_shield = incarnation,
                 _ => {}
@@ -351,14 +384,14 @@ impl Machine {
         let Some(s) = self.find(health.service, health.header.incarnation) else { return };
         if s.take_beat(health, now.run_ns) {
             let reason = StopReason { topic: TopicId::Odometry, ..StopReason::of(StopKind::PoseJump) };
-            self.enter(ModeClass::Fault, reason, now.run_ns);
+            self.enter(ModeClass::Fault, reason, now);
         }
     }
 
     /// A stream that motion needs and that is older than `times` its max age, as its producer's beats tell.
     fn stale_stream(&self, now: Now, times: u64) -> Option<StopReason> {
-        let ready = self.services.iter().filter(|s| s.phase == Phase::Ready);
-        ready.into_iter().find_map(|s| s.stale_stream(now.run_ns, times, self.limits.beat_lag_ns))
+        let needed = self.services.iter().filter(|s| s.phase == Phase::Ready && s.role == Role::Active);
+        needed.into_iter().find_map(|s| s.stale_stream(now.run_ns, times, self.limits.beat_lag_ns))
     }
 
     fn on_died(&mut self, service: ServiceId, incarnation: u32, why: &str, now: Now) {
@@ -373,7 +406,11 @@ impl Machine {
             return;
         }
         let condemned = s.phase == Phase::Dying;
-        let (critical, restartable) = (s.plan.critical, s.plan.restartable);
+        let (critical, restartable) = (s.is_critical(), s.plan.restartable);
+        if service == ServiceId::Policy && self.policy_died(incarnation, critical && !condemned, why, now) {
+            return;
+        }
+        let Some(s) = self.find(service, incarnation) else { return };
         s.joined = false;
         s.deaths_ns.push_back(now.wall_ns);
         while s.deaths_ns.front().is_some_and(|at| now.wall_ns - at > limits.budget_window_ns) {
@@ -394,11 +431,29 @@ impl Machine {
         let reason = StopReason::service(StopKind::ServiceDied, service, incarnation);
         if spent && critical {
             let reason = StopReason::service(StopKind::RestartBudgetSpent, service, incarnation);
-            self.enter(ModeClass::Lock, reason, now.run_ns);
+            self.enter(ModeClass::Lock, reason, now);
         } else if critical && !condemned {
-            self.enter(ModeClass::Fault, reason, now.run_ns);
+            self.enter(ModeClass::Fault, reason, now);
         }
         self.update_roster(now);
+    }
+
+    /// The death of a policy: whether there is nothing to restart, as another one is there or nobody needs it.
+    fn policy_died(&mut self, incarnation: u32, is_fault: bool, why: &str, now: Now) -> bool {
+        let swaps_business = self.policy_lost(incarnation, true, why, now);
+        let Some(s) = self.find(ServiceId::Policy, incarnation).filter(|s| s.role == Role::Shadow) else {
+            return false;
+        };
+        (s.phase, s.joined) = (Phase::Off, false);
+        if is_fault && !swaps_business {
+            self.enter(
+                ModeClass::Fault,
+                StopReason::service(StopKind::ServiceDied, ServiceId::Policy, incarnation),
+                now,
+            );
+        }
+        self.update_roster(now);
+        true
     }
 
     fn on_demand(&mut self, service: ServiceId, now: Now) {
@@ -414,7 +469,7 @@ impl Machine {
         match s.phase {
             Phase::Down { .. } | Phase::Spent => s.phase = Phase::Off,
             Phase::Starting { .. } | Phase::Ready => {
-                s.phase = Phase::Leaving { kill_at_ns: now.wall_ns + LEAVE_LIMIT_NS };
+                s.phase = Phase::Leaving { kill_at_ns: now.wall_ns + LEAVE_LIMIT_NS, asked: true };
                 s.joined = false;
                 self.actions.push(Action::Release(service, s.incarnation));
             }
@@ -424,7 +479,8 @@ impl Machine {
     }
 
     fn on_left(&mut self, service: ServiceId, incarnation: u32, now: Now) {
-        if let Some(s) = self.find(service, incarnation).filter(|s| s.plan.on_demand) {
+        let leaves = |s: &&mut Watched| s.plan.on_demand || matches!(s.phase, Phase::Leaving { .. });
+        if let Some(s) = self.find(service, incarnation).filter(leaves) {
             s.joined = false;
             s.phase = Phase::Off;
         }
@@ -437,11 +493,15 @@ impl Machine {
         if !matches!(s.phase, Phase::Ready | Phase::Starting { .. }) {
             return;
         }
-        s.phase = Phase::Dying;
-        s.joined = false;
-        let (critical, restartable) = (s.plan.critical, s.plan.restartable);
+        let (critical, restartable) = (s.is_critical(), s.plan.restartable);
+        let is_policy = s.plan.service == ServiceId::Policy;
+        if is_policy && self.policy_lost(reason.incarnation, false, &reason.to_string(), now) {
+            return;
+        }
+        let Some(s) = self.find(reason.service, reason.incarnation) else { return };
+        (s.phase, s.joined) = (Phase::Dying, false);
         if critical {
-            self.enter(ModeClass::Fault, reason, now.run_ns);
+            self.enter(ModeClass::Fault, reason, now);
         }
         if !restartable {
             self.actions.push(Action::EndRun(reason.to_string()));
@@ -510,7 +570,7 @@ impl Machine {
     #[must_use]
     pub fn not_ready(&self, now: Now) -> Option<String> {
         let stepped = self.limits.stepped;
-        for s in self.services.iter().filter(|s| s.plan.critical) {
+        for s in self.services.iter().filter(|s| s.is_critical()) {
             if s.phase != Phase::Ready || (stepped && !s.joined) {
                 return Some(format!("{} is not up", s.plan.service));
             }
@@ -540,7 +600,7 @@ impl Machine {
         self.stuck_states = if stuck { self.stuck_states + 1 } else { 0 };
         if self.stuck_states >= 3 {
             self.stuck_states = 0;
-            self.enter(ModeClass::Fault, state.limited_by, now.run_ns);
+            self.enter(ModeClass::Fault, state.limited_by, now);
         }
     }
 
@@ -557,12 +617,12 @@ impl Machine {
             }
         }
         self.mode.class = ModeClass::Fault;
-        self.enter(ModeClass::Fault, StopReason::of(StopKind::Resumed), now.run_ns);
+        self.enter(ModeClass::Fault, StopReason::of(StopKind::Resumed), now);
     }
 
     /// Enters fault or lock: the epoch rises, the cue in force is void. A lock is not left by a fault.
-    fn enter(&mut self, class: ModeClass, reason: StopReason, run_ns: u64) {
-        self.stopped_at_ns = run_ns;
+    fn enter(&mut self, class: ModeClass, reason: StopReason, now: Now) {
+        self.stopped_at_ns = now.run_ns;
         if self.mode.class == ModeClass::Lock && class == ModeClass::Fault {
             self.mode.epoch += 1;
             self.mode_changed = true;
@@ -575,7 +635,8 @@ impl Machine {
         self.mode.ready_for_cue = false;
         self.mode_changed = true;
         self.actions.push(Action::StopLine { epoch: self.mode.epoch, reason });
-        self.stops.begin_mode_stop(class, reason, run_ns);
+        self.stops.begin_mode_stop(class, reason, now.run_ns);
+        self.stop_swap(&reason.to_string(), now);
     }
 
     /// Stepped time: who takes part from the next step on.
@@ -640,7 +701,7 @@ impl Machine {
     /// Every stream and its age, nanoseconds, for the operator.
     #[must_use]
     pub fn topic_ages(&self, run_ns: u64) -> Vec<(TopicId, u64)> {
-        self.services.iter().flat_map(|s| s.stream_ages(run_ns)).collect()
+        self.services.iter().filter(|s| s.role == Role::Active).flat_map(|s| s.stream_ages(run_ns)).collect()
     }
 }
 
