@@ -222,9 +222,12 @@ impl Supervisor {
                         false => last_words(io, service, incarnation, how),
                     };
                     let why = child.failed.clone().unwrap_or_else(unsaid);
-                    if !child.left {
+                    // Where no stop hangs on it, how it ended is worth waiting for.
+                    if !child.left && self.machine.is_critical(service, incarnation) {
                         self.machine.handle(Event::Died(service, incarnation, why), now);
                         self.act(io)?;
+                    }
+                    if !self.children.incarnation(service, incarnation).is_some_and(|child| child.left) {
                         // A process that let its line go but lives on is none of ours any more.
                         self.children.kill(service, incarnation);
                     }

@@ -679,6 +679,13 @@ impl Machine {
         self.services.iter().any(|s| s.plan.service == service && s.phase == Phase::Ready)
     }
 
+    /// Whether motion needs that incarnation.
+    #[must_use]
+    pub fn is_critical(&self, service: ServiceId, incarnation: u32) -> bool {
+        let mut lives = self.services.iter().filter(|s| s.plan.service == service && s.incarnation == incarnation);
+        lives.any(Watched::is_critical)
+    }
+
     /// Whether everything has been up once.
     #[must_use]
     pub fn has_begun(&self) -> bool {

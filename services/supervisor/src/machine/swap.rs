@@ -48,7 +48,7 @@ pub struct SwapLimits {
 pub struct SwapRecord {
     /// Counts the swaps of the run, from 1.
     pub number: u64,
-    /// "starting", "shadow", "activating", "probation", "returning", "done", "rolled_back" or "failed".
+    /// "starting", "shadow", "activating", "probation", "returning", "ending"; at last "done", "rolled_back" or "failed".
     pub state: &'static str,
     /// The candidate's incarnation; 0 where it was not started yet.
     pub candidate: u32,
@@ -58,14 +58,6 @@ pub struct SwapRecord {
     pub spec: PolicySpec,
     /// Why it failed, or what the operator should know.
     pub why: Option<String>,
-}
-
-impl SwapRecord {
-    /// Whether a permit has carried the candidate's decision, or never will.
-    #[must_use]
-    pub fn is_decided(&self) -> bool {
-        matches!(self.state, "probation" | "done" | "rolled_back" | "failed")
-    }
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -80,6 +72,8 @@ enum Stage {
     Probation { until_ns: u64 },
     /// The operator went back; the candidate's last action ends by then (run time).
     Returning { until_ns: u64 },
+    /// Decided; whoever is not named any more has not ended yet. What it then comes to.
+    Ending { to: &'static str },
 }
 
 impl Stage {
@@ -90,6 +84,7 @@ impl Stage {
             Self::Activating { .. } => "activating",
             Self::Probation { .. } => "probation",
             Self::Returning { .. } => "returning",
+            Self::Ending { .. } => "ending",
         }
     }
 }
@@ -130,10 +125,10 @@ impl Policies {
         }
     }
 
-    fn end(&mut self, state: &'static str, why: Option<String>) {
-        self.stage = None;
+    fn end(&mut self, to: &'static str, why: Option<String>) {
+        self.enter(Stage::Ending { to });
         if let Some(record) = self.records.last_mut() {
-            (record.state, record.why) = (state, why.or(record.why.take()));
+            record.why = why;
         }
     }
 }
@@ -166,9 +161,7 @@ impl Machine {
             return Err(format!("the run is stopped: {}", self.mode.reason));
         }
         let joins_at_ns = now.run_ns + self.limits.restart_time_ns;
-        let Some(shadow) = self.policy_slot(Role::Shadow).filter(|s| s.phase == Phase::Off) else {
-            return Err("the last candidate has not ended yet".to_owned());
-        };
+        let Some(shadow) = self.policy_slot(Role::Shadow) else { return Err("the run has no policy".to_owned()) };
         (shadow.phase, shadow.joins_at_ns) = (Phase::Down { start_at_ns: now.wall_ns }, joins_at_ns);
         let previous = self.mode.active_policy;
         let policies = &mut self.policies;
@@ -203,7 +196,9 @@ impl Machine {
                 self.mode.previous_policy = candidate;
                 self.policies.enter(Stage::Returning { until_ns: now.run_ns + 3 * self.limits.swap.dt_ns });
             }
-            Stage::Returning { .. } => return Err(format!("swap {number} is being rolled back already")),
+            Stage::Returning { .. } | Stage::Ending { .. } => {
+                return Err(format!("swap {number} is not over yet ({})", stage.name()));
+            }
         }
         Ok(number)
     }
@@ -276,6 +271,10 @@ impl Machine {
             Stage::Probation { until_ns } if now.run_ns >= until_ns => self.end_swap("done", None, now),
             Stage::Returning { until_ns } if now.run_ns >= until_ns => {
                 self.end_swap("rolled_back", Some("rolled back by the operator".to_owned()), now);
+            }
+            Stage::Ending { to } if self.policy_slot(Role::Shadow).is_none_or(|s| s.phase == Phase::Off) => {
+                self.policies.stage = None;
+                self.policies.records.last_mut().into_iter().for_each(|record| record.state = to);
             }
             _ => {}
         }
