@@ -1,5 +1,5 @@
-//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. An [`Engine`] decides; a model file
-//! may tune it.
+//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. An [`Engine`] decides; a model
+//! file may tune it.
 
 pub mod geometric;
 mod model;
@@ -22,8 +22,8 @@ pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, OBSERVAT
 
 /// From an observation to probabilities over the action table.
 pub trait Engine {
-    /// Probabilities over the table that the engine was made for, summing to 1; called once in each decision period. What
-    /// is no probability is published as it is, and refused by the shield.
+    /// Probabilities over the table that the engine was made for, summing to 1; called once in each decision period.
+    /// What is no probability is published as it is, and refused by the shield.
     fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS];
 }
 

@@ -1,5 +1,5 @@
-//! A policy's model: a file, and the manifest beside it that says what it is for. Both are read once; what is verified is
-//! what is used.
+//! A policy's model: a file, and the manifest beside it that says what it is for. Both are read once; what is verified
+//! is what is used.
 
 use std::fs::File;
 use std::io::{self, Read};

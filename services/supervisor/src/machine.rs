@@ -1,11 +1,14 @@
 //! What the supervisor decides: events and times in, actions out. No clock, no process, no I/O.
 
+mod cues;
+mod lives;
+mod roster;
 mod swap;
 mod watched;
 
 use messages::{
-    Cue, CueInForce, CueKind, CueSource, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction,
-    ServiceId, StopKind, StopReason, TopicId, age_ns,
+    Cue, CueInForce, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction, ServiceId, StopKind,
+    StopReason, TopicId,
 };
 
 use crate::plan::{Limits, Plan, ServicePlan};
@@ -13,9 +16,6 @@ use crate::stops::StopLog;
 pub use swap::{Policies, PolicySpec, SwapLimits, SwapRecord};
 use watched::Watched;
 pub use watched::{Phase, Role};
-
-/// A service that is no longer wanted has so long to leave, wall time: a recorder ends its file.
-const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 
 /// The two times that count.
 #[derive(Debug, Clone, Copy)]
@@ -185,22 +185,6 @@ impl Machine {
         std::mem::take(&mut self.mode_changed)
     }
 
-    /// Members of stepped time, and the version of the list; 0 while the run has not begun.
-    #[must_use]
-    pub fn roster(&self) -> (u64, &[Member]) {
-        (self.roster_version, &self.roster)
-    }
-
-    /// Stepped time: whether time waits for a service that has to join now.
-    #[must_use]
-    pub fn holds_time(&self, run_ns: u64) -> bool {
-        !self.ending
-            && self
-                .services
-                .iter()
-                .any(|s| !s.joined && run_ns >= s.joins_at_ns && s.is_wanted() && self.roster_version > 0)
-    }
-
     /// Every service as it is; the room for another policy only while there is one.
     #[must_use]
     pub fn status(&self) -> Vec<ServiceStatus> {
@@ -321,63 +305,8 @@ impl Machine {
         self.update_ready(now);
     }
 
-    /// Two policies count their lives together.
-    fn next_incarnation(&self, service: ServiceId) -> u32 {
-        1 + self.services.iter().filter(|s| s.plan.service == service).map(|s| s.incarnation).max().unwrap_or(0)
-    }
-
     fn find(&mut self, service: ServiceId, incarnation: u32) -> Option<&mut Watched> {
         self.services.iter_mut().find(|s| s.plan.service == service && s.incarnation == incarnation)
-    }
-
-    fn on_ready(&mut self, service: ServiceId, incarnation: u32, now: Now) {
-        if let Some(s) = self.find(service, incarnation)
-            && matches!(s.phase, Phase::Starting { .. })
-        {
-            s.phase = Phase::Ready;
-            s.count_from(now.run_ns);
-            let role = s.role;
-            match service {
-                ServiceId::Policy if role == Role::Shadow => self.candidate_ready(now),
-                ServiceId::Policy => self.mode.active_policy = incarnation,
-                ServiceId::Shield => self.mode.active_shield = incarnation,
-                _ => {}
-            }
-            self.mode_changed = true;
-        }
-        self.update_roster(now);
-    }
-
-    fn on_armed(&mut self, service: ServiceId, incarnation: u32, by: u32, now: Now) {
-        let watcher = watcher_of(service);
-        let current = self.services.iter().any(|s| s.plan.service == watcher && s.incarnation == by);
-        if let Some(s) = self.find(service, incarnation).filter(|_| current) {
-            s.armed = true;
-        }
-        self.update_roster(now);
-    }
-
-    /// A new life watches nobody's line yet.
-    fn void_lines_of(&mut self, watcher: ServiceId) {
-        for s in &mut self.services {
-            s.armed &= !s.plan.has_line || watcher_of(s.plan.service) != watcher;
-        }
-    }
-
-    /// Only who keeps time waiting is at fault; where nobody does, the master does not give the next step.
-    fn on_time_stands(&mut self, late: &[Member], now: Now) {
-        let guilty: Vec<(ServiceId, u32)> = self
-            .services
-            .iter()
-            .filter(|s| match late {
-                [] => s.plan.clock_master,
-                late => late.contains(&Member { service: s.plan.service, incarnation: s.incarnation }),
-            })
-            .map(|s| (s.plan.service, s.incarnation))
-            .collect();
-        for (service, incarnation) in guilty {
-            self.condemn(StopReason::service(StopKind::ServiceHung, service, incarnation), now);
-        }
     }
 
     fn on_beat(&mut self, health: &Health, now: Now) {
@@ -392,204 +321,6 @@ impl Machine {
     fn stale_stream(&self, now: Now, times: u64) -> Option<StopReason> {
         let needed = self.services.iter().filter(|s| s.phase == Phase::Ready && s.role == Role::Active);
         needed.into_iter().find_map(|s| s.stale_stream(now.run_ns, times, self.limits.beat_lag_ns))
-    }
-
-    fn on_died(&mut self, service: ServiceId, incarnation: u32, why: &str, now: Now) {
-        let ending = self.ending;
-        let limits = self.limits.clone();
-        let Some(s) = self.find(service, incarnation) else { return };
-        if ending || matches!(s.phase, Phase::Off | Phase::Down { .. } | Phase::Spent) {
-            return;
-        }
-        if matches!(s.phase, Phase::Leaving { .. }) {
-            s.phase = Phase::Off;
-            return;
-        }
-        let condemned = s.phase == Phase::Dying;
-        let (critical, restartable) = (s.is_critical(), s.plan.restartable);
-        if service == ServiceId::Policy && self.policy_died(incarnation, critical && !condemned, why, now) {
-            return;
-        }
-        let Some(s) = self.find(service, incarnation) else { return };
-        s.joined = false;
-        s.deaths_ns.push_back(now.wall_ns);
-        while s.deaths_ns.front().is_some_and(|at| now.wall_ns - at > limits.budget_window_ns) {
-            s.deaths_ns.pop_front();
-        }
-        let deaths = s.deaths_ns.len() as u32;
-        let spent = deaths > limits.restart_budget;
-        let pause = limits.back_off_ns.saturating_mul(1 << (deaths - 1).min(16)).min(limits.back_off_max_ns);
-        s.phase = if spent { Phase::Spent } else { Phase::Down { start_at_ns: now.wall_ns + pause } };
-        s.joins_at_ns = now.run_ns + limits.restart_time_ns;
-        s.restarts += u32::from(!spent);
-        if !restartable {
-            self.actions.push(Action::EndRun(format!("{service} died: {why}")));
-        } else if spent && !self.begun {
-            // A run that never began has nobody to wait for.
-            self.actions.push(Action::EndRun(format!("{service} could not be started: {why}")));
-        }
-        let reason = StopReason::service(StopKind::ServiceDied, service, incarnation);
-        if spent && critical {
-            let reason = StopReason::service(StopKind::RestartBudgetSpent, service, incarnation);
-            self.enter(ModeClass::Lock, reason, now);
-        } else if critical && !condemned {
-            self.enter(ModeClass::Fault, reason, now);
-        }
-        self.update_roster(now);
-    }
-
-    /// The death of a policy: whether there is nothing to restart, as another one is there or nobody needs it.
-    fn policy_died(&mut self, incarnation: u32, is_fault: bool, why: &str, now: Now) -> bool {
-        let swaps_business = self.policy_lost(incarnation, true, why, now);
-        let Some(s) = self.find(ServiceId::Policy, incarnation).filter(|s| s.role == Role::Shadow) else {
-            return false;
-        };
-        (s.phase, s.joined) = (Phase::Off, false);
-        if is_fault && !swaps_business {
-            self.enter(
-                ModeClass::Fault,
-                StopReason::service(StopKind::ServiceDied, ServiceId::Policy, incarnation),
-                now,
-            );
-        }
-        self.update_roster(now);
-        true
-    }
-
-    fn on_demand(&mut self, service: ServiceId, now: Now) {
-        let joins_at_ns = now.run_ns + self.limits.restart_time_ns;
-        if let Some(s) = self.services.iter_mut().find(|s| s.plan.service == service && s.phase == Phase::Off) {
-            s.deaths_ns.clear();
-            (s.phase, s.joins_at_ns) = (Phase::Down { start_at_ns: now.wall_ns }, joins_at_ns);
-        }
-    }
-
-    fn on_release(&mut self, service: ServiceId, now: Now) {
-        let Some(s) = self.services.iter_mut().find(|s| s.plan.service == service && s.plan.on_demand) else { return };
-        match s.phase {
-            Phase::Down { .. } | Phase::Spent => s.phase = Phase::Off,
-            Phase::Starting { .. } | Phase::Ready => {
-                s.phase = Phase::Leaving { kill_at_ns: now.wall_ns + LEAVE_LIMIT_NS, asked: true };
-                s.joined = false;
-                self.actions.push(Action::Release(service, s.incarnation));
-            }
-            Phase::Off | Phase::Dying | Phase::Leaving { .. } => {}
-        }
-        self.update_roster(now);
-    }
-
-    fn on_left(&mut self, service: ServiceId, incarnation: u32, now: Now) {
-        let leaves = |s: &&mut Watched| s.plan.on_demand || matches!(s.phase, Phase::Leaving { .. });
-        if let Some(s) = self.find(service, incarnation).filter(leaves) {
-            s.joined = false;
-            s.phase = Phase::Off;
-        }
-        self.update_roster(now);
-    }
-
-    /// A fault of a process ends its incarnation: the stop first, then the kill.
-    fn condemn(&mut self, reason: StopReason, now: Now) {
-        let Some(s) = self.find(reason.service, reason.incarnation) else { return };
-        if !matches!(s.phase, Phase::Ready | Phase::Starting { .. }) {
-            return;
-        }
-        let (critical, restartable) = (s.is_critical(), s.plan.restartable);
-        let is_policy = s.plan.service == ServiceId::Policy;
-        if is_policy && self.policy_lost(reason.incarnation, false, &reason.to_string(), now) {
-            return;
-        }
-        let Some(s) = self.find(reason.service, reason.incarnation) else { return };
-        (s.phase, s.joined) = (Phase::Dying, false);
-        if critical {
-            self.enter(ModeClass::Fault, reason, now);
-        }
-        if !restartable {
-            self.actions.push(Action::EndRun(reason.to_string()));
-        }
-        self.actions.push(Action::Kill(reason.service, reason.incarnation));
-        self.actions.push(Action::Note(reason.to_string()));
-        self.update_roster(now);
-    }
-
-    fn on_cue(&mut self, cue: &Cue, now: Now) {
-        let id = (cue.header.incarnation, cue.header.seq);
-        if id <= self.last_cue {
-            return;
-        }
-        self.last_cue = id;
-        if !cue.kind.is_moving() {
-            // Locomotion took it already; here it ends the cue in force.
-            self.mode.cue = CueInForce::default();
-            self.mode_changed = true;
-            return;
-        }
-        if let Err(why) = self.may_accept(cue, now) {
-            self.actions.push(Action::Note(format!("cue \"{}\" refused: {why}", cue.kind.name())));
-            return;
-        }
-        if self.mode.class == ModeClass::Fault {
-            self.mode.class = ModeClass::Run;
-            self.mode.reason = StopReason::default();
-            self.stops.end_mode_stop(now.run_ns);
-        }
-        self.mode.cue = CueInForce { valid: true, cue: *cue };
-        self.mode_changed = true;
-    }
-
-    fn may_accept(&self, cue: &Cue, now: Now) -> Result<(), String> {
-        let age = age_ns(now.run_ns, cue.header.stamp_ns);
-        if age > self.limits.cue_max_age_ns {
-            return Err(format!(
-                "it is {} ms old, limit {} ms",
-                age / 1_000_000,
-                self.limits.cue_max_age_ns / 1_000_000
-            ));
-        }
-        if cue.source == CueSource::TurnDone && !self.continues(cue) {
-            return Err("the turn that it goes on from is no longer in force".to_owned());
-        }
-        match self.mode.class {
-            ModeClass::Lock => Err(format!("the run is locked: {}", self.mode.reason)),
-            ModeClass::Fault => match self.not_ready(now) {
-                Some(why) => Err(format!("not ready: {why}")),
-                None if cue.header.stamp_ns <= self.stopped_at_ns => Err("it was given before the stop".to_owned()),
-                None => Ok(()),
-            },
-            ModeClass::Run => Ok(()),
-        }
-    }
-
-    /// Whether a cue that no handler gave goes on from the very turn in force.
-    fn continues(&self, cue: &Cue) -> bool {
-        let turn = &self.mode.cue.cue;
-        let is_turn = matches!(turn.kind, CueKind::Left | CueKind::Right);
-        self.mode.class == ModeClass::Run && self.mode.cue.valid && is_turn && turn.header.seq == cue.request_seq
-    }
-
-    /// Why a cue would not be accepted in fault, if so.
-    #[must_use]
-    pub fn not_ready(&self, now: Now) -> Option<String> {
-        let stepped = self.limits.stepped;
-        for s in self.services.iter().filter(|s| s.is_critical()) {
-            if s.phase != Phase::Ready || (stepped && !s.joined) {
-                return Some(format!("{} is not up", s.plan.service));
-            }
-            if !s.armed {
-                return Some(format!("the line of {} is not armed", s.plan.service));
-            }
-            if s.silence(now.run_ns).is_some() {
-                return Some(format!("{} is silent", s.plan.service));
-            }
-        }
-        self.stale_stream(now, 1).map(|reason| reason.to_string())
-    }
-
-    fn update_ready(&mut self, now: Now) {
-        let ready = self.mode.class != ModeClass::Lock && self.not_ready(now).is_none();
-        if ready != self.mode.ready_for_cue {
-            self.mode.ready_for_cue = ready;
-            self.mode_changed = true;
-        }
     }
 
     fn on_locomotion(&mut self, state: &LocomotionState, now: Now) {
@@ -639,40 +370,6 @@ impl Machine {
         self.stop_swap(&reason.to_string(), now);
     }
 
-    /// Stepped time: who takes part from the next step on.
-    fn update_roster(&mut self, now: Now) {
-        let all_up = self.services.iter().filter(|s| s.is_wanted()).all(|s| s.phase == Phase::Ready && s.armed);
-        if all_up && !self.begun {
-            self.begun = true;
-            self.actions.push(Action::Begin);
-        }
-        if !self.limits.stepped {
-            return;
-        }
-        let begun = self.roster_version > 0;
-        for s in &mut self.services {
-            let joins = s.phase == Phase::Ready && s.armed && if begun { now.run_ns >= s.joins_at_ns } else { all_up };
-            if joins && !s.joined {
-                s.joined = true;
-                s.count_from(now.run_ns);
-            }
-        }
-        if !begun && !all_up {
-            return;
-        }
-        let mut roster = vec![Member { service: ServiceId::Supervisor, incarnation: 1 }];
-        roster.extend(
-            self.services
-                .iter()
-                .filter(|s| s.joined && !s.plan.clock_master)
-                .map(|s| Member { service: s.plan.service, incarnation: s.incarnation }),
-        );
-        if roster != self.roster {
-            self.roster = roster;
-            self.roster_version += 1;
-        }
-    }
-
     /// Whether a service is at work.
     #[must_use]
     pub fn is_ready(&self, service: ServiceId) -> bool {
@@ -710,11 +407,6 @@ impl Machine {
     pub fn topic_ages(&self, run_ns: u64) -> Vec<(TopicId, u64)> {
         self.services.iter().filter(|s| s.role == Role::Active).flat_map(|s| s.stream_ages(run_ns)).collect()
     }
-}
-
-/// Who watches a service's line.
-fn watcher_of(service: ServiceId) -> ServiceId {
-    if service == ServiceId::Locomotion { ServiceId::Brake } else { ServiceId::Locomotion }
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Policies that no robot should walk by: started by the supervisor through a link whose name says what is wrong with it.
+//! Policies that no robot should walk by: started by the supervisor through a link whose name says what is wrong.
 
 use std::process::ExitCode;
 use std::time::Duration;

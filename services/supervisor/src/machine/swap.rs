@@ -48,7 +48,8 @@ pub struct SwapLimits {
 pub struct SwapRecord {
     /// Counts the swaps of the run, from 1.
     pub number: u64,
-    /// "starting", "shadow", "activating", "probation", "returning", "ending"; at last "done", "rolled_back" or "failed".
+    /// "starting", "shadow", "activating", "probation", "returning", "ending"; at last "done", "rolled_back" or
+    /// "failed".
     pub state: &'static str,
     /// The candidate's incarnation; 0 where it was not started yet.
     pub candidate: u32,
@@ -301,7 +302,7 @@ impl Machine {
             self.policies.before = Some(std::mem::replace(&mut self.policies.spec, spec));
         }
         self.policies.end(state, why);
-        let leave_by_ns = now.wall_ns + super::LEAVE_LIMIT_NS;
+        let leave_by_ns = now.wall_ns + super::lives::LEAVE_LIMIT_NS;
         let left = self.policy_slot(Role::Shadow).filter(|s| matches!(s.phase, Phase::Ready | Phase::Starting { .. }));
         let left = left.map(|s| {
             (s.phase, s.joined) = (Phase::Leaving { kill_at_ns: leave_by_ns, asked: true }, false);
