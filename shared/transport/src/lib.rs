@@ -15,6 +15,7 @@ mod port;
 mod rhythm;
 mod run_dir;
 mod service;
+mod usage;
 mod wait_loop;
 
 pub use clock::{Clock, ClockKind, monotonic_ns};
