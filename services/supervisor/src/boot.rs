@@ -8,7 +8,7 @@ use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use settings::Settings;
-use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, SupervisorArgs, TransportError};
+use transport::{ClockKind, Domain, Io, Janitor, Oversleep, RunDir, RunInfo, SupervisorArgs, TransportError};
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
@@ -18,7 +18,7 @@ use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
-use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
+use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
 pub const EXIT_BAD_SETTINGS: u8 = 2;
@@ -177,6 +177,7 @@ impl Supervisor {
             last_truth: None,
             last_locomotion: None,
             next_tick_ns: 0,
+            oversleep: Oversleep::new(TICK_NS),
             mode_due_ns: 0,
             steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),
             acks: io.quiet_subscriber()?,

@@ -23,7 +23,7 @@ use messages::{
     WorldTruth, s_from_ns,
 };
 use serde_json::{Value, json};
-use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
+use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
@@ -38,9 +38,7 @@ pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 /// The mode is published at every change and at least this often.
 const MODE_PERIOD_NS: u64 = 50_000_000;
 /// Beats are read and judged this often.
-const TICK_NS: u64 = 20_000_000;
-/// A loop that slept this much longer than it meant to has no right to judge others.
-const OVERSLEPT_NS: u64 = 50_000_000;
+pub(crate) const TICK_NS: u64 = 20_000_000;
 /// A restart waits for the janitor at most this long, wall time.
 const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -70,6 +68,7 @@ pub struct Supervisor {
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
+    oversleep: Oversleep,
     mode_due_ns: u64,
     steps: StepWatch,
     /// Stepped time: what the members acknowledge.
@@ -466,9 +465,10 @@ impl Service for Supervisor {
         self.woken_ns = now;
         self.read_topics(io)?;
         if now >= self.next_tick_ns {
-            if now > self.next_tick_ns + OVERSLEPT_NS && !io.domain.clock.is_stepped() && self.next_tick_ns > 0 {
-                self.figures.note(now, "supervisor_stalled: its loop overslept; counts start again".to_owned());
-                self.machine.handle(Event::Overslept, Self::now(io));
+            if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
+                let ms = slept_ns / 1_000_000;
+                self.figures.note(now, format!("supervisor_stalled: its loop slept for {ms} ms; counts start again"));
+                self.machine.handle(Event::Overslept(slept_ns), Self::now(io));
             }
             self.next_tick_ns = now + TICK_NS;
             self.machine.tick_starts(Self::now(io));

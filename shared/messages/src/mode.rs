@@ -60,6 +60,8 @@ pub enum StopKind {
     StreamSlow,
     /// Fault: a stream is over twice its max age.
     StreamStale,
+    /// Fault: the supervisor's own loop slept for longer than `mode` may be old; what happened meanwhile is not known.
+    SupervisorStalled,
     /// Fault: the brake engaged because locomotion was gone or silent.
     BrakeEngaged,
     /// Fault: the odometry pose jumped further than the robot can walk; cue frame and handler's estimate are void.
@@ -142,6 +144,7 @@ impl StopKind {
             Self::FilesExhausted => "files_exhausted",
             Self::StreamSlow => "stream_slow",
             Self::StreamStale => "stream_stale",
+            Self::SupervisorStalled => "supervisor_stalled",
             Self::BrakeEngaged => "brake_engaged",
             Self::PoseJump => "pose_jump",
             Self::Resumed => "resumed",
