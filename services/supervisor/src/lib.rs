@@ -352,6 +352,7 @@ impl Supervisor {
             "stream_age_ms": ages,
             "world": truth,
             "locomotion": locomotion,
+            "invalid_messages": self.figures.invalid_messages(),
             "notes": self.figures.notes_json(),
         })
     }
@@ -408,6 +409,7 @@ impl Service for Supervisor {
         let now = io.now_ns();
         self.woken_ns = now;
         self.read_topics(io)?;
+        self.figures.own_ports(now, io.port_counters());
         if now >= self.next_tick_ns {
             if now > self.next_tick_ns + OVERSLEPT_NS && !io.domain.clock.is_stepped() && self.next_tick_ns > 0 {
                 self.figures.note(now, "supervisor_stalled: its loop overslept; counts start again".to_owned());

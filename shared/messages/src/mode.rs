@@ -5,9 +5,10 @@ use crate::{Cue, Header, ServiceId, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+use zerocopy::TryFromBytes;
 
 /// The class of the mode.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ModeClass/1"))]
 #[repr(C)]
@@ -35,7 +36,7 @@ impl ModeClass {
 }
 
 /// What kind of stop it is. Each is documented with who is at fault and what to do.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/StopKind/1"))]
 #[repr(C)]
@@ -158,7 +159,7 @@ impl StopKind {
 }
 
 /// Why the robot stands, with evidence.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/1"))]
 #[repr(C)]
@@ -220,7 +221,7 @@ impl core::fmt::Display for StopReason {
 }
 
 /// The cue in force, as accepted by the supervisor.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/CueInForce/1"))]
 #[repr(C)]
@@ -232,7 +233,7 @@ pub struct CueInForce {
 }
 
 /// The supervisor's word on whether motion is possible.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Mode/1"))]
 #[repr(C)]
@@ -256,7 +257,7 @@ pub struct Mode {
 }
 
 /// What locomotion does.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/1"))]
 #[repr(C)]

@@ -181,6 +181,12 @@ impl Io {
         received
     }
 
+    /// What the ports of this process have done, as its beats tell.
+    #[must_use]
+    pub fn port_counters(&self) -> Vec<PortCounters> {
+        self.counters().clone()
+    }
+
     /// What the ports have done.
     pub(crate) fn counters(&self) -> std::cell::Ref<'_, Vec<PortCounters>> {
         self.shared.counters.borrow()

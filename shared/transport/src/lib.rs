@@ -4,6 +4,7 @@
 //! table through [`Io`], and is woken with the run time when an input came or its timer is due. It is the same code in
 //! real and in stepped time; what differs is who decides when it is woken and which messages it may see yet.
 
+mod checked;
 mod clock;
 mod domain;
 mod error;
