@@ -70,6 +70,7 @@ pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
     })?;
     let answer = client.ask(request).map_err(failed)?;
     match answer.get("error").and_then(Value::as_str) {
+        Some(why) if answer["refused"] == "not_permitted" => Err(Failure::not_permitted(format!("run {name}: {why}"))),
         Some(why) => Err(Failure::refused(format!("run {name}: {why}"))),
         None => Ok(answer),
     }

@@ -8,7 +8,7 @@
 
 mod boot;
 mod children;
-mod control;
+pub mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
