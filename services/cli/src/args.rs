@@ -40,6 +40,9 @@ pub enum Verb {
     Stop(RunArg),
     /// End a lock; the robot still waits for a cue
     Resume(RunArg),
+    /// Swap the policy of a live run for another, go back, or show which is in force
+    #[command(after_help = POLICY_HELP)]
+    Policy(PolicyArgs),
     /// Check what a run needs of this machine, and say how to mend what is missing
     Doctor(DoctorArgs),
     /// Import other people's logs into recordings
@@ -82,6 +85,16 @@ masks nothing; unknown_gap_m may be left out. A reading at or over range_max_m o
 or under range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included. A margin
 is null where no judged beam hit anything."#;
 
+const POLICY_HELP: &str = "\
+Examples:
+  guidedog policy swap --model careful.geometric    with its manifest careful.toml beside it
+  guidedog policy swap --exe ./my-policy            another executable in place of guidedog-policy
+  guidedog policy rollback                          the policy before
+  guidedog policy show
+
+The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
+before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
+
 const UP_EXAMPLES: &str = "\
 Examples:
   guidedog up                                  the built-in corridor, no scripted handler: cues are yours
@@ -110,6 +123,51 @@ pub struct RunArg {
     /// Name of the run; without it, the only live one
     #[arg(long, value_name = "NAME")]
     pub run: Option<String>,
+}
+
+/// `guidedog policy`.
+#[derive(Debug, Args)]
+pub struct PolicyArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: PolicyVerb,
+}
+
+/// What `guidedog policy` does.
+#[derive(Debug, Subcommand)]
+pub enum PolicyVerb {
+    /// Swap another policy in, and wait until a permit carries its decision
+    Swap(SwapArgs),
+    /// Go back to the policy before
+    Rollback(PolicyRunArgs),
+    /// Which policy is in force, and the last swaps
+    Show(RunArg),
+}
+
+/// `guidedog policy swap`.
+#[derive(Debug, Args)]
+#[group(id = "candidate", required = true, multiple = true, args = ["model", "exe"])]
+pub struct SwapArgs {
+    /// The model to load; its manifest lies beside it
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// The executable to start in place of guidedog-policy
+    #[arg(long, value_name = "FILE")]
+    pub exe: Option<PathBuf>,
+    /// Which run, and whether to wait.
+    #[command(flatten)]
+    pub run: PolicyRunArgs,
+}
+
+/// Which run, and whether to wait.
+#[derive(Debug, Args)]
+pub struct PolicyRunArgs {
+    /// Wait for the end of the probation as well
+    #[arg(long)]
+    pub settle: bool,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
 }
 
 /// `guidedog cue`.

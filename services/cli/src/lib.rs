@@ -16,6 +16,7 @@ mod live;
 mod map_view;
 mod operate;
 mod out;
+mod policy;
 mod prepare;
 mod runs;
 mod shield;
@@ -75,6 +76,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Cue(args) => done(operate::cue(&args, json)),
         Verb::Stop(run) => done(operate::stop(&run, json)),
         Verb::Resume(run) => done(operate::resume(&run, json)),
+        Verb::Policy(args) => policy::policy(&args, json),
         Verb::Doctor(args) => doctor::doctor(&args, json),
         Verb::Import(args) => done(import::import(&args, json)),
         Verb::Bench(args) => match args.what {

@@ -45,6 +45,17 @@ pub enum Request {
     Stop,
     /// Out of a lock.
     Resume,
+    /// Another policy is to be swapped in.
+    PolicySwap {
+        /// Another executable in place of `guidedog-policy`, its path absolute.
+        exe: Option<PathBuf>,
+        /// The model to load, its path absolute.
+        model: Option<PathBuf>,
+    },
+    /// Back to the policy before.
+    PolicyRollback,
+    /// The policy in force, and the last swaps.
+    PolicyShow,
     /// The run is to end.
     Quit,
 }
@@ -54,8 +65,10 @@ pub enum Request {
 pub enum Right {
     /// Ask how things are.
     Read,
-    /// Have the robot walk or stand, or the run changed.
+    /// Have the robot walk or stand, and end the run.
     Change,
+    /// Have a program run as the run's own user.
+    Own,
 }
 
 impl Request {
@@ -71,8 +84,9 @@ impl Request {
     #[must_use]
     pub const fn needs(&self) -> Right {
         match self {
-            Self::Status | Self::Why => Right::Read,
+            Self::Status | Self::Why | Self::PolicyShow => Right::Read,
             Self::Cue { .. } | Self::Stop | Self::Resume | Self::Quit => Right::Change,
+            Self::PolicySwap { .. } | Self::PolicyRollback => Right::Own,
         }
     }
 }
@@ -134,7 +148,7 @@ impl ControlServer {
             match Request::parse(&line) {
                 Ok(request) if request.needs() <= right => requests.push((token, request)),
                 Ok(_) => {
-                    let why = "only the run's own user and root may do that; the group may read";
+                    let why = "you may read how the run is, and not do that; its own user and root may";
                     self.answer(token, &json!({ "error": why, "refused": NOT_PERMITTED }), io);
                 }
                 Err(why) => self.answer(token, &json!({ "error": why }), io),
@@ -160,7 +174,7 @@ impl ControlServer {
 
     /// Makes room for one more with that right. What the one that has to go has sent is heard before.
     fn make_room(&mut self, right: Right, io: &Io) -> Vec<(u64, Request)> {
-        let limit = if right == Right::Change { MAX_OPERATORS } else { MAX_READERS };
+        let limit = if right == Right::Read { MAX_READERS } else { MAX_OPERATORS };
         let alike = self.clients.iter().filter(|client| client.right == right);
         if alike.clone().count() < limit {
             return Vec::new();
@@ -168,7 +182,7 @@ impl ControlServer {
         let Some(idle) = alike.min_by_key(|client| client.heard).map(|client| client.token) else { return Vec::new() };
         let mut requests = self.read(idle, io);
         // Its answer could reach nobody.
-        requests.retain(|(_, request)| request.needs() == Right::Change);
+        requests.retain(|(_, request)| request.needs() != Right::Read);
         self.answer(idle, &json!({ "error": "idle for too long: another client came" }), io);
         self.drop_client(idle, io);
         requests
@@ -200,7 +214,7 @@ impl ControlServer {
     fn right_of(&self, stream: &UnixStream) -> Option<Right> {
         let peer = rustix::net::sockopt::socket_peercred(stream).ok()?;
         if peer.uid.is_root() || peer.uid == rustix::process::geteuid() {
-            return Some(Right::Change);
+            return Some(Right::Own);
         }
         let closed = std::fs::symlink_metadata(&self.path).is_ok_and(|socket| socket.mode() & 0o007 == 0);
         closed.then_some(self.group)

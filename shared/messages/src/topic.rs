@@ -180,7 +180,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::ShieldPermit,
         name: "shield/permit",
         publishers: &[Shield],
-        subscribers: &[Locomotion, Recorder],
+        subscribers: &[Locomotion, Supervisor, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,

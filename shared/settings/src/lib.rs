@@ -11,6 +11,6 @@ pub use layers::{Profile, SettingsError, check, load, load_resolved};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
     MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings,
-    Simulation, Source, Supervision, Walk, WalkErrors,
+    Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};
