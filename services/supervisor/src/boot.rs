@@ -75,6 +75,7 @@ pub fn main() -> ExitCode {
             );
         }
     };
+    transport::keep_others_out();
     let dir = match new_run_dir(&arguments.name) {
         Ok(dir) => dir,
         Err(error) => return fail(EXIT_RUN_FAILED, error.to_string()),

@@ -1,8 +1,8 @@
 //! The operator's socket: JSON lines, one answer for each request. It needs no shared memory.
 //!
 //! Who may connect is the kernel's business: the socket is the user's and the group's. Who may change anything is
-//! decided here, by the peer's credentials: the run's own user and root; the group may only read, unless the settings say
-//! otherwise.
+//! decided here, by the peer's credentials: the run's own user and root; the group may only read, unless the settings
+//! say otherwise.
 
 mod inbox;
 
@@ -209,8 +209,8 @@ impl ControlServer {
         requests
     }
 
-    /// What the other end may do, if anything. That a peer which is neither root nor our user could connect says that it
-    /// is in the socket's group, as long as the socket is closed to everybody else.
+    /// What the other end may do, if anything. That a peer which is neither root nor our user could connect says that
+    /// it is in the socket's group, as long as the socket is closed to everybody else.
     fn right_of(&self, stream: &UnixStream) -> Option<Right> {
         let peer = rustix::net::sockopt::socket_peercred(stream).ok()?;
         if peer.uid.is_root() || peer.uid == rustix::process::geteuid() {

@@ -537,8 +537,11 @@ fn drain(fd: &std::os::fd::OwnedFd) {
     while rustix::io::read(fd, &mut bytes).is_ok_and(|n| n == bytes.len()) {}
 }
 
-/// Makes the directory of a new run, after sweeping what dead runs left.
+/// The directory of a new run: made by who starts the run; else here, after sweeping what dead runs left.
 fn new_run_dir(name: &str) -> Result<RunDir, TransportError> {
+    if let Ok(lock) = transport::inherited_fd(transport::SupervisorArgs::LOCK_FD) {
+        return RunDir::adopt(name, lock);
+    }
     transport::sweep();
     RunDir::create(name)
 }

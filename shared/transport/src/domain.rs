@@ -124,6 +124,7 @@ impl Domain {
                 topics.push(Box::new(self.event(spec.id, true)?));
             }
         }
+        self.dir.close_shared_memory();
         Ok(Holder { _topics: topics })
     }
 

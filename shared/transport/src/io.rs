@@ -165,9 +165,9 @@ impl Io {
         let _ = epoll::delete(&self.epoll, fd);
     }
 
-    /// Tells the supervisor something; `false` where it is gone.
+    /// Tells the supervisor something, cut to what the line takes; `false` where it is gone.
     pub fn tell(&self, message: &FromChild) -> bool {
-        self.control.as_ref().is_some_and(|line| line.send(message, None))
+        self.control.as_ref().is_some_and(|line| line.send(&message.clone().bounded(), None))
     }
 
     /// The next word of the supervisor; once it is gone, its line is let go.

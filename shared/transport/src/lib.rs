@@ -26,6 +26,6 @@ pub use janitor::Janitor;
 pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
 pub use rhythm::Rhythm;
-pub use run_dir::{RunDir, RunInfo, check_run_name, live_runs, runs_root, sweep};
+pub use run_dir::{RunDir, RunInfo, check_run_name, check_runs_root, keep_others_out, live_runs, runs_root, sweep};
 pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, SupervisorArgs};
 pub use service::{run, run_supervisor, service_main};
