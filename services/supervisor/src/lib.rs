@@ -8,7 +8,7 @@
 
 mod boot;
 mod children;
-mod control;
+pub mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
@@ -386,6 +386,7 @@ impl Supervisor {
             "stream_age_ms": ages,
             "world": truth,
             "locomotion": locomotion,
+            "invalid_messages": self.figures.invalid_messages(),
             "notes": self.figures.notes_json(),
         })
     }
@@ -464,6 +465,7 @@ impl Service for Supervisor {
         let now = io.now_ns();
         self.woken_ns = now;
         self.read_topics(io)?;
+        self.figures.own_ports(now, io.port_counters());
         if now >= self.next_tick_ns {
             if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
                 let ms = slept_ns / 1_000_000;
@@ -535,8 +537,11 @@ fn drain(fd: &std::os::fd::OwnedFd) {
     while rustix::io::read(fd, &mut bytes).is_ok_and(|n| n == bytes.len()) {}
 }
 
-/// Makes the directory of a new run, after sweeping what dead runs left.
+/// The directory of a new run: made by who starts the run; else here, after sweeping what dead runs left.
 fn new_run_dir(name: &str) -> Result<RunDir, TransportError> {
+    if let Ok(lock) = transport::inherited_fd(transport::SupervisorArgs::LOCK_FD) {
+        return RunDir::adopt(name, lock);
+    }
     transport::sweep();
     RunDir::create(name)
 }

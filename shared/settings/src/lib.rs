@@ -9,8 +9,8 @@ mod units;
 
 pub use layers::{Profile, SettingsError, check, load, load_resolved};
 pub use sections::{
-    ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion, MaxAge,
-    MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings,
+    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
+    MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings,
     Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};
