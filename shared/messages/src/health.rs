@@ -156,7 +156,7 @@ impl LatencyHistogram {
 /// A beat: published by the loop that waits and works, so that a stuck loop is silent.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Health/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Health/2"))]
 #[repr(C)]
 pub struct Health {
     /// Stamp, seq, incarnation.
@@ -175,6 +175,8 @@ pub struct Health {
     pub outcomes: [u64; Outcome::ALL.len()],
     /// Input that was refused as unusable.
     pub invalid_inputs: u64,
+    /// Messages that could not be kept: the queue to the file was full, or the file can take no more (recorder).
+    pub not_recorded: u64,
     /// Poses further off than the robot can have walked (shield).
     pub pose_jumps: u64,
     /// Digest over all actions taken and permits given (shield).

@@ -105,7 +105,7 @@ impl TopicSpec {
 
 const EVERYBODY: &[ServiceId] = &ServiceId::ALL;
 const MEMBERS: &[ServiceId] =
-    &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator];
+    &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
 
 /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
 pub const TOPICS: [TopicSpec; 14] = [
@@ -145,7 +145,7 @@ pub const TOPICS: [TopicSpec; 14] = [
     TopicSpec {
         id: TopicId::Cue,
         name: "cue",
-        publishers: &[Cue],
+        publishers: &[Cue, Replay],
         subscribers: &[Policy, Shield, Locomotion, Supervisor, Recorder],
         buffer: 8,
         borrowed: 2,
@@ -168,7 +168,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::PolicyAction,
         name: "policy/action",
         publishers: &[Policy],
-        subscribers: &[Shield, Supervisor, Recorder],
+        subscribers: &[Shield, Supervisor, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -179,7 +179,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::ShieldPermit,
         name: "shield/permit",
         publishers: &[Shield],
-        subscribers: &[Locomotion, Recorder],
+        subscribers: &[Locomotion, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,

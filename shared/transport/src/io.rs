@@ -181,8 +181,8 @@ impl Io {
         received
     }
 
-    /// What the ports have done.
-    pub(crate) fn counters(&self) -> std::cell::Ref<'_, Vec<PortCounters>> {
+    /// What the ports have done, in the order in which they were opened.
+    pub fn counters(&self) -> std::cell::Ref<'_, Vec<PortCounters>> {
         self.shared.counters.borrow()
     }
 
