@@ -113,6 +113,7 @@ impl Supervisor {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
                 Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
+                Action::Release(service, _) => self.children.tell(service, &ToChild::Leave),
                 Action::Spawn(service, incarnation) => {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
                 }
@@ -218,6 +219,9 @@ impl Supervisor {
         if reaped.is_some() {
             self.janitor.clean();
         }
+        if let Some((child, _)) = reaped.as_ref().filter(|(child, _)| child.left) {
+            self.machine.handle(Event::Left(child.service, child.incarnation), now);
+        }
         if let Some((child, status)) = reaped.filter(|(child, _)| !child.left) {
             let why = child.failed.unwrap_or_else(|| last_words(io, child.service, child.incarnation, &status));
             self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
@@ -252,6 +256,10 @@ impl Supervisor {
             FromChild::Left => {
                 if let Some(child) = self.children.incarnation(service, incarnation) {
                     child.left = true;
+                }
+                if !self.ending.has_begun() {
+                    // Nobody waits for its last figures but the next beat that is read.
+                    self.children.tell(service, &ToChild::Exit);
                 }
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),

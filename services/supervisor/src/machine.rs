@@ -12,6 +12,9 @@ use crate::stops::StopLog;
 pub use watched::Phase;
 use watched::Watched;
 
+/// A service that is no longer wanted has so long to leave, wall time: a recorder ends its file.
+const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
+
 /// The two times that count.
 #[derive(Debug, Clone, Copy)]
 pub struct Now {
@@ -39,6 +42,12 @@ pub enum Event<'a> {
     Died(ServiceId, u32, String),
     /// A child's beat.
     Beat(&'a Health),
+    /// Somebody wants a service that runs on demand.
+    Demand(ServiceId),
+    /// Nobody wants it any more.
+    Release(ServiceId),
+    /// A child has left by plan, asked to or of itself, and ended.
+    Left(ServiceId, u32),
     /// Stepped time: members that did not do their step in time; where there are none, it is the master who gives none.
     TimeStands(&'a [Member]),
     /// The brake engaged for that incarnation of locomotion.
@@ -64,6 +73,8 @@ pub enum Action {
     Spawn(ServiceId, u32),
     /// End that incarnation: SIGKILL, never waited for.
     Kill(ServiceId, u32),
+    /// Ask that incarnation to finish what it does and to leave.
+    Release(ServiceId, u32),
     /// Tell locomotion over its line that the robot is to stand: before anything else.
     StopLine {
         /// The epoch of the stop.
@@ -170,9 +181,10 @@ impl Machine {
     #[must_use]
     pub fn holds_time(&self, run_ns: u64) -> bool {
         !self.ending
-            && self.services.iter().any(|s| {
-                !s.joined && run_ns >= s.joins_at_ns && !matches!(s.phase, Phase::Spent) && self.roster_version > 0
-            })
+            && self
+                .services
+                .iter()
+                .any(|s| !s.joined && run_ns >= s.joins_at_ns && s.is_wanted() && self.roster_version > 0)
     }
 
     /// Every service as it is.
@@ -182,7 +194,7 @@ impl Machine {
             .iter()
             .map(|s| ServiceStatus {
                 service: s.plan.service,
-                pid: if matches!(s.phase, Phase::Down { .. } | Phase::Spent) { 0 } else { s.pid },
+                pid: if matches!(s.phase, Phase::Off | Phase::Down { .. } | Phase::Spent) { 0 } else { s.pid },
                 phase: s.phase,
                 incarnation: s.incarnation,
                 restarts: s.restarts,
@@ -197,6 +209,9 @@ impl Machine {
             Event::Ready(service, incarnation) => self.on_ready(service, incarnation, now),
             Event::Armed { service, incarnation, by } => self.on_armed(service, incarnation, by, now),
             Event::Died(service, incarnation, why) => self.on_died(service, incarnation, &why, now),
+            Event::Demand(service) => self.on_demand(service, now),
+            Event::Release(service) => self.on_release(service, now),
+            Event::Left(service, incarnation) => self.on_left(service, incarnation, now),
             Event::Beat(health) => self.on_beat(health, now),
             Event::TimeStands(late) => self.on_time_stands(late, now),
             Event::BrakeEngaged(incarnation) => {
@@ -248,6 +263,11 @@ impl Machine {
                     let reason = StopReason::service(StopKind::ServiceHung, s.plan.service, s.incarnation);
                     self.actions.push(Action::Note(format!("{} was not ready in time", s.plan.service)));
                     self.condemn(reason, now);
+                }
+                Phase::Leaving { kill_at_ns } if now.wall_ns > kill_at_ns => {
+                    s.phase = Phase::Leaving { kill_at_ns: u64::MAX };
+                    self.actions.push(Action::Note(format!("{} did not leave in time", s.plan.service)));
+                    self.actions.push(Action::Kill(s.plan.service, s.incarnation));
                 }
                 _ => {}
             }
@@ -345,7 +365,11 @@ impl Machine {
         let ending = self.ending;
         let limits = self.limits.clone();
         let Some(s) = self.find(service, incarnation) else { return };
-        if ending || matches!(s.phase, Phase::Down { .. } | Phase::Spent) {
+        if ending || matches!(s.phase, Phase::Off | Phase::Down { .. } | Phase::Spent) {
+            return;
+        }
+        if matches!(s.phase, Phase::Leaving { .. }) {
+            s.phase = Phase::Off;
             return;
         }
         let condemned = s.phase == Phase::Dying;
@@ -373,6 +397,36 @@ impl Machine {
             self.enter(ModeClass::Lock, reason, now.run_ns);
         } else if critical && !condemned {
             self.enter(ModeClass::Fault, reason, now.run_ns);
+        }
+        self.update_roster(now);
+    }
+
+    fn on_demand(&mut self, service: ServiceId, now: Now) {
+        let joins_at_ns = now.run_ns + self.limits.restart_time_ns;
+        if let Some(s) = self.services.iter_mut().find(|s| s.plan.service == service && s.phase == Phase::Off) {
+            s.deaths_ns.clear();
+            (s.phase, s.joins_at_ns) = (Phase::Down { start_at_ns: now.wall_ns }, joins_at_ns);
+        }
+    }
+
+    fn on_release(&mut self, service: ServiceId, now: Now) {
+        let Some(s) = self.services.iter_mut().find(|s| s.plan.service == service && s.plan.on_demand) else { return };
+        match s.phase {
+            Phase::Down { .. } | Phase::Spent => s.phase = Phase::Off,
+            Phase::Starting { .. } | Phase::Ready => {
+                s.phase = Phase::Leaving { kill_at_ns: now.wall_ns + LEAVE_LIMIT_NS };
+                s.joined = false;
+                self.actions.push(Action::Release(service, s.incarnation));
+            }
+            Phase::Off | Phase::Dying | Phase::Leaving { .. } => {}
+        }
+        self.update_roster(now);
+    }
+
+    fn on_left(&mut self, service: ServiceId, incarnation: u32, now: Now) {
+        if let Some(s) = self.find(service, incarnation).filter(|s| s.plan.on_demand) {
+            s.joined = false;
+            s.phase = Phase::Off;
         }
         self.update_roster(now);
     }
@@ -526,7 +580,7 @@ impl Machine {
 
     /// Stepped time: who takes part from the next step on.
     fn update_roster(&mut self, now: Now) {
-        let all_up = self.services.iter().all(|s| s.phase == Phase::Ready && s.armed);
+        let all_up = self.services.iter().filter(|s| s.is_wanted()).all(|s| s.phase == Phase::Ready && s.armed);
         if all_up && !self.begun {
             self.begun = true;
             self.actions.push(Action::Begin);

@@ -30,6 +30,8 @@ pub struct ServicePlan {
     pub critical: bool,
     /// Whether it is restarted; the end of what is not ends the run.
     pub restartable: bool,
+    /// Whether it runs only while somebody wants it.
+    pub on_demand: bool,
     /// Whether its line is watched: by locomotion, or by the brake where it is locomotion.
     pub has_line: bool,
     /// Whether it gives out stepped time.
@@ -78,6 +80,8 @@ pub struct Plan {
 const BEAT_LAG_NS: u64 = 40_000_000;
 /// What stands for the world is not restarted, so it is judged late.
 const WORLD_BEAT_LIMIT_NS: u64 = 1_000_000_000;
+/// The recorder beats at 10 Hz, and a disk may take its time.
+const RECORDER_BEAT_LIMIT_NS: u64 = 5_000_000_000;
 
 impl Plan {
     /// The plan of a run with these settings.
@@ -112,6 +116,7 @@ impl Plan {
         services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
         services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
         services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
+        services.push(recorder(&limits));
         Self { services, limits }
     }
 }
@@ -122,6 +127,7 @@ fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>
         stage,
         critical: true,
         restartable: true,
+        on_demand: false,
         has_line: true,
         clock_master: false,
         beat_limit_ns: limits.beat_ns,
@@ -136,10 +142,22 @@ fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
         stage: 1,
         critical: service == ServiceId::Replay,
         restartable: false,
+        on_demand: false,
         has_line: service == ServiceId::Replay,
         clock_master: true,
         beat_limit_ns: WORLD_BEAT_LIMIT_NS,
         streams,
+    }
+}
+
+/// Motion does not need it, and it starts last: what it records from the beginning waits for it.
+fn recorder(limits: &Limits) -> ServicePlan {
+    ServicePlan {
+        critical: false,
+        on_demand: true,
+        has_line: false,
+        beat_limit_ns: RECORDER_BEAT_LIMIT_NS,
+        ..plan(ServiceId::Recorder, 4, limits, vec![])
     }
 }
 

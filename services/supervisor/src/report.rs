@@ -226,10 +226,12 @@ pub fn services_json(services: &[ServiceStatus]) -> Value {
         .iter()
         .map(|s| {
             let state = match s.phase {
+                Phase::Off => "off",
                 Phase::Down { .. } => "down",
                 Phase::Starting { .. } => "starting",
                 Phase::Ready => "ready",
                 Phase::Dying => "dying",
+                Phase::Leaving { .. } => "leaving",
                 Phase::Spent => "spent",
             };
             json!({

@@ -591,7 +591,43 @@ fn in_any_interleaving_only_a_cue_starts_motion_and_no_stop_is_lost() {
         }
         bench.handle(Event::OperatorResume);
         bench.pass(8000);
-        let all_up = bench.machine.status().iter().all(|service| service.phase == Phase::Ready);
+        let mut wanted = bench.machine.status().into_iter().filter(|service| service.phase != Phase::Off);
+        let all_up = wanted.all(|service| service.phase == Phase::Ready);
         assert!(all_up || bench.class() == ModeClass::Lock, "seed {seed}: it does not come to rest");
     }
+}
+
+#[test]
+fn a_service_on_demand_comes_and_goes_without_touching_the_walk() {
+    let mut bench = Bench::running();
+    let phase =
+        |bench: &Bench| bench.machine.status().iter().find(|s| s.service == ServiceId::Recorder).map(|s| s.phase);
+    assert_eq!(phase(&bench), Some(Phase::Off));
+    let epoch = bench.machine.mode().epoch;
+    bench.handle(Event::Demand(ServiceId::Recorder));
+    bench.pass(100);
+    assert_eq!(phase(&bench), Some(Phase::Ready));
+    bench.handle(Event::Died(ServiceId::Recorder, 1, "killed".to_owned()));
+    bench.alive.retain(|(service, ..)| *service != ServiceId::Recorder);
+    bench.pass(200);
+    assert_eq!(phase(&bench), Some(Phase::Ready), "it is restarted as long as it is wanted");
+    bench.handle(Event::Release(ServiceId::Recorder));
+    assert!(bench.actions.contains(&Action::Release(ServiceId::Recorder, 2)));
+    bench.handle(Event::Left(ServiceId::Recorder, 2));
+    bench.alive.retain(|(service, ..)| *service != ServiceId::Recorder);
+    bench.pass(200);
+    assert_eq!((phase(&bench), bench.class()), (Some(Phase::Off), ModeClass::Run));
+    assert_eq!(bench.machine.mode().epoch, epoch, "nothing stopped");
+}
+
+#[test]
+fn a_service_that_does_not_leave_in_time_is_killed() {
+    let mut bench = Bench::running();
+    bench.handle(Event::Demand(ServiceId::Recorder));
+    bench.pass(100);
+    bench.handle(Event::Release(ServiceId::Recorder));
+    bench.pass(6000);
+    assert!(bench.actions.contains(&Action::Kill(ServiceId::Recorder, 1)));
+    let recorder = bench.machine.status().into_iter().find(|s| s.service == ServiceId::Recorder);
+    assert_eq!(recorder.map(|s| s.phase), Some(Phase::Off));
 }

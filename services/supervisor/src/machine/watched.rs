@@ -9,6 +9,8 @@ use crate::plan::ServicePlan;
 /// How far a service is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Phase {
+    /// Not wanted: started only on demand.
+    Off,
     /// Not running; to be started at that wall time.
     Down {
         /// Wall time, nanoseconds.
@@ -23,6 +25,11 @@ pub enum Phase {
     Ready,
     /// Condemned; its end has not been seen yet.
     Dying,
+    /// No longer wanted, and asked to leave; killed at that wall time.
+    Leaving {
+        /// Wall time, nanoseconds.
+        kill_at_ns: u64,
+    },
     /// Stays down: its restart budget is spent.
     Spent,
 }
@@ -61,8 +68,8 @@ impl Watched {
     pub fn new(plan: ServicePlan) -> Self {
         let progress = vec![Progress::default(); plan.streams.len()];
         Self {
+            phase: if plan.on_demand { Phase::Off } else { Phase::Down { start_at_ns: 0 } },
             plan,
-            phase: Phase::Down { start_at_ns: 0 },
             incarnation: 0,
             pid: 0,
             armed: false,
@@ -74,6 +81,11 @@ impl Watched {
             progress,
             pose_jumps: 0,
         }
+    }
+
+    /// Whether it is, or is to be, at work: what the run waits for.
+    pub fn is_wanted(&self) -> bool {
+        !matches!(self.phase, Phase::Off | Phase::Leaving { .. } | Phase::Spent)
     }
 
     /// The next incarnation starts, and has done nothing yet.
