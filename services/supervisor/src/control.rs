@@ -3,7 +3,7 @@
 use std::io::{Read, Write};
 use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixListener, UnixStream};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use messages::CueKind;
 use serde::Deserialize;
@@ -33,6 +33,13 @@ pub enum Request {
     Stop,
     /// Out of a lock.
     Resume,
+    /// The run is to be recorded from now on.
+    Record {
+        /// The recording, absolute.
+        path: PathBuf,
+    },
+    /// The recording is to end.
+    RecordStop,
     /// The run is to end.
     Quit,
 }

@@ -12,6 +12,7 @@ mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
+mod recording;
 pub mod report;
 mod step_watch;
 pub mod stops;
@@ -298,6 +299,8 @@ impl Supervisor {
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
             }
+            Request::Record { path } => self.record(path, io),
+            Request::RecordStop => self.end_recording(io),
             Request::Quit => {
                 self.begin_end(io);
                 json!({ "ok": true })

@@ -159,6 +159,7 @@ impl Figures {
         map.insert("lost".to_owned(), lost);
         map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
         map.insert("invalid_inputs".to_owned(), json!(self.lives.values().map(|l| l.invalid_inputs).sum::<u64>()));
+        map.insert("not_recorded".to_owned(), json!(self.lives.values().map(|l| l.not_recorded).sum::<u64>()));
         let restarts: BTreeMap<&str, u32> =
             services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
         map.insert("restarts".to_owned(), json!(restarts));

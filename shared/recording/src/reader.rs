@@ -162,6 +162,13 @@ impl Reader {
         self.small.settings()
     }
 
+    /// Passes over what was recorded before `time_ns`, as far as that goes without reading it. The records are then no
+    /// longer counted.
+    pub fn skip_before(&mut self, time_ns: u64) {
+        self.small.skip_before(time_ns);
+        self.depth.iter_mut().for_each(|depth| depth.skip_before(time_ns));
+    }
+
     fn advance(&mut self) -> Result<Option<Record>, ReadError> {
         if !self.begun {
             self.begun = true;

@@ -92,6 +92,16 @@ impl Record {
         if header.published_ns > 0 { header.published_ns } else { header.stamp_ns }
     }
 
+    /// Whether two records are the same to the byte, as they would be recorded; a NaN is a NaN.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        let bytes = |record: &Self| {
+            let mut bytes = Vec::new();
+            crate::channel::encode(record, &mut bytes).map(|()| bytes)
+        };
+        matches!((bytes(self), bytes(other)), (Ok(one), Ok(another)) if one == another)
+    }
+
     /// What records are ordered by: time of publication, topic, seq.
     #[must_use]
     pub const fn order(&self) -> Order {
