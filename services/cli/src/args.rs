@@ -40,11 +40,19 @@ pub enum Verb {
     Stop(RunArg),
     /// End a lock; the robot still waits for a cue
     Resume(RunArg),
+    /// Swap the policy of a live run for another, go back, or show which is in force
+    #[command(after_help = POLICY_HELP)]
+    Policy(PolicyArgs),
     /// Check what a run needs of this machine, and say how to mend what is missing
     Doctor(DoctorArgs),
+    /// Record a live run until Ctrl-C, or for so long
+    #[command(after_help = "Example:\n  guidedog record -o walk.mcap --duration 30s")]
+    Record(RecordArgs),
+    /// Look into a recording, check it, or make a whole one of one that is torn
+    Recording(RecordingArgs),
     /// Import other people's logs into recordings
     Import(ImportArgs),
-    /// Run a recording's scans and odometry through policy, shield and locomotion
+    /// Run recorded frames through policy, shield and locomotion, in the drivers' place
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
     /// Fit interaction models to recorded walks of handlers, and set them beside the paper's
@@ -82,6 +90,16 @@ masks nothing; unknown_gap_m may be left out. A reading at or over range_max_m o
 or under range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included. A margin
 is null where no judged beam hit anything."#;
 
+const POLICY_HELP: &str = "\
+Examples:
+  guidedog policy swap --model careful.geometric    with its manifest careful.toml beside it
+  guidedog policy swap --exe ./my-policy            another executable in place of guidedog-policy
+  guidedog policy rollback                          the policy before
+  guidedog policy show
+
+The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
+before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
+
 const UP_EXAMPLES: &str = "\
 Examples:
   guidedog up                                  the built-in corridor, no scripted handler: cues are yours
@@ -102,7 +120,14 @@ const REPLAY_EXAMPLES: &str = "\
 Examples:
   guidedog import carmen fr079.clf.bz2 -o fr079.mcap
   guidedog replay fr079.mcap --duration 60s
-  guidedog replay fr079.mcap --speed 10 --json";
+  guidedog walk --speed 0 --record walk.mcap
+  guidedog replay walk.mcap --speed 0 --json                          the very permits that were recorded
+  guidedog replay walk.mcap --speed 0 --against --config wider.toml   what other settings would have decided
+  guidedog replay walk.mcap --streams depth --speed 0                 recorded depth into a simulated walk
+
+A recording brings the settings of its run along; --config lies over them. In stepped time (--speed) a replay gives the
+same bytes every time; that of a stepped run which was recorded whole gives the actions and permits of that run, and the
+report's `compared` says so. What an operator's stop did is not in the streams, and is not replayed.";
 
 /// Which run.
 #[derive(Debug, Args)]
@@ -110,6 +135,51 @@ pub struct RunArg {
     /// Name of the run; without it, the only live one
     #[arg(long, value_name = "NAME")]
     pub run: Option<String>,
+}
+
+/// `guidedog policy`.
+#[derive(Debug, Args)]
+pub struct PolicyArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: PolicyVerb,
+}
+
+/// What `guidedog policy` does.
+#[derive(Debug, Subcommand)]
+pub enum PolicyVerb {
+    /// Swap another policy in, and wait until a permit carries its decision
+    Swap(SwapArgs),
+    /// Go back to the policy before
+    Rollback(PolicyRunArgs),
+    /// Which policy is in force, and the last swaps
+    Show(RunArg),
+}
+
+/// `guidedog policy swap`.
+#[derive(Debug, Args)]
+#[group(id = "candidate", required = true, multiple = true, args = ["model", "exe"])]
+pub struct SwapArgs {
+    /// The model to load; its manifest lies beside it
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// The executable to start in place of guidedog-policy
+    #[arg(long, value_name = "FILE")]
+    pub exe: Option<PathBuf>,
+    /// Which run, and whether to wait.
+    #[command(flatten)]
+    pub run: PolicyRunArgs,
+}
+
+/// Which run, and whether to wait.
+#[derive(Debug, Args)]
+pub struct PolicyRunArgs {
+    /// Wait for the end of the probation as well
+    #[arg(long)]
+    pub settle: bool,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
 }
 
 /// `guidedog cue`.
@@ -135,6 +205,9 @@ pub struct PaceArgs {
     /// Name of the run
     #[arg(long, value_name = "RUN", value_parser = run_name)]
     pub name: Option<String>,
+    /// Record the whole run, from its first step on (.mcap; depth frames in .depth.mcap beside it)
+    #[arg(long, value_name = "RECORDING")]
+    pub record: Option<PathBuf>,
 }
 
 /// Where the robot walks.
@@ -229,17 +302,90 @@ pub enum ImportFormat {
     },
 }
 
+/// `guidedog record`.
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The recording to write (.mcap; depth frames in .depth.mcap beside it)
+    #[arg(short, long, value_name = "RECORDING")]
+    pub output: PathBuf,
+    /// End it after so long, such as 30s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub duration: Option<Millis>,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
+
+/// `guidedog recording`.
+#[derive(Debug, Args)]
+pub struct RecordingArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: RecordingVerb,
+}
+
+/// What can be done with a recording.
+#[derive(Debug, Subcommand)]
+pub enum RecordingVerb {
+    /// What it says about itself
+    Info {
+        /// The recording (.mcap)
+        recording: PathBuf,
+    },
+    /// Read every record; exit code 2, with the byte, where one is damaged or missing
+    Check {
+        /// The recording (.mcap)
+        recording: PathBuf,
+    },
+    /// Write a whole copy of one whose recorder was killed or whose disk was full, and say what is lost
+    Recover {
+        /// The torn recording (.mcap)
+        recording: PathBuf,
+        /// The whole one to write; NAME.recovered.mcap where this is left out
+        #[arg(short, long, value_name = "RECORDING")]
+        output: Option<PathBuf>,
+    },
+}
+
 /// `guidedog replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// The recording (.mcap)
     pub recording: PathBuf,
-    /// Only the first part of it, such as 60s
+    /// Only these of its streams (scan, odometry, depth, cue); the other drivers run as they are configured
+    #[arg(long, value_name = "STREAM,...", value_delimiter = ',', value_enum)]
+    pub streams: Vec<Stream>,
+    /// Leave out what was recorded before, such as 10s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub from: Option<Millis>,
+    /// Leave out what was recorded from then on, such as 60s
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "duration")]
+    pub to: Option<Millis>,
+    /// Only so much of it, such as 60s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub duration: Option<Millis>,
+    /// Play it N times; without N until Ctrl-C
+    #[arg(long = "loop", value_name = "N", num_args = 0..=1, default_missing_value = "0")]
+    pub times: Option<u32>,
+    /// Show where the policy and the shield that are configured now decide differently; exit code 7 if they do
+    #[arg(long, conflicts_with_all = ["streams", "times"])]
+    pub against: bool,
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,
+}
+
+/// A stream of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Stream {
+    /// `lidar/scan`
+    Scan,
+    /// `odometry`
+    Odometry,
+    /// `depth/frame`
+    Depth,
+    /// `cue`
+    Cue,
 }
 
 /// `guidedog fit`.
@@ -311,7 +457,7 @@ pub struct BenchArgs {
 }
 
 /// What can be measured.
-#[derive(Debug, Clone, Copy, Subcommand)]
+#[derive(Debug, Clone, Subcommand)]
 pub enum Bench {
     /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
     Transport {
@@ -321,6 +467,17 @@ pub enum Bench {
     },
     /// The shield beside the paper's pseudo-code, one core
     Shield,
+    /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
+    Replay {
+        /// The recording (.mcap)
+        recording: PathBuf,
+        /// How many replays
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        repeat: u32,
+        /// Configuration file, laid over the recorded settings
+        #[arg(long, value_name = "FILE")]
+        config: Option<PathBuf>,
+    },
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds

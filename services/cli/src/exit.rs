@@ -14,6 +14,10 @@ pub const EXIT_RUN_FAILED: u8 = 3;
 pub const EXIT_NO_RUN: u8 = 4;
 /// The supervisor refused: a cue that cannot be taken now, a resume where nothing is locked.
 pub const EXIT_REFUSED: u8 = 5;
+/// A policy swap failed, and the policy before goes on.
+pub const EXIT_SWAP_FAILED: u8 = 6;
+/// A replay decides differently from its recording, where it was asked for (`--against`) or may not (`bench replay`).
+pub const EXIT_DIFFERENT: u8 = 7;
 
 /// The codes as `guidedog --help` tells them.
 pub const EXIT_CODES_HELP: &str = "\
@@ -23,7 +27,9 @@ Exit codes:
   2  arguments, configuration or an input file cannot be used; nothing was started
   3  the run failed (a service could not start, the supervisor died), or the machine lacks something (doctor)
   4  no such run is alive, or several are and none is named with --run
-  5  the supervisor refused (a cue that cannot be taken now, a resume where nothing is locked)";
+  5  the supervisor refused (a cue that cannot be taken now, a resume where nothing is locked)
+  6  a policy swap failed; the policy before goes on
+  7  a replay decides differently from its recording (replay --against, bench replay)";
 
 /// Why the command could not do what it was asked, with its exit code.
 #[derive(Debug, Clone, PartialEq, Eq)]

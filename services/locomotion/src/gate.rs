@@ -122,6 +122,9 @@ impl Gate {
             return;
         }
         self.mode = Some(*mode);
+        // A policy that died is waited for only as long as it is the one named.
+        let gone = |line: &LineState| line.service == ServiceId::Policy && !line.open;
+        self.lines.retain(|line| !gone(line) || line.incarnation == mode.active_policy);
         if mode.class != ModeClass::Run {
             self.permit = None;
         }
@@ -158,12 +161,14 @@ impl Gate {
 
     /// A lifeline is watched from now on.
     pub fn line_armed(&mut self, service: ServiceId, incarnation: u32) {
-        self.lines.retain(|line| line.service != service || line.incarnation > incarnation);
+        // Two policies live side by side while one is swapped for the other.
+        let beside = |line: &LineState| service == ServiceId::Policy && line.open && line.incarnation != incarnation;
+        self.lines.retain(|line| line.service != service || line.incarnation > incarnation || beside(line));
         self.lines.push(LineState { service, incarnation, open: true });
     }
 
     /// A lifeline closed: whether that stops the robot. It then stands until the service is back and the epoch is
-    /// greater; a policy that is not the active one stops nothing.
+    /// greater; a policy that is not the active one stops nothing, but its permits are worth nothing from then on.
     pub fn line_closed(&mut self, service: ServiceId, incarnation: u32) -> bool {
         if service == ServiceId::Policy
             && self.mode.is_some_and(|mode| mode.active_policy != 0 && mode.active_policy != incarnation)
@@ -248,12 +253,13 @@ impl Gate {
         let unusable = |topic| Err((StopReason { topic, ..StopReason::of(StopKind::InputUnusable) }, false));
         let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
         // The shield that gave it must be the one whose line is watched here.
-        let (shield, life) = (ServiceId::Shield, permit.header.incarnation);
-        if !self.lines.iter().any(|line| line.open && line.service == shield && line.incarnation == life) {
+        if !self.has_open_line(ServiceId::Shield, permit.header.incarnation) {
             return sudden(StopKind::NoPermit);
         }
         if permit.epoch != mode.epoch
-            || permit.policy_incarnation != mode.active_policy
+            || !mode.allows_policy(permit.policy_incarnation)
+            || !self.has_open_line(ServiceId::Policy, permit.policy_incarnation)
+            || !self.has_open_line(ServiceId::Policy, mode.active_policy)
             || (permit.cue_incarnation, permit.cue_seq) != (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq)
         {
             return sudden(StopKind::NoPermit);
@@ -292,6 +298,10 @@ impl Gate {
             return Err((StopReason::stream(StopKind::OdometryStale, TopicId::Odometry, age, limit), false));
         }
         Ok(velocity)
+    }
+
+    fn has_open_line(&self, service: ServiceId, incarnation: u32) -> bool {
+        self.lines.iter().any(|line| line.open && line.service == service && line.incarnation == incarnation)
     }
 
     /// The velocity on the way from `from` to `to` after `dt_s` of planned change.

@@ -1,6 +1,10 @@
-//! The policy service: decision *n* at run time *n dt*, in every mode, active or not.
+//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. An [`Engine`] decides; a model
+//! file may tune it.
 
 pub mod geometric;
+mod model;
+
+use std::path::PathBuf;
 
 use geometric::{GeometricConfig, GeometricEngine, Observation};
 use guidance::se2::{pose2, se2};
@@ -10,11 +14,28 @@ use messages::{
     PolicyAction, age_ns,
 };
 use settings::{Settings, Source};
-use transport::{FrameSample, FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
+use transport::{
+    ChildArgs, FrameSample, FrameSubscriber, FromChild, Io, Publisher, Service, Subscriber, TransportError,
+};
+
+pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, OBSERVATION};
+
+/// From an observation to probabilities over the action table.
+pub trait Engine {
+    /// Probabilities over the table that the engine was made for, summing to 1; called once in each decision period.
+    /// What is no probability is published as it is, and refused by the shield.
+    fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS];
+}
+
+impl Engine for GeometricEngine {
+    fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
+        Self::decide(self, observation)
+    }
+}
 
 /// The service.
 pub struct PolicyService {
-    engine: GeometricEngine,
+    engine: Box<dyn Engine>,
     action_table_id: u64,
     action_count: u32,
     scans: FrameSubscriber<LidarScan>,
@@ -39,19 +60,43 @@ pub struct PolicyService {
 }
 
 impl PolicyService {
-    /// Opens ports and engine.
+    /// Loads and verifies the model, where there is one, and opens ports and engine.
     ///
     /// # Errors
-    /// Where a port cannot be opened or the settings are not readable.
+    /// Where the model is refused, a port cannot be opened or the settings are not readable.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let table = settings.policy.actions.table();
+        let mut config = engine_config(&settings)?;
+        let named = std::env::var_os(ChildArgs::MODEL).map(PathBuf::from).or_else(|| settings.policy.model.clone());
+        let mut about = serde_json::json!({ "engine": "geometric" });
+        if let Some(path) = named {
+            let expected = Expected { table: table.clone(), dt_ns: settings.policy.dt.ns() };
+            let model = Model::load(&path, &expected).map_err(TransportError::service)?;
+            model.tuning.apply(&mut config);
+            about = model.about();
+        }
+        io.tell(&FromChild::About { about });
+        let engine = GeometricEngine::new(config, table.clone());
+        Self::with_engine(io, &settings, &table, Box::new(engine))
+    }
+
+    /// The service around any engine that decides over `table`.
+    ///
+    /// # Errors
+    /// Where a port cannot be opened.
+    pub fn with_engine(
+        io: &mut Io,
+        settings: &Settings,
+        table: &ActionTable,
+        engine: Box<dyn Engine>,
+    ) -> Result<Self, TransportError> {
         let has_depth = settings.depth.source != Source::Absent;
         let dt_ns = settings.policy.dt.ns();
         Ok(Self {
             action_table_id: table.id(),
             action_count: table.len() as u32,
-            engine: GeometricEngine::new(engine_config(&settings)?, table),
+            engine,
             scans: io.frame_subscriber()?,
             depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
             odometry: io.quiet_subscriber()?,
@@ -122,7 +167,7 @@ impl PolicyService {
         let cue = cue.filter(|cue| cue.odometry_incarnation == pose.header.incarnation);
         let odom_from_robot = se2(pose.odom_from_robot);
         let odom_from_start = cue.map_or(odom_from_robot, |cue| se2(cue.odom_from_start));
-        let probabilities = self.engine.decide(&Observation {
+        action.probabilities = self.engine.decide(&Observation {
             scan: scan.meta(),
             ranges: scan.data(),
             obstacles: self.view.points(),
@@ -132,19 +177,8 @@ impl PolicyService {
             cue: cue.map_or(CueKind::Stop, |cue| cue.kind),
             cue_is_new,
         });
-        action.probabilities = finite_or_stop(probabilities);
         action
     }
-}
-
-/// What an engine gives must be probabilities; anything else is a stop.
-fn finite_or_stop(probabilities: [f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
-    if probabilities.iter().all(|p| p.is_finite() && *p >= 0.0) {
-        return probabilities;
-    }
-    let mut stop = [0.0; MAX_ACTIONS];
-    stop[ActionTable::STOP] = 1.0;
-    stop
 }
 
 fn engine_config(settings: &Settings) -> Result<GeometricConfig, TransportError> {

@@ -118,8 +118,7 @@ impl Recorder {
         /// Takes from a port what is there.
         macro_rules! take {
             ($port:ident, $record:expr) => {
-                while let Some(message) =
-                    if take == Take::All { self.$port.take_at_once() } else { self.$port.take() }?
+                while let Some(message) = if take == Take::All { self.$port.take_at_once() } else { self.$port.take() }?
                 {
                     self.keep($record(message));
                 }

@@ -32,7 +32,7 @@ pub struct Compare {
     decisions_before: u64,
     /// What has not met its counterpart: recorded, and of this run.
     permits: BTreeMap<Question, [Option<Permit>; 2]>,
-    actions: BTreeMap<u64, [Option<PolicyAction>; 2]>,
+    actions: BTreeMap<(u32, u64), [Option<PolicyAction>; 2]>,
     of_permits: Count,
     of_actions: Count,
     /// Verdicts that are another action or another outcome.
@@ -106,11 +106,11 @@ impl Compare {
     /// Takes an action.
     pub fn action(&mut self, side: Side, action: &PolicyAction) {
         self.of_actions.recorded += u64::from(side == Side::Recorded);
-        let decision = self.decision(side, action.decision);
-        let slot = self.actions.entry(decision).or_default();
+        let question = (action.header.incarnation, self.decision(side, action.decision));
+        let slot = self.actions.entry(question).or_default();
         slot[side as usize] = Some(*action);
         if let [Some(then), Some(now)] = *slot {
-            self.actions.remove(&decision);
+            self.actions.remove(&question);
             let equal = Record::Action(Box::new(then)).is_same(&Record::Action(Box::new(now)));
             self.of_actions.equal += u64::from(equal);
             self.of_actions.different += u64::from(!equal);

@@ -50,6 +50,8 @@ pub struct Replay {
     /// Whether it stands for the whole world.
     is_world: bool,
     begun: bool,
+    /// Of a restarted process: the lives before it, until its first record.
+    begins_again: Option<u32>,
     ended_ns: Option<u64>,
     over: bool,
     /// Run time before which no further scan, or depth frame, is published.
@@ -69,11 +71,8 @@ impl Replay {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let path = settings.replay.recording.clone();
         let path = path.ok_or_else(|| TransportError::service("replay.recording is not set"))?;
-        let mut playlist = Playlist::open(path, &settings).map_err(TransportError::service)?;
+        let playlist = Playlist::open(path, &settings).map_err(TransportError::service)?;
         let lives_before = io.identity().incarnation.saturating_sub(1);
-        if lives_before > 0 {
-            playlist.begin_again_at(io.now_ns(), lives_before);
-        }
         let is_world = !settings.has_world();
         // In real time nothing is equal to the byte, and decisions are not made on the same records.
         let judge = is_world && io.domain.clock.is_stepped() && settings.replay.times == 1;
@@ -83,6 +82,7 @@ impl Replay {
             playlist,
             is_world,
             begun: io.domain.clock.is_stepped() || lives_before > 0,
+            begins_again: (lives_before > 0).then_some(lives_before),
             ended_ns: None,
             over: false,
             next_frame_ns: [0; 2],
@@ -236,6 +236,9 @@ impl Judge {
 impl Service for Replay {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
+        if let Some(lives_before) = self.begins_again.take() {
+            self.playlist.begin_again_at(now, lives_before);
+        }
         if self.begun {
             self.publish_due(now)?;
         }

@@ -23,6 +23,8 @@ const GAP_NS: u64 = NS_PER_S;
 const JUMP_M: f64 = 0.30;
 /// And its yaw by this much, radians.
 const JUMP_RAD: f64 = 0.60;
+/// The policy before decides where the active one has not by this much after the decision was due.
+const STANDBY_NS: u64 = NS_PER_S / 20;
 /// After a jump the poses must go on without one for this long.
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
@@ -128,6 +130,8 @@ pub struct Core {
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
+    /// The last decisions of policies that `mode` did not name when they came: while one is swapped for another.
+    standby: [Option<PolicyAction>; 2],
     last_decision: Option<u64>,
     judgements: Vec<Judgement>,
     decisions: u64,
@@ -152,6 +156,7 @@ impl Core {
             jumps: 0,
             mode: None,
             running: None,
+            standby: [None; 2],
             last_decision: None,
             judgements: Vec::new(),
             decisions: 0,
@@ -233,16 +238,65 @@ impl Core {
         permit
     }
 
-    /// A decision: drawn once, of the active policy only, and judged at once.
+    /// A decision: drawn once, and judged at once where it is the active policy's.
     pub fn on_action(&mut self, now_ns: u64, action: &PolicyAction) -> Option<Permit> {
-        let active = self.mode.map_or(0, |mode| mode.active_policy);
-        if action.header.incarnation != active || self.last_decision.is_some_and(|last| action.decision <= last) {
+        if self.last_decision.is_some_and(|last| action.decision <= last) {
             return None;
         }
+        let active = self.mode.map_or(0, |mode| mode.active_policy);
+        if action.header.incarnation != active {
+            self.stand_by(action);
+            return None;
+        }
+        Some(self.book(now_ns, action))
+    }
+
+    fn stand_by(&mut self, action: &PolicyAction) {
+        let life = action.header.incarnation;
+        let same = self.standby.iter().position(|held| held.is_some_and(|held| held.header.incarnation == life));
+        self.standby[..=same.unwrap_or(1)].rotate_right(1);
+        self.standby[0] = Some(*action);
+    }
+
+    /// Draws a decision of a policy that was not named when it came: where `mode` names it now, or where that of the
+    /// active one does not come and this is of the one before.
+    pub fn draw_standby(&mut self, now_ns: u64) -> Option<Permit> {
+        let mode = self.mode?;
+        for i in 0..self.standby.len() {
+            let Some(held) = self.standby[i] else { continue };
+            let is_new = self.last_decision.is_none_or(|last| held.decision > last);
+            if !is_new || !self.is_of_now(now_ns, &held) {
+                self.standby[i] = None;
+                continue;
+            }
+            let is_late = now_ns >= self.standby_until_ns(&held);
+            let life = held.header.incarnation;
+            if life == mode.active_policy || (is_late && mode.allows_policy(life)) {
+                self.standby[i] = None;
+                return Some(self.book(now_ns, &held));
+            }
+        }
+        None
+    }
+
+    /// The active policy's decision is waited for until then, run time, nanoseconds.
+    fn standby_until_ns(&self, held: &PolicyAction) -> u64 {
+        held.decision.saturating_mul(self.config.dt_ns).saturating_add(STANDBY_NS)
+    }
+
+    /// Run time at which [`Core::draw_standby`] may find something, nanoseconds.
+    #[must_use]
+    pub fn standby_due_ns(&self) -> Option<u64> {
+        let previous = self.mode.filter(|mode| mode.previous_policy != 0)?.previous_policy;
+        let held = self.standby.iter().flatten().find(|held| held.header.incarnation == previous)?;
+        Some(self.standby_until_ns(held))
+    }
+
+    fn book(&mut self, now_ns: u64, action: &PolicyAction) -> Permit {
         if !self.is_of_now(now_ns, action) {
             self.invalid_inputs += 1;
             self.running = None;
-            return Some(Permit { outcome: Outcome::InvalidAction, ..self.blank(PermitCause::Decision) });
+            return Permit { outcome: Outcome::InvalidAction, ..self.blank(PermitCause::Decision) };
         }
         if let Some(last) = self.last_decision {
             self.missed += action.decision - last - 1;
@@ -252,7 +306,7 @@ impl Core {
         self.come_to(now_ns);
         self.handler.begin_step(&self.odom_from_robot);
         self.running = Some(self.draw(now_ns, action));
-        Some(self.verdict(now_ns, PermitCause::Decision))
+        self.verdict(now_ns, PermitCause::Decision)
     }
 
     /// Whether a decision is of now: made for this period, or for one beside it. No other number is ever booked, so
@@ -370,7 +424,7 @@ impl Core {
         if (running.action.cue_incarnation, running.action.cue_seq) != (wanted.incarnation, wanted.seq) {
             return Outcome::CueMismatch;
         }
-        if running.action.header.incarnation != mode.active_policy {
+        if !mode.allows_policy(running.action.header.incarnation) {
             return Outcome::NoAction;
         }
         if now_ns >= running.end_ns + self.scan_period_ns {

@@ -92,7 +92,14 @@ impl Service for ShieldService {
                 self.publish(io, permit)?;
             }
         }
+        if let Some(permit) = self.core.draw_standby(io.now_ns()) {
+            self.publish(io, permit)?;
+        }
         Ok(())
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        self.core.standby_due_ns()
     }
 
     fn fill_health(&self, health: &mut Health) {

@@ -6,6 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
+use crate::machine::PolicySpec;
 use messages::ServiceId;
 use rustix::event::{PollFd, PollFlags};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, Signal};
@@ -105,21 +106,22 @@ impl Children {
         self.running.iter().filter(|child| child.service == service).max_by_key(|child| child.incarnation)
     }
 
-    /// Starts an incarnation, with a lifeline where `has_line`: its process id.
+    /// Starts an incarnation, with a lifeline where `has_line`, of the executable and with the model that `spec` names:
+    /// its process id.
     ///
     /// # Errors
     /// Where the executable is missing or the kernel refuses.
     pub fn spawn(
         &mut self,
-        service: ServiceId,
-        incarnation: u32,
+        (service, incarnation): (ServiceId, u32),
         has_line: bool,
+        spec: &PolicySpec,
         log: &Path,
         io: &Io,
     ) -> Result<u32, TransportError> {
         let (control, control_child) = Line::pair()?;
         let (far_end, life_child) = Line::pair()?;
-        let path = self.executables.join(format!("guidedog-{service}"));
+        let path = spec.exe.clone().unwrap_or_else(|| self.executables.join(format!("guidedog-{service}")));
         let log = File::create(log).map_err(TransportError::service)?;
         let mut command = Command::new(&path);
         command
@@ -133,6 +135,9 @@ impl Children {
             .process_group(0);
         let life_variable = if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
+        if let Some(model) = &spec.model {
+            command.env(ChildArgs::MODEL, model);
+        }
         prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
         close_all_on_exec();
         let child = command
@@ -188,6 +193,15 @@ impl Children {
     /// Tells one service something on its control line.
     pub fn tell(&self, service: ServiceId, message: &ToChild) {
         if let Some(line) = self.newest(service).and_then(|child| child.control.as_ref()) {
+            // Where it is gone, its end is on the way to us.
+            line.send(message, None);
+        }
+    }
+
+    /// Tells one life of a service something on its control line.
+    pub fn tell_life(&self, service: ServiceId, incarnation: u32, message: &ToChild) {
+        let life = self.running.iter().find(|c| c.service == service && c.incarnation == incarnation);
+        if let Some(line) = life.and_then(|child| child.control.as_ref()) {
             // Where it is gone, its end is on the way to us.
             line.send(message, None);
         }

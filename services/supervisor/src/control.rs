@@ -40,6 +40,17 @@ pub enum Request {
     },
     /// The recording is to end.
     RecordStop,
+    /// Another policy is to be swapped in.
+    PolicySwap {
+        /// Another executable in place of `guidedog-policy`, its path absolute.
+        exe: Option<PathBuf>,
+        /// The model to load, its path absolute.
+        model: Option<PathBuf>,
+    },
+    /// Back to the policy before.
+    PolicyRollback,
+    /// The policy in force, and the last swaps.
+    PolicyShow,
     /// The run is to end.
     Quit,
 }

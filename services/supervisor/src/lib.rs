@@ -17,8 +17,11 @@ pub mod report;
 mod step_watch;
 pub mod stops;
 
+use std::collections::BTreeMap;
+
 use messages::{
-    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, ServiceId, WorldTruth, s_from_ns,
+    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, Permit, PolicyAction, ServiceId,
+    WorldTruth, s_from_ns,
 };
 use serde_json::{Value, json};
 use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
@@ -27,7 +30,7 @@ use transport::{ToChild, TransportError, monotonic_ns};
 use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
-use machine::{Action, Event, Machine, Now};
+use machine::{Action, Event, Machine, Now, PolicySpec};
 use report::Figures;
 use step_watch::StepWatch;
 
@@ -58,9 +61,13 @@ pub struct Supervisor {
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
     locomotion: Subscriber<LocomotionState>,
+    decisions: Subscriber<PolicyAction>,
+    permits: Subscriber<Permit>,
     truth: Subscriber<WorldTruth>,
     modes: Publisher<Mode>,
     requests: Publisher<CueRequest>,
+    /// What services say that they run with.
+    abouts: BTreeMap<(ServiceId, u32), Value>,
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
@@ -114,7 +121,7 @@ impl Supervisor {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
                 Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
-                Action::Release(service, _) => self.children.tell(service, &ToChild::Leave),
+                Action::Release(service, life) => self.children.tell_life(service, life, &ToChild::Leave),
                 Action::Spawn(service, incarnation) => {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
                 }
@@ -147,7 +154,12 @@ impl Supervisor {
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
         let log = io.domain.dir.log(service, incarnation);
-        match self.children.spawn(service, incarnation, self.machine.has_line(service), &log, io) {
+        let spec = match service {
+            ServiceId::Policy => self.machine.policy_spec(incarnation).clone(),
+            _ => PolicySpec::default(),
+        };
+        let has_line = self.machine.has_line(service);
+        match self.children.spawn((service, incarnation), has_line, &spec, &log, io) {
             Ok(pid) => self.machine.started(service, incarnation, pid),
             Err(error) => {
                 self.figures.note(io.now_ns(), error.to_string());
@@ -173,6 +185,12 @@ impl Supervisor {
                 self.figures.beat(&health);
                 self.machine.handle(Event::Beat(&health), now);
             }
+        }
+        while let Some(action) = self.decisions.take()? {
+            self.machine.handle(Event::Decision(&action), now);
+        }
+        while let Some(permit) = self.permits.take()? {
+            self.machine.handle(Event::Permit(&permit), now);
         }
         while let Some(cue) = self.cues.take()? {
             self.machine.handle(Event::Cue(&cue), now);
@@ -205,9 +223,12 @@ impl Supervisor {
                         false => last_words(io, service, incarnation, how),
                     };
                     let why = child.failed.clone().unwrap_or_else(unsaid);
-                    if !child.left {
+                    // Where no stop hangs on it, how it ended is worth waiting for.
+                    if !child.left && self.machine.is_critical(service, incarnation) {
                         self.machine.handle(Event::Died(service, incarnation, why), now);
                         self.act(io)?;
+                    }
+                    if !self.children.incarnation(service, incarnation).is_some_and(|child| child.left) {
                         // A process that let its line go but lives on is none of ours any more.
                         self.children.kill(service, incarnation);
                     }
@@ -260,8 +281,11 @@ impl Supervisor {
                 }
                 if !self.ending.has_begun() {
                     // Nobody waits for its last figures but the next beat that is read.
-                    self.children.tell(service, &ToChild::Exit);
+                    self.children.tell_life(service, incarnation, &ToChild::Exit);
                 }
+            }
+            FromChild::About { about } => {
+                self.abouts.insert((service, incarnation), about);
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
             FromChild::RunEnded { figures } => {
@@ -301,6 +325,9 @@ impl Supervisor {
             }
             Request::Record { path } => self.record(path, io),
             Request::RecordStop => self.end_recording(io),
+            Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
+            Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
+            Request::PolicyShow => self.show_policy(),
             Request::Quit => {
                 self.begin_end(io);
                 json!({ "ok": true })
@@ -382,6 +409,21 @@ impl Supervisor {
         })
     }
 
+    fn show_policy(&self) -> Value {
+        let policies = self.machine.policies();
+        let life = |incarnation: u32| {
+            let about = self.abouts.get(&(ServiceId::Policy, incarnation));
+            json!({ "incarnation": incarnation, "runs": about })
+        };
+        let mode = self.machine.mode();
+        json!({
+            "active": life(mode.active_policy),
+            "previous": (mode.previous_policy != 0).then(|| life(mode.previous_policy)),
+            "in_force": policies.spec(),
+            "swaps": policies.records(),
+        })
+    }
+
     /// Stepped time: who keeps time waiting for too long is hung.
     fn watch_steps(&mut self, io: &Io, now: Now) -> Result<(), TransportError> {
         if !io.domain.clock.is_stepped() || self.ending.has_begun() {
@@ -396,6 +438,13 @@ impl Supervisor {
             self.machine.handle(Event::TimeStands(&late), now);
         }
         Ok(())
+    }
+}
+
+fn swap_answer(outcome: Result<u64, String>) -> Value {
+    match outcome {
+        Ok(number) => json!({ "ok": true, "swap": number }),
+        Err(why) => json!({ "error": format!("refused: {why}") }),
     }
 }
 

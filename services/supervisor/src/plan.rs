@@ -4,6 +4,8 @@ use messages::{ServiceId, TopicId};
 use settings::{CueOrigin, Settings, Source};
 use transport::ClockKind;
 
+use crate::machine::SwapLimits;
+
 /// What a service takes and gives.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct StreamRule {
@@ -65,6 +67,8 @@ pub struct Limits {
     pub restart_time_ns: u64,
     /// A cue must be younger to be accepted.
     pub cue_max_age_ns: u64,
+    /// What a policy has to show to be swapped in.
+    pub swap: SwapLimits,
 }
 
 /// A run's services and limits.
@@ -99,6 +103,7 @@ impl Plan {
             budget_window_ns: supervision.budget_window.ns(),
             restart_time_ns: supervision.restart_time.ns(),
             cue_max_age_ns: settings.max_age.cue.ns(),
+            swap: swap_limits(settings),
         };
         let mut services =
             vec![plan(ServiceId::Locomotion, 0, &limits, vec![]), plan(ServiceId::Brake, 0, &limits, vec![])];
@@ -124,6 +129,18 @@ impl Plan {
         services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
         services.push(recorder(&limits));
         Self { services, limits }
+    }
+}
+
+fn swap_limits(settings: &Settings) -> SwapLimits {
+    let (policy, table) = (&settings.policy, settings.policy.actions.table());
+    SwapLimits {
+        decisions: policy.swap.decisions,
+        latency_ns: policy.swap.latency.ns(),
+        probation_ns: policy.swap.probation.ns(),
+        dt_ns: policy.dt.ns(),
+        action_table_id: table.id(),
+        action_count: table.len() as u32,
     }
 }
 

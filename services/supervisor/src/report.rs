@@ -8,7 +8,7 @@ use messages::{
 };
 use serde_json::{Map, Value, json};
 
-use crate::machine::{Phase, ServiceStatus};
+use crate::machine::{Phase, Role, ServiceStatus};
 use crate::stops::{Stop, StopLog};
 
 /// The last beat of every incarnation, and what the world said at its end.
@@ -237,7 +237,7 @@ pub fn services_json(services: &[ServiceStatus]) -> Value {
             };
             json!({
                 "name": s.service.name(), "pid": s.pid, "state": state, "incarnation": s.incarnation,
-                "restarts": s.restarts, "critical": s.critical,
+                "restarts": s.restarts, "critical": s.critical, "shadow": s.role == Role::Shadow,
             })
         })
         .collect()

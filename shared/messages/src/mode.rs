@@ -52,6 +52,10 @@ pub enum StopKind {
     ServiceHung,
     /// Fault: a critical process missed its beats. It is restarted.
     BeatsMissed,
+    /// Fault: a critical process uses more memory or more descriptors than it may. It is restarted.
+    ServiceExhausted,
+    /// Fault: a process gives a stream more seldom than motion needs it, though it has all its input. It is restarted.
+    StreamSlow,
     /// Fault: a stream is over twice its max age.
     StreamStale,
     /// Fault: the brake engaged because locomotion was gone or silent.
@@ -132,6 +136,8 @@ impl StopKind {
             Self::ServiceDied => "service_died",
             Self::ServiceHung => "service_hung",
             Self::BeatsMissed => "beats_missed",
+            Self::ServiceExhausted => "service_exhausted",
+            Self::StreamSlow => "stream_slow",
             Self::StreamStale => "stream_stale",
             Self::BrakeEngaged => "brake_engaged",
             Self::PoseJump => "pose_jump",
@@ -245,6 +251,9 @@ pub struct Mode {
     pub ready_for_cue: bool,
     /// The policy incarnation whose decisions the shield draws from.
     pub active_policy: u32,
+    /// While a swapped policy is on probation, the one before it: its decision is drawn where the active one's does not
+    /// come, and its running action goes on. 0: none.
+    pub previous_policy: u32,
     /// The shield incarnation on the armed line: locomotion obeys no other.
     pub active_shield: u32,
     /// Raised at every entry into fault or lock, and at no other time.
@@ -253,6 +262,14 @@ pub struct Mode {
     pub reason: StopReason,
     /// The moving cue in force.
     pub cue: CueInForce,
+}
+
+impl Mode {
+    /// Whether the decisions of that incarnation may be drawn.
+    #[must_use]
+    pub const fn allows_policy(&self, incarnation: u32) -> bool {
+        incarnation != 0 && (incarnation == self.active_policy || incarnation == self.previous_policy)
+    }
 }
 
 /// What locomotion does.

@@ -179,7 +179,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::ShieldPermit,
         name: "shield/permit",
         publishers: &[Shield],
-        subscribers: &[Locomotion, Replay, Recorder],
+        subscribers: &[Locomotion, Supervisor, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,

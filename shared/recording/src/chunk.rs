@@ -18,10 +18,7 @@ pub enum Entry<'a> {
 ///
 /// # Errors
 /// Where the chunk is damaged, in words; or the error of `take`.
-pub fn each_entry<E: From<String>>(
-    chunk: &[u8],
-    mut take: impl FnMut(Entry<'_>) -> Result<(), E>,
-) -> Result<(), E> {
+pub fn each_entry<E: From<String>>(chunk: &[u8], mut take: impl FnMut(Entry<'_>) -> Result<(), E>) -> Result<(), E> {
     let damaged = |error: mcap::McapError| E::from(error.to_string());
     let mut records = LinearReader::new_with_options(
         LinearReaderOptions::default()

@@ -179,8 +179,11 @@ impl Reader {
             [Some(small), Some(depth)] => depth < small,
             [small, _] => small.is_none(),
         };
-        let (head, file) =
-            if from_depth { (&mut self.heads[1], self.depth.as_mut()) } else { (&mut self.heads[0], Some(&mut self.small)) };
+        let (head, file) = if from_depth {
+            (&mut self.heads[1], self.depth.as_mut())
+        } else {
+            (&mut self.heads[0], Some(&mut self.small))
+        };
         let next = file.map_or(Ok(None), FileReader::advance);
         let record = head.take().map(|(_, record)| record);
         *head = next?;

@@ -196,10 +196,11 @@ impl Writer {
     /// # Errors
     /// Where `path` exists: nothing is ever overwritten; and where it cannot be written.
     pub fn live(path: &Path, part: Part, about: &About, settings: &str) -> Result<Self, WriteError> {
-        let file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
-            io::ErrorKind::AlreadyExists => WriteError::Exists { path: path.to_owned() },
-            _ => WriteError::Io { action: "create", path: path.to_owned(), source },
-        })?;
+        let file =
+            OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
+                io::ErrorKind::AlreadyExists => WriteError::Exists { path: path.to_owned() },
+                _ => WriteError::Io { action: "create", path: path.to_owned(), source },
+            })?;
         let failed = |source| WriteError::Io { action: "create", path: path.to_owned(), source };
         let same = file.try_clone().map_err(failed)?;
         let writer = Self::live_into(path, Box::new(file), part, about, settings)?;

@@ -208,6 +208,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),
         ("walk.errors.orientation_deg", settings.walk.errors.orientation_deg, -60.0, 60.0),
         ("walk.errors.timing_m", settings.walk.errors.timing_m, -10.0, 10.0),
+        ("policy.swap.decisions", f64::from(settings.policy.swap.decisions), 1.0, 1000.0),
+        ("policy.swap.probation", settings.policy.swap.probation.s(), 0.5, 3600.0),
         ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),
         ("supervision.step_limit", settings.supervision.step_limit.s(), 0.2, 3600.0),
     ] {

@@ -9,8 +9,8 @@ mod units;
 
 pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
 pub use sections::{
-    ActionTableName, Choice, CueOrigin, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion, MaxAge,
-    MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, RecordSettings, Replay, Robot, Settings, ShieldSettings,
-    Simulation, Source, Supervision, Walk, WalkErrors,
+    ActionTableName, Choice, CueOrigin, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind,
+    Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, RecordSettings, Replay, Robot,
+    Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

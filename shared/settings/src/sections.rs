@@ -314,11 +314,39 @@ pub struct PolicySettings {
     pub actions: ActionTableName,
     /// Decision period.
     pub dt: Millis,
+    /// The model to load, with its manifest beside it; none: the engine as it is built.
+    pub model: Option<PathBuf>,
+    /// What another policy has to show to be swapped in.
+    pub swap: SwapSettings,
 }
 
 impl Default for PolicySettings {
     fn default() -> Self {
-        Self { engine: PolicyEngine::Geometric, actions: ActionTableName::Eight, dt: Millis::of_ms(500) }
+        Self {
+            engine: PolicyEngine::Geometric,
+            actions: ActionTableName::Eight,
+            dt: Millis::of_ms(500),
+            model: None,
+            swap: SwapSettings::default(),
+        }
+    }
+}
+
+/// What a policy has to show to be swapped in for another.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SwapSettings {
+    /// Good decisions in a row, in shadow.
+    pub decisions: u32,
+    /// Longest time from when a decision is due to its publication.
+    pub latency: Millis,
+    /// How long the policy before stays at hand.
+    pub probation: Millis,
+}
+
+impl Default for SwapSettings {
+    fn default() -> Self {
+        Self { decisions: 4, latency: Millis::of_ms(100), probation: Millis::of_ms(3000) }
     }
 }
 

@@ -76,6 +76,11 @@ pub enum FromChild {
         /// Why, in words that name file, line or topic.
         why: String,
     },
+    /// What the service runs with, for the operator: a policy's engine, model and digest.
+    About {
+        /// As JSON.
+        about: serde_json::Value,
+    },
     /// Something to tell the operator.
     Note {
         /// What.

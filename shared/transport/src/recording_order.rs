@@ -38,9 +38,9 @@ impl RunDir {
     pub fn read_recording_order(&self) -> Result<RecordingOrder, TransportError> {
         let path = self.recording_order();
         let text = std::fs::read_to_string(&path);
-        let order = text.map_err(|error| error.to_string()).and_then(|text| {
-            serde_json::from_str(&text).map_err(|error| error.to_string())
-        });
+        let order = text
+            .map_err(|error| error.to_string())
+            .and_then(|text| serde_json::from_str(&text).map_err(|error| error.to_string()));
         order.map_err(|reason| TransportError::RunDir { path, reason })
     }
 }

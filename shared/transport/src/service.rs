@@ -55,6 +55,9 @@ impl ChildArgs {
     /// Environment variable that names the descriptor of locomotion's line to the brake.
     pub const BRAKE_FD: &'static str = "GUIDEDOG_BRAKE_FD";
 
+    /// Environment variable that names the model to load in place of the configured one (policy).
+    pub const MODEL: &'static str = "GUIDEDOG_MODEL";
+
     /// Reads `--run DIR --incarnation N`.
     ///
     /// # Errors

@@ -43,6 +43,7 @@ fn permit(stamp_ms: u64, expiry_ms: u64) -> Permit {
 fn moving() -> Gate {
     let mut gate = Gate::new(GateLimits::of(&Settings::default()));
     gate.line_armed(ServiceId::Lidar, 1);
+    gate.line_armed(ServiceId::Policy, 1);
     gate.line_armed(ServiceId::Shield, 1);
     gate.take_mode(&mode(ModeClass::Fault, 2, 900));
     gate.take_mode(&mode(ModeClass::Run, 2, 950));
@@ -165,6 +166,44 @@ fn a_retired_policy_stops_nothing() {
     gate.line_armed(ServiceId::Policy, 7);
     assert!(!gate.line_closed(ServiceId::Policy, 7));
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+/// The mode of a swap: policy 2 is named, and 1 was before.
+fn swapped(epoch: u64, stamp_ms: u64) -> Mode {
+    Mode { active_policy: 2, previous_policy: 1, ..mode(ModeClass::Run, epoch, stamp_ms) }
+}
+
+#[test]
+fn a_swap_stops_nothing_and_the_running_action_goes_on() {
+    let mut gate = moving();
+    gate.line_armed(ServiceId::Policy, 2);
+    gate.take_mode(&swapped(2, 1000));
+    assert_eq!(kind(&mut gate, 1000), StopKind::None, "the running action is of the policy before");
+    gate.take_permit(&Permit { policy_incarnation: 2, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    assert!(!gate.line_closed(ServiceId::Policy, 1), "the one before may go");
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn the_death_of_the_policy_named_stops_once_and_the_one_before_goes_on_in_the_next_epoch() {
+    let mut gate = moving();
+    gate.line_armed(ServiceId::Policy, 2);
+    gate.take_mode(&swapped(2, 1000));
+    assert!(gate.line_closed(ServiceId::Policy, 2));
+    assert_eq!(kind(&mut gate, 1000), StopKind::LifelineClosed);
+    gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+    gate.take_permit(&Permit { epoch: 3, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_policy_whose_line_is_not_watched_here_moves_nothing() {
+    let mut gate = moving();
+    gate.take_mode(&swapped(2, 1000));
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit);
+    gate.take_permit(&Permit { policy_incarnation: 2, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit);
 }
 
 #[test]

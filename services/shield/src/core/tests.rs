@@ -139,6 +139,51 @@ fn each_decision_is_drawn_once_and_only_the_active_policys() {
     assert_eq!((health.decisions, health.missed_decisions), (2, 2), "3 and 4 did not come");
 }
 
+/// A decision of policy 2.
+fn decision_of_2(decision: u64) -> PolicyAction {
+    let mut action = action(decision, 1);
+    action.header.incarnation = 2;
+    action
+}
+
+#[test]
+fn while_a_policy_is_swapped_every_decision_is_drawn_once() {
+    let mut core = ready();
+    assert!(core.on_action(1000 * MS, &action(2, 1)).is_some());
+    let swap = |active: u32, previous: u32, stamp_ms: u64| Mode {
+        active_policy: active,
+        previous_policy: previous,
+        ..mode(ModeClass::Run, stamp_ms)
+    };
+    // Decision 3 of the candidate comes before the mode that names it.
+    assert!(core.on_action(1500 * MS, &decision_of_2(3)).is_none());
+    assert!(core.draw_standby(1500 * MS).is_none(), "nobody has named it");
+    core.take_mode(&swap(2, 1, 1500));
+    assert!(core.on_action(1501 * MS, &action(3, 1)).is_none(), "the one before stands by");
+    assert_eq!(core.draw_standby(1501 * MS).map(|permit| permit.policy_incarnation), Some(2));
+    assert!(core.draw_standby(1600 * MS).is_none(), "drawn already");
+    // Decision 4 of the active policy does not come: that of the one before is drawn, a little later.
+    assert!(core.on_action(2001 * MS, &action(4, 1)).is_none());
+    assert!(core.draw_standby(2001 * MS).is_none(), "the active policy has a moment yet");
+    let due_ns = core.standby_due_ns().expect("it is waited for");
+    let drawn = core.draw_standby(due_ns).map(|permit| (permit.decision, permit.policy_incarnation));
+    assert_eq!(drawn, Some((4, 1)));
+    assert_eq!(core.on_action(2100 * MS, &decision_of_2(4)).map(|permit| permit.decision), None, "too late");
+    let mut health = messages::Health::default();
+    core.fill_health(&mut health);
+    assert_eq!((health.decisions, health.missed_decisions), (3, 0));
+}
+
+#[test]
+fn a_decision_that_stood_by_for_too_long_is_drawn_for_nobody() {
+    let mut core = ready();
+    assert!(core.on_action(1000 * MS, &action(2, 1)).is_some());
+    assert!(core.on_action(1500 * MS, &decision_of_2(3)).is_none());
+    core.take_mode(&Mode { active_policy: 2, previous_policy: 1, ..mode(ModeClass::Run, 3000) });
+    assert!(core.draw_standby(3000 * MS).is_none());
+    assert_eq!(core.standby_due_ns(), None, "and nobody is woken for it");
+}
+
 #[test]
 fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
     let mut core = ready();

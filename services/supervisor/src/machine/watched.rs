@@ -25,10 +25,12 @@ pub enum Phase {
     Ready,
     /// Condemned; its end has not been seen yet.
     Dying,
-    /// No longer wanted, and asked to leave; killed at that wall time.
+    /// No longer wanted; killed at that wall time.
     Leaving {
         /// Wall time, nanoseconds.
         kill_at_ns: u64,
+        /// Whether it was asked to leave, and may do so before.
+        asked: bool,
     },
     /// Stays down: its restart budget is spent.
     Spent,
@@ -44,9 +46,19 @@ struct Progress {
     in_then: u64,
 }
 
+/// Which of two policies it is; all other services are one of a kind.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Named by `mode`.
+    Active,
+    /// Beside it: a candidate, or the one before.
+    Shadow,
+}
+
 #[derive(Debug)]
 pub(super) struct Watched {
     pub plan: ServicePlan,
+    pub role: Role,
     pub phase: Phase,
     pub incarnation: u32,
     pub pid: u32,
@@ -65,11 +77,12 @@ pub(super) struct Watched {
 }
 
 impl Watched {
-    pub fn new(plan: ServicePlan) -> Self {
+    pub fn new(plan: ServicePlan, role: Role) -> Self {
         let progress = vec![Progress::default(); plan.streams.len()];
         Self {
             phase: if plan.on_demand { Phase::Off } else { Phase::Down { start_at_ns: 0 } },
             plan,
+            role,
             incarnation: 0,
             pid: 0,
             armed: false,
@@ -83,14 +96,19 @@ impl Watched {
         }
     }
 
+    /// Whether motion needs it.
+    pub fn is_critical(&self) -> bool {
+        self.plan.critical && self.role == Role::Active
+    }
+
     /// Whether it is, or is to be, at work: what the run waits for.
     pub fn is_wanted(&self) -> bool {
         !matches!(self.phase, Phase::Off | Phase::Leaving { .. } | Phase::Spent)
     }
 
     /// The next incarnation starts, and has done nothing yet.
-    pub fn begin_life(&mut self, ready_by_ns: u64) {
-        self.incarnation += 1;
+    pub fn begin_life(&mut self, incarnation: u32, ready_by_ns: u64) {
+        self.incarnation = incarnation;
         self.phase = Phase::Starting { ready_by_ns };
         self.armed = !self.plan.has_line;
         self.joined = false;

@@ -1,0 +1,276 @@
+//! A policy's model: a file, and the manifest beside it that says what it is for. Both are read once; what is verified
+//! is what is used.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use guidance::ActionTable;
+use serde::Deserialize;
+use serde_json::{Value, json};
+use settings::{ActionTableName, Millis, Positive};
+use sha2::{Digest, Sha256};
+
+use crate::geometric::GeometricConfig;
+
+/// The observation that a model is fed with, and its version: what [`crate::geometric::Observation`] holds.
+pub const OBSERVATION: &str = "lidar-depth-pose-cue/1";
+/// A file that is larger is no model of ours, bytes.
+const BYTES_MAX: u64 = 64 << 20;
+
+/// What stands in the manifest, `NAME.toml` beside `NAME.geometric`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// SHA-256 of the model file, in hexadecimal.
+    pub sha256: String,
+    /// The observation that it was made for; see [`OBSERVATION`].
+    pub observation: String,
+    /// The action table that it decides over.
+    pub actions: ActionTableName,
+    /// The decision period that it was made for.
+    pub dt: Millis,
+}
+
+/// What a run expects of its model.
+#[derive(Debug, Clone)]
+pub struct Expected {
+    /// The run's action table.
+    pub table: ActionTable,
+    /// The run's decision period, nanoseconds.
+    pub dt_ns: u64,
+}
+
+/// The geometric engine's tuning: the model file `NAME.geometric`. What it leaves out is as built.
+#[derive(Debug, Clone, Default, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct GeometricTuning {
+    /// What was seen is remembered for so long, seconds.
+    pub memory_s: Option<Positive>,
+    /// Room that is kept beyond what the shield demands, metres.
+    pub reserve_m: Option<Positive>,
+    /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
+    pub handler_mask_m: Option<Positive>,
+}
+
+impl GeometricTuning {
+    /// Changes what the model says.
+    pub fn apply(&self, config: &mut GeometricConfig) {
+        config.memory_s = self.memory_s.map_or(config.memory_s, Positive::get);
+        config.reserve_m = self.reserve_m.map_or(config.reserve_m, Positive::get);
+        config.handler_mask_m = self.handler_mask_m.map_or(config.handler_mask_m, Positive::get);
+    }
+}
+
+/// Why a model is refused.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The operating system failed.
+    #[error("failed to read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// No engine of this build loads such a file.
+    #[error("{}: no engine loads a file of that kind; \"NAME.geometric\" is one", path.display())]
+    Kind {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It is no file, or larger than any model.
+    #[error("{} is no model: {what}", path.display())]
+    NoModel {
+        /// The file.
+        path: PathBuf,
+        /// What it is.
+        what: String,
+    },
+    /// It is not what its kind of file holds; the message names the line.
+    #[error("{}: {what}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// The file is not the one that the manifest is about.
+    #[error("{} has the digest {found}, and its manifest says {wanted}", path.display())]
+    Digest {
+        /// The model file.
+        path: PathBuf,
+        /// What the manifest says.
+        wanted: String,
+        /// What it is.
+        found: String,
+    },
+    /// It was made for something else than this run has.
+    #[error("{} was made for {what} {found}, and the run has {wanted}", path.display())]
+    Other {
+        /// The manifest.
+        path: PathBuf,
+        /// What differs.
+        what: &'static str,
+        /// What the run has.
+        wanted: String,
+        /// What the manifest says.
+        found: String,
+    },
+}
+
+/// A model that was loaded and verified.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    /// Where it came from.
+    pub path: PathBuf,
+    /// Its digest, verified.
+    pub sha256: String,
+    /// What it says.
+    pub tuning: GeometricTuning,
+}
+
+impl Model {
+    /// Loads the model at `path` with its manifest beside it.
+    ///
+    /// # Errors
+    /// Where one of them cannot be read, or they do not fit each other or the run.
+    pub fn load(path: &Path, expected: &Expected) -> Result<Self, ModelError> {
+        if path.extension().is_none_or(|kind| kind != "geometric") {
+            return Err(ModelError::Kind { path: path.to_owned() });
+        }
+        let bytes = read(path)?;
+        let manifest_path = path.with_extension("toml");
+        let manifest: Manifest = parse(&manifest_path, &read(&manifest_path)?)?;
+        let sha256: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
+        if !manifest.sha256.eq_ignore_ascii_case(&sha256) {
+            return Err(ModelError::Digest { path: path.to_owned(), wanted: manifest.sha256, found: sha256 });
+        }
+        manifest.check(&manifest_path, expected)?;
+        Ok(Self { path: path.to_owned(), sha256, tuning: parse(path, &bytes)? })
+    }
+
+    /// What an operator is told of it.
+    #[must_use]
+    pub fn about(&self) -> Value {
+        json!({ "engine": "geometric", "model": self.path, "sha256": self.sha256 })
+    }
+}
+
+impl Manifest {
+    fn check(&self, path: &Path, expected: &Expected) -> Result<(), ModelError> {
+        let other = |what, wanted: &str, found: &str| ModelError::Other {
+            path: path.to_owned(),
+            what,
+            wanted: wanted.to_owned(),
+            found: found.to_owned(),
+        };
+        if self.observation != OBSERVATION {
+            return Err(other("the observation", OBSERVATION, &self.observation));
+        }
+        let table = self.actions.table();
+        if table.id() != expected.table.id() {
+            let actions = |table: &ActionTable| format!("of {} actions", table.len());
+            return Err(other("the action table", &actions(&expected.table), &actions(&table)));
+        }
+        if self.dt.ns() != expected.dt_ns {
+            let ms = |ns: u64| format!("{} ms", ns / 1_000_000);
+            return Err(other("a decision period of", &ms(expected.dt_ns), &ms(self.dt.ns())));
+        }
+        Ok(())
+    }
+}
+
+fn read(path: &Path) -> Result<Vec<u8>, ModelError> {
+    let failed = |source| ModelError::Read { path: path.to_owned(), source };
+    let no_model = |what: &str| ModelError::NoModel { path: path.to_owned(), what: what.to_owned() };
+    // Before it is opened: opening a pipe would wait for its writer.
+    if !path.metadata().map_err(failed)?.is_file() {
+        return Err(no_model("it is not a file"));
+    }
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|file| file.take(BYTES_MAX + 1).read_to_end(&mut bytes)).map_err(failed)?;
+    if bytes.len() as u64 > BYTES_MAX {
+        return Err(no_model(&format!("it has over {BYTES_MAX} bytes")));
+    }
+    Ok(bytes)
+}
+
+fn parse<T: for<'a> Deserialize<'a>>(path: &Path, bytes: &[u8]) -> Result<T, ModelError> {
+    let wrong = |what: String| ModelError::Content { path: path.to_owned(), what };
+    let text = std::str::from_utf8(bytes).map_err(|error| wrong(format!("not text: {error}")))?;
+    toml::from_str(text).map_err(|error| wrong(error.to_string().trim_end().replace('\n', " ")))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Expected, Model, OBSERVATION};
+    use guidance::ActionTable;
+    use sha2::{Digest, Sha256};
+    use std::path::{Path, PathBuf};
+
+    const TUNING: &str = "reserve_m = 0.08\n";
+
+    fn expected() -> Expected {
+        Expected { table: ActionTable::eight(), dt_ns: 500_000_000 }
+    }
+
+    fn manifest(tuning: &str) -> String {
+        let sha256: String = Sha256::digest(tuning).iter().map(|byte| format!("{byte:02x}")).collect();
+        format!("sha256 = \"{sha256}\"\nobservation = \"{OBSERVATION}\"\nactions = \"eight\"\ndt = \"500ms\"\n")
+    }
+
+    fn model(dir: &Path, tuning: &str, manifest: &str) -> PathBuf {
+        let path = dir.join("careful.geometric");
+        std::fs::write(&path, tuning).expect("written");
+        std::fs::write(dir.join("careful.toml"), manifest).expect("written");
+        path
+    }
+
+    #[test]
+    fn a_model_that_fits_is_loaded() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let path = model(dir.path(), TUNING, &manifest(TUNING));
+        let loaded = Model::load(&path, &expected()).expect("it fits");
+        assert_eq!(loaded.tuning.reserve_m.map(settings::Positive::get), Some(0.08));
+        assert_eq!(loaded.sha256.len(), 64);
+    }
+
+    #[test]
+    fn what_does_not_fit_is_refused_with_the_reason() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let good = manifest(TUNING);
+        let cases = [
+            (good.replace("sha256 = \"", "sha256 = \"0"), "has the digest"),
+            (good.replace(OBSERVATION, "depth-only/3"), "the observation depth-only/3"),
+            (good.replace("eight", "ten"), "the action table of 10 actions, and the run has of 8 actions"),
+            (good.replace("500ms", "250ms"), "a decision period of 250 ms"),
+            (good.replace("dt", "tick"), "careful.toml: TOML parse error at line 4"),
+            (String::new(), "careful.toml: TOML parse error"),
+        ];
+        for (manifest, what) in cases {
+            let path = model(dir.path(), TUNING, &manifest);
+            let error = Model::load(&path, &expected()).expect_err(what).to_string();
+            assert!(error.contains(what), "{error}");
+        }
+    }
+
+    #[test]
+    fn what_is_no_model_is_named() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let wrong = "reserve_m = -1.0\n";
+        let path = model(dir.path(), wrong, &manifest(wrong));
+        let error = Model::load(&path, &expected()).expect_err("negative").to_string();
+        assert!(error.contains("careful.geometric: TOML parse error at line 1"), "{error}");
+        std::fs::remove_file(dir.path().join("careful.toml")).expect("removed");
+        let error = Model::load(&path, &expected()).expect_err("no manifest").to_string();
+        assert!(error.contains("failed to read") && error.contains("careful.toml"), "{error}");
+        for (name, what) in [("none.geometric", "failed to read"), ("guide.onnx", "no engine loads")] {
+            let error = Model::load(&dir.path().join(name), &expected()).expect_err(name).to_string();
+            assert!(error.contains(what), "{error}");
+        }
+        std::fs::create_dir(dir.path().join("folder.geometric")).expect("made");
+        let error = Model::load(&dir.path().join("folder.geometric"), &expected()).expect_err("a folder").to_string();
+        assert!(error.contains("it is not a file"), "{error}");
+    }
+}
