@@ -82,8 +82,9 @@ impl Compare {
             return;
         }
         self.of_permits.different += 1;
-        let decided = |permit: &Permit| (permit.outcome, permit.action, permit.unsafe_mask);
-        let differs = decided(then) != decided(now);
+        // Another action is told once, by the decision that drew it.
+        let drawn = then.cause == PermitCause::Decision && then.action != now.action;
+        let differs = drawn || then.outcome != now.outcome;
         self.decided_differently += u64::from(differs);
         let what = if differs { "decides differently" } else { "differs in its numbers" };
         self.first_difference.get_or_insert_with(|| {

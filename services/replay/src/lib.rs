@@ -7,11 +7,12 @@
 
 mod compare;
 mod playlist;
+mod prompter;
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
-use messages::{Cue, DepthFrame, LidarScan, MAX_BEAMS, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId};
+use messages::{Cue, DepthFrame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId};
 use recording::Record;
 use serde_json::json;
 use settings::Settings;
@@ -19,6 +20,7 @@ use transport::{FramePublisher, FromChild, Io, Publisher, Service, Subscriber, T
 
 use compare::{Compare, Side};
 use playlist::Playlist;
+use prompter::Prompter;
 
 /// From the last record to the run's end, so that everything published is taken.
 const LEAD_OUT_NS: u64 = NS_PER_S / 2;
@@ -47,6 +49,8 @@ pub struct Replay {
     playlist: Playlist,
     ports: Ports,
     judge: Option<Judge>,
+    /// Where the recorded cues are played, but not in the recorded run's own steps.
+    prompter: Option<(Prompter, Subscriber<Mode>)>,
     /// Whether it stands for the whole world.
     is_world: bool,
     begun: bool,
@@ -76,9 +80,12 @@ impl Replay {
         let is_world = !settings.has_world();
         // In real time nothing is equal to the byte, and decisions are not made on the same records.
         let judge = is_world && io.domain.clock.is_stepped() && settings.replay.times == 1;
+        let prompts = playlist.topics().contains(&TopicId::Cue)
+            && !(playlist.is_exact() && io.domain.clock.is_stepped() && settings.replay.times == 1);
         Ok(Self {
             ports: Ports::open(playlist.topics(), &settings, io)?,
             judge: if judge { Some(Judge::open(&playlist, &settings, io)?) } else { None },
+            prompter: if prompts { Some((Prompter::default(), io.quiet_subscriber()?)) } else { None },
             playlist,
             is_world,
             begun: io.domain.clock.is_stepped() || lives_before > 0,
@@ -93,7 +100,7 @@ impl Replay {
         })
     }
 
-    fn publish(&mut self, record: &Record) -> Result<(), TransportError> {
+    fn publish(&mut self, record: &Record, now_ns: u64) -> Result<(), TransportError> {
         match record {
             Record::Scan { header, ranges_m } => {
                 if let Some(scans) = &mut self.ports.scans {
@@ -120,10 +127,25 @@ impl Replay {
                 }
                 self.ports.odometry.as_mut().map_or(Ok(()), |port| port.republish(*odometry).map(drop))?;
             }
-            Record::Cue(cue) => self.ports.cues.as_mut().map_or(Ok(()), |port| port.republish(*cue).map(drop))?,
+            Record::Cue(cue) => {
+                self.prompter.iter_mut().for_each(|(prompter, _)| prompter.given(now_ns));
+                self.ports.cues.as_mut().map_or(Ok(()), |port| port.republish(*cue).map(drop))?;
+            }
+            Record::Mode(mode) => self.prompter.iter_mut().for_each(|(prompter, _)| prompter.recorded(mode)),
             Record::Permit(permit) => self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit)),
             Record::Action(action) => self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action)),
-            Record::CueRequest(_) | Record::Mode(_) | Record::Locomotion(_) | Record::Truth(_) => {}
+            Record::CueRequest(_) | Record::Locomotion(_) | Record::Truth(_) => {}
+        }
+        Ok(())
+    }
+
+    /// Gives the cue that is in force in the recording, where the run waits for it.
+    fn prompt(&mut self, now_ns: u64) -> Result<(), TransportError> {
+        let Some((prompter, modes)) = &mut self.prompter else { return Ok(()) };
+        if let Some(cue) = modes.take_newest()?.and_then(|mode| prompter.due(&mode, now_ns))
+            && let Some(port) = &mut self.ports.cues
+        {
+            port.republish(self.playlist.anew(&cue, now_ns))?;
         }
         Ok(())
     }
@@ -150,7 +172,7 @@ impl Replay {
                 _ => {}
             }
             if let Some(record) = self.playlist.take().map_err(TransportError::service)? {
-                self.publish(&record)?;
+                self.publish(&record, now_ns)?;
             }
         }
         self.ended_ns.get_or_insert(now_ns);
@@ -241,6 +263,7 @@ impl Service for Replay {
         }
         if self.begun {
             self.publish_due(now)?;
+            self.prompt(now)?;
         }
         if let Some(judge) = &mut self.judge {
             judge.take(false)?;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 
-use messages::{Header, NS_PER_S, TopicId};
+use messages::{Cue, Header, NS_PER_S, TopicId};
 use recording::{Info, ReadError, Reader, Record};
 use settings::{CueOrigin, Settings, Source};
 
@@ -171,6 +171,16 @@ impl Playlist {
         Ok(Some(record))
     }
 
+    /// A cue that was in force in the recording, as one that comes after all that were played.
+    pub fn anew(&mut self, cue: &Cue, now_ns: u64) -> Cue {
+        let (base, last) = self.seqs.entry(TopicId::Cue).or_default();
+        *base += 1;
+        *last = base.saturating_add(cue.header.seq).max(*last + 1);
+        let incarnation = self.lives_before.saturating_add(cue.header.incarnation);
+        let header = Header { stamp_ns: now_ns, seq: *last, incarnation, ..cue.header };
+        Cue { header, odometry_incarnation: self.lives_before.saturating_add(cue.odometry_incarnation), ..*cue }
+    }
+
     fn advance(&mut self) -> Result<(), ReadError> {
         loop {
             let record = self.reader.next().transpose()?.filter(|record| record.time_ns() < self.part.1);
@@ -183,7 +193,9 @@ impl Playlist {
                 continue;
             };
             let judged = matches!(record.topic(), TopicId::ShieldPermit | TopicId::PolicyAction);
-            if record.time_ns() >= self.part.0 && (judged && self.pass == 0 || self.topics.contains(&record.topic())) {
+            // The mode tells which cue was in force.
+            let wanted = judged && self.pass == 0 || record.topic() == TopicId::Mode;
+            if record.time_ns() >= self.part.0 && (wanted || self.topics.contains(&record.topic())) {
                 self.next = Some(record);
                 return Ok(());
             }
