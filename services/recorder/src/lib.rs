@@ -46,6 +46,9 @@ pub struct Recorder {
     not_recorded: u64,
 }
 
+/// Stepped time waits for room anyway; with little of it a killed recorder loses little.
+const STEPPED_ROOM: usize = 16;
+
 /// Which messages are taken.
 #[derive(Clone, Copy, PartialEq)]
 enum Take {
@@ -70,7 +73,8 @@ impl Recorder {
         let begin = |part: Part, room: usize, io: &Io| {
             let writer = Writer::live(&part.path(&path), part, &about, &text);
             let writer = writer.map_err(|error| TransportError::Service(chain(&error)))?;
-            Ok::<_, TransportError>(Queue::new(writer, room, io.domain.clock.is_stepped()))
+            let stepped = io.domain.clock.is_stepped();
+            Ok::<_, TransportError>(Queue::new(writer, if stepped { STEPPED_ROOM } else { room }, stepped))
         };
         Ok(Self {
             small: Some(begin(Part::Small, SMALL_ROOM, io)?),

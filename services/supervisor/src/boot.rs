@@ -115,7 +115,7 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
     let holder = domain.create_all()?;
     let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
     let clock = serde_json::to_value(arguments.clock).unwrap_or(Value::Null);
-    let services = supervisor.machine.status();
+    let services = supervisor.machine.status(supervisor.ended_ns);
     supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
     let mut report =
         supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);

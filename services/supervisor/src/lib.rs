@@ -386,7 +386,7 @@ impl Supervisor {
             "supervisor_pid": std::process::id(),
             "now_s": s_from_ns(now),
             "mode": report::mode_json(self.machine.mode()),
-            "services": report::services_json(&self.machine.status()),
+            "services": report::services_json(&self.machine.status(now)),
             "stream_age_ms": ages,
             "world": truth,
             "locomotion": locomotion,

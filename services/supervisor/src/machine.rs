@@ -113,6 +113,8 @@ pub struct ServiceStatus {
     pub critical: bool,
     /// Which of two policies.
     pub role: Role,
+    /// The input that it lacks, if any; it is not restarted for that.
+    pub starved_of: Option<TopicId>,
 }
 
 /// Watches over all services and decides the mode.
@@ -187,7 +189,7 @@ impl Machine {
 
     /// Every service as it is; the room for another policy only while there is one.
     #[must_use]
-    pub fn status(&self) -> Vec<ServiceStatus> {
+    pub fn status(&self, run_ns: u64) -> Vec<ServiceStatus> {
         let is_told = |s: &&Watched| s.role == Role::Active || s.phase != Phase::Off;
         let by_role = |role| self.services.iter().filter(is_told).filter(move |s| s.role == role);
         by_role(Role::Active)
@@ -200,6 +202,7 @@ impl Machine {
                 restarts: s.restarts,
                 critical: s.is_critical(),
                 role: s.role,
+                starved_of: s.starved_of(run_ns),
             })
             .collect()
     }

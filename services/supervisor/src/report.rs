@@ -238,6 +238,7 @@ pub fn services_json(services: &[ServiceStatus]) -> Value {
             json!({
                 "name": s.service.name(), "pid": s.pid, "state": state, "incarnation": s.incarnation,
                 "restarts": s.restarts, "critical": s.critical, "shadow": s.role == Role::Shadow,
+                "starved_of": s.starved_of.map(TopicId::name),
             })
         })
         .collect()

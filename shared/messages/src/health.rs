@@ -167,10 +167,12 @@ pub struct Health {
     pub state: ServiceState,
     /// Process id.
     pub pid: u32,
-    /// Memory resident, bytes, shared memory included.
-    pub resident_bytes: u64,
     /// Descriptors open.
     pub open_files: u32,
+    /// Memory resident, bytes, shared memory included.
+    pub resident_bytes: u64,
+    /// Memory resident that no other process shares, bytes.
+    pub private_bytes: u64,
     /// Decisions made (policy, shield).
     pub decisions: u64,
     /// Decisions that did not come in time (shield).

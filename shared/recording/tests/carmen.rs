@@ -106,6 +106,7 @@ fn import_real(name: &str) -> Option<ImportReport> {
                     panic!("a scan without odometry at its stamp, at {} ns", header.stamp_ns);
                 }
             }
+            other => panic!("no {} is in such a log", other.topic()),
         }
     }
     Some(report)

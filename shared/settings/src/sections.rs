@@ -520,6 +520,12 @@ pub struct Supervision {
     pub restart_budget: u32,
     /// See `restart_budget`.
     pub budget_window: Millis,
+    /// Memory of its own that a critical service may have, mebibytes: a larger process is slower to die.
+    pub memory_mib: u32,
+    /// The same for depth and policy, which cannot stay as small.
+    pub large_memory_mib: u32,
+    /// Descriptors that a critical service may have open.
+    pub open_files: u32,
     /// The brake engages when locomotion's last beat is older.
     pub brake_limit: Millis,
     /// Stepped time: a restarted service joins at death plus this much run time.
@@ -536,6 +542,9 @@ impl Default for Supervision {
             back_off_max: Millis::of_ms(2_000),
             restart_budget: 10,
             budget_window: Millis::of_ms(60_000),
+            memory_mib: 32,
+            large_memory_mib: 256,
+            open_files: 256,
             brake_limit: Millis::of_ms(100),
             restart_time: Millis::of_ms(500),
         }

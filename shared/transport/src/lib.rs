@@ -16,6 +16,7 @@ mod recording_order;
 mod rhythm;
 mod run_dir;
 mod service;
+mod usage;
 mod wait_loop;
 
 pub use clock::{Clock, ClockKind, monotonic_ns, unix_time_s};

@@ -351,14 +351,15 @@ impl Machine {
                 self.fail_swap(why, now);
                 true
             }
-            Stage::Activating { .. } if incarnation == candidate => {
-                self.fail_swap(why, now);
+            Stage::Activating { .. } | Stage::Probation { .. } if incarnation == candidate && dead => {
                 // The end of a line that `mode` names has stopped the robot already.
-                !dead
-            }
-            Stage::Probation { .. } if incarnation == candidate => {
                 self.fail_swap(&format!("{why}; one stop, and the policy before is back"), now);
                 false
+            }
+            Stage::Activating { .. } | Stage::Probation { .. } if incarnation == candidate => {
+                // The decisions of the policy before are there: nothing need stop.
+                self.fail_swap(why, now);
+                true
             }
             Stage::Probation { .. } if incarnation == previous => {
                 let told = format!("the policy before ({incarnation}) is gone: {why}; there is no way back");
