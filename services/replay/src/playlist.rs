@@ -27,10 +27,46 @@ pub struct Playlist {
     /// Run time of this run at the recording's time 0, in real time: its beginning.
     shift_ns: i128,
     next: Option<Record>,
-    /// Records of the pass before had seqs up to these.
-    seqs: BTreeMap<TopicId, (u64, u64)>,
+    seqs: BTreeMap<TopicId, Seqs>,
     lives: u32,
     lives_before: u32,
+}
+
+/// How the seqs of a topic go on from one pass to the next, without a gap.
+#[derive(Debug, Default)]
+struct Seqs {
+    /// Added to the recorded ones.
+    base: u64,
+    /// The last one played.
+    last: u64,
+    /// The first one of this pass, as recorded.
+    first: Option<u64>,
+}
+
+impl Seqs {
+    fn play(&mut self, recorded: u64) -> u64 {
+        self.first.get_or_insert(recorded);
+        let seq = self.base.saturating_add(recorded);
+        self.last = seq.max(self.last);
+        seq
+    }
+
+    /// A recorded message is played that was played already, or comes from before the part: the next one, and those
+    /// recorded after it follow.
+    fn play_anew(&mut self, recorded: u64) -> u64 {
+        if self.last == 0 {
+            return self.play(recorded);
+        }
+        self.last += 1;
+        self.base = self.last.saturating_sub(recorded);
+        self.last
+    }
+
+    fn next_pass(&mut self) {
+        if let Some(first) = self.first.take() {
+            self.base = (self.last + 1).saturating_sub(first);
+        }
+    }
 }
 
 /// The streams that these settings take from a recording.
@@ -158,14 +194,12 @@ impl Playlist {
         let topic = record.topic();
         let header = *record.header();
         self.lives = self.lives.max(header.incarnation);
-        let (base, last) = self.seqs.entry(topic).or_default();
         let played = Header {
             stamp_ns: u64::try_from(i128::from(header.stamp_ns) + self.shift_ns).unwrap_or(0),
-            seq: base.saturating_add(header.seq),
+            seq: self.seqs.entry(topic).or_default().play(header.seq),
             incarnation: self.lives_before.saturating_add(header.incarnation),
             ..header
         };
-        *last = played.seq.max(*last);
         set_header(&mut record, played, self.lives_before);
         self.advance()?;
         Ok(Some(record))
@@ -173,11 +207,9 @@ impl Playlist {
 
     /// A cue that was in force in the recording, as one that comes after all that were played.
     pub fn anew(&mut self, cue: &Cue, now_ns: u64) -> Cue {
-        let (base, last) = self.seqs.entry(TopicId::Cue).or_default();
-        *base += 1;
-        *last = base.saturating_add(cue.header.seq).max(*last + 1);
+        let seq = self.seqs.entry(TopicId::Cue).or_default().play_anew(cue.header.seq);
         let incarnation = self.lives_before.saturating_add(cue.header.incarnation);
-        let header = Header { stamp_ns: now_ns, seq: *last, incarnation, ..cue.header };
+        let header = Header { stamp_ns: now_ns, seq, incarnation, ..cue.header };
         Cue { header, odometry_incarnation: self.lives_before.saturating_add(cue.odometry_incarnation), ..*cue }
     }
 
@@ -207,7 +239,7 @@ impl Playlist {
         self.pass += 1;
         self.shift_ns += i128::from(self.span_ns() + LEAD_IN_NS);
         self.lives_before += self.lives - 1;
-        self.seqs.values_mut().for_each(|(base, last)| *base = *last);
+        self.seqs.values_mut().for_each(Seqs::next_pass);
         self.reader = Reader::open(&self.path)?;
         self.reader.skip_before(self.part.0);
         Ok(())

@@ -98,18 +98,19 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
             break;
         }
         if opcode == op::CHUNK {
-            let about = found.about.clone().ok_or_else(|| ReadError::NotOurs { path: from.to_owned() })?;
-            let writer = match &mut writer {
-                Some(writer) => writer,
-                none => none.insert(Writer::live(to, found.part(), &about, &found.settings)?),
-            };
-            match found.take_chunk(&raw, writer) {
-                Ok(()) => {}
-                Err(Wrong::Chunk(what)) => {
+            let records = match found.read_chunk(&raw) {
+                Ok(records) => records,
+                Err(what) => {
                     why = Some(what);
                     break;
                 }
-                Err(Wrong::Write(error)) => return Err(error.into()),
+            };
+            if !records.is_empty() && writer.is_none() {
+                let about = found.about.clone().ok_or_else(|| ReadError::NotOurs { path: from.to_owned() })?;
+                writer = Some(Writer::live(to, found.part(), &about, &found.settings)?);
+            }
+            if let Some(writer) = &mut writer {
+                records.iter().try_for_each(|record| writer.write(record)).and_then(|()| writer.flush())?;
             }
         } else if let Err(what) = found.take(opcode, body(&raw)) {
             why = Some(what);
@@ -117,7 +118,10 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
         }
         byte += raw.len() as u64;
     }
-    let mut about = found.about.clone().ok_or_else(|| ReadError::NotOurs { path: from.to_owned() })?;
+    let mut about = found.about.clone().ok_or_else(|| match why.clone() {
+        Some(what) => ReadError::Damaged { path: from.to_owned(), byte, what },
+        None => ReadError::NotOurs { path: from.to_owned() },
+    })?;
     let writer = match writer {
         Some(writer) => writer,
         None => Writer::live(to, found.part(), &about, &found.settings)?,
@@ -134,18 +138,6 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     }
     let info = writer.finish(about)?;
     Ok(Recovered { from: from.to_owned(), to: to.to_owned(), info, bytes, cut_at_byte: byte, why })
-}
-
-/// What went wrong with a chunk.
-enum Wrong {
-    Chunk(String),
-    Write(WriteError),
-}
-
-impl From<String> for Wrong {
-    fn from(what: String) -> Self {
-        Self::Chunk(what)
-    }
 }
 
 impl Found {
@@ -194,23 +186,20 @@ impl Found {
         }
     }
 
-    /// Takes over the records of a chunk, all of them or none.
-    fn take_chunk(&mut self, raw: &[u8], writer: &mut Writer) -> Result<(), Wrong> {
+    /// The records of a chunk, all of them or none.
+    fn read_chunk(&mut self, raw: &[u8]) -> Result<Vec<Record>, String> {
         let mut records: Vec<Record> = Vec::new();
-        each_entry::<Wrong>(raw, |entry| match entry {
-            Entry::Other(opcode, body) => self.take(opcode, body).map_err(Wrong::Chunk),
+        each_entry::<String>(raw, |entry| match entry {
+            Entry::Other(opcode, body) => self.take(opcode, body),
             Entry::Message(header, data) => {
                 if let Some(channel) = self.channels.get(&header.channel_id) {
                     let record = (channel.decode)(data);
-                    records.push(record.map_err(|what| Wrong::Chunk(format!("{}: {what}", channel.topic)))?);
+                    records.push(record.map_err(|what| format!("{}: {what}", channel.topic))?);
                 }
                 Ok(())
             }
         })?;
-        for record in &records {
-            self.count_gap(record);
-            writer.write(record).map_err(Wrong::Write)?;
-        }
-        writer.flush().map_err(Wrong::Write)
+        records.iter().for_each(|record| self.count_gap(record));
+        Ok(records)
     }
 }

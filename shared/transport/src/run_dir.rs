@@ -1,7 +1,7 @@
 //! The run directory: everything of one run that is a file, and the lock that says whether the run is alive.
 //!
-//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `control.sock`, `logs/` and
-//! `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
+//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `recording.json`, `settings.toml`, `control.sock`,
+//! `logs/` and `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write;
@@ -19,8 +19,9 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 10] = [
+const OURS: [&str; 11] = [
     "lock",
+    "recording.json",
     "run.json",
     "settings.toml",
     "control.sock",
