@@ -165,7 +165,7 @@ impl Supervisor {
             io.watch(owner, TOKEN_OWNER)?;
         }
         debug_assert!(plan.services.iter().all(|s| s.service != ServiceId::Supervisor));
-        Ok(Self {
+        let mut supervisor = Self {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
             control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
@@ -194,6 +194,10 @@ impl Supervisor {
             failure: None,
             woken_ns: 0,
             ended_ns: 0,
-        })
+        };
+        if let Some(path) = &settings.record.path {
+            supervisor.want_recording(path.clone(), io)?;
+        }
+        Ok(supervisor)
     }
 }

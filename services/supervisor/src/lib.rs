@@ -12,6 +12,7 @@ pub mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
+mod recording;
 pub mod report;
 mod step_watch;
 pub mod stops;
@@ -321,6 +322,8 @@ impl Supervisor {
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
             }
+            Request::Record { path } => self.record(path, io),
+            Request::RecordStop => self.end_recording(io),
             Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
             Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
             Request::PolicyShow => self.show_policy(),

@@ -1,7 +1,7 @@
 //! Which services a run has, in which order they start, and what each is held to.
 
 use messages::{NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
-use settings::{Settings, Source};
+use settings::{CueOrigin, Settings, Source};
 use transport::ClockKind;
 
 use crate::machine::SwapLimits;
@@ -141,22 +141,28 @@ impl Plan {
             cue_max_age_ns: settings.max_age.cue.ns(),
             swap: swap_limits(settings),
         };
-        let replayed = settings.lidar.source == Source::Replayed;
         let mut services = vec![
             plan(ServiceId::Locomotion, 0, &limits, vec![state_stream(settings)]),
             plan(ServiceId::Brake, 0, &limits, vec![]),
         ];
-        if replayed {
-            services.push(world(ServiceId::Replay, replay_streams(settings)));
-        } else {
+        if settings.has_world() {
             services.push(world(ServiceId::Simulator, vec![]));
-            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
-            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
-            if settings.depth.source != Source::Absent {
-                services.push(depth(settings, &limits));
-            }
         }
-        services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+        if settings.odometry.source == Source::Simulated {
+            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
+        }
+        if settings.lidar.source == Source::Simulated {
+            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
+        }
+        if settings.depth.source == Source::Simulated {
+            services.push(depth(settings, &limits));
+        }
+        if settings.replays() {
+            services.push(replay(settings, &limits));
+        }
+        if settings.cue.source == CueOrigin::Own {
+            services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+        }
         services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
         services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
         services.push(recorder(&limits));
@@ -221,20 +227,23 @@ fn recorder(limits: &Limits) -> ServicePlan {
 }
 
 fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
-    let max_age = settings.max_age.depth.ns();
-    let stream = StreamRule {
-        output: TopicId::DepthFrame,
-        input: Some(TopicId::WorldTruth),
-        inputs_per_output: 2 * inputs(WORLD_HZ, settings.depth.rate_hz.get()),
-        hang_ns: 2 * max_age,
-        max_age_ns: settings.depth.needed.then_some(max_age),
-        rate: Some(rate(settings.depth.rate_hz.get(), true)),
-    };
     ServicePlan {
         critical: settings.depth.needed,
         has_line: settings.depth.needed,
-        ..plan(ServiceId::Depth, 2, limits, vec![stream])
+        ..plan(ServiceId::Depth, 2, limits, vec![depth_stream(settings, true)])
     }
+}
+
+/// Recorded frames: in the place of the whole world, or of single drivers beside a simulated one.
+fn replay(settings: &Settings, limits: &Limits) -> ServicePlan {
+    let sources = [
+        (settings.lidar.source, scan_stream as fn(&Settings, bool) -> StreamRule),
+        (settings.odometry.source, odometry_stream),
+        (settings.depth.source, depth_stream),
+    ];
+    let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed);
+    let streams = replayed.map(|(_, stream)| stream(settings, false)).collect();
+    if settings.has_world() { plan(ServiceId::Replay, 2, limits, streams) } else { world(ServiceId::Replay, streams) }
 }
 
 /// The rate of a driver, driven by the simulated world or not.
@@ -271,8 +280,16 @@ fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
     }
 }
 
-fn replay_streams(settings: &Settings) -> Vec<StreamRule> {
-    vec![scan_stream(settings, false), odometry_stream(settings, false)]
+fn depth_stream(settings: &Settings, driven: bool) -> StreamRule {
+    let max_age = settings.max_age.depth.ns();
+    StreamRule {
+        output: TopicId::DepthFrame,
+        input: driven.then_some(TopicId::WorldTruth),
+        inputs_per_output: 2 * inputs(WORLD_HZ, settings.depth.rate_hz.get()),
+        hang_ns: 2 * max_age,
+        max_age_ns: settings.depth.needed.then_some(max_age),
+        rate: driven.then(|| rate(settings.depth.rate_hz.get(), driven)),
+    }
 }
 
 fn action_stream(settings: &Settings) -> StreamRule {

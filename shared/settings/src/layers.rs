@@ -60,6 +60,14 @@ impl Profile {
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
 pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, SettingsError> {
     let (name, text) = profile.text();
+    load_over(name, text, operator)
+}
+
+/// The settings `text`, which are called `name` in errors, with the operator's file on top.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Settings, SettingsError> {
     let mut merged = parse(Path::new(name), text)?;
     let mut last = PathBuf::from(name);
     if let Some(path) = operator {
