@@ -3,6 +3,8 @@
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 
+use crate::fault::{Corrupt, Dice};
+
 /// The first field of every message.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -35,7 +37,7 @@ pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
 }
 
 /// A message of fixed size.
-pub trait Message: Copy + core::fmt::Debug + Send + Sync + 'static {
+pub trait Message: Copy + Corrupt + core::fmt::Debug + Send + Sync + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
     const TOPIC: crate::TopicId;
     /// The message's header.
@@ -50,6 +52,12 @@ pub trait Frame: 'static {
     type Element: Copy + core::fmt::Debug + Default + Send + Sync + bytemuck::AnyBitPattern + 'static;
     /// What stands beside the slice.
     type Meta: Message + Default;
+
+    /// Fault injection: random numbers, beside the slice and in it.
+    fn garble(meta: &mut Self::Meta, data: &mut [Self::Element], dice: &mut Dice);
+
+    /// Fault injection: a plausible wrong slice.
+    fn falsify(data: &mut [Self::Element]);
 }
 
 /// Implements [`Message`] for types with a field `header`, and names the topic of each.

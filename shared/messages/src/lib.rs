@@ -5,6 +5,7 @@
 //! clock; with the feature `ipc` its types can live in iceoryx2's shared memory.
 
 mod clock;
+pub mod fault;
 mod guidance;
 mod header;
 mod health;
@@ -19,6 +20,7 @@ pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
 pub use guidance::{
     Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause, PolicyAction, UnsafeCause,
 };
+pub use fault::{Fault, Injection, Target};
 pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
 pub use health::{Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, PortCounters, PortRole, ServiceState};
 pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReason};

@@ -1,5 +1,6 @@
 //! What the drivers publish.
 
+use crate::fault::{Corrupt, Dice, falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
 use crate::header::message;
 use crate::{Frame, Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
@@ -19,6 +20,18 @@ pub struct LidarScan;
 impl Frame for LidarScan {
     type Element = f32;
     type Meta = ScanHeader;
+
+    fn garble(meta: &mut ScanHeader, ranges_m: &mut [f32], dice: &mut Dice) {
+        // Every other header stays as it is, so that what lies behind its checks is met too.
+        if dice.bits().is_multiple_of(2) {
+            meta.garble(dice);
+        }
+        garble_ranges(ranges_m, dice);
+    }
+
+    fn falsify(ranges_m: &mut [f32]) {
+        falsify_ranges(ranges_m);
+    }
 }
 
 /// Stands beside the ranges of a scan. `header.stamp_ns` is the time of the last beam.
@@ -51,6 +64,17 @@ pub struct DepthFrame;
 impl Frame for DepthFrame {
     type Element = u16;
     type Meta = DepthHeader;
+
+    fn garble(meta: &mut DepthHeader, pixels_mm: &mut [u16], dice: &mut Dice) {
+        if dice.bits().is_multiple_of(2) {
+            meta.garble(dice);
+        }
+        garble_pixels(pixels_mm, dice);
+    }
+
+    fn falsify(pixels_mm: &mut [u16]) {
+        falsify_pixels(pixels_mm);
+    }
 }
 
 /// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and

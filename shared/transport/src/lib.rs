@@ -7,6 +7,7 @@
 mod clock;
 mod domain;
 mod error;
+mod fault;
 mod io;
 mod janitor;
 mod line;
