@@ -40,6 +40,9 @@ pub enum Verb {
     Stop(RunArg),
     /// End a lock; the robot still waits for a cue
     Resume(RunArg),
+    /// Break something in a run that was started with --faults, to see what comes of it
+    #[command(after_help = inject_help())]
+    Inject(InjectArgs),
     /// Check what a run needs of this machine, and say how to mend what is missing
     Doctor(DoctorArgs),
     /// Import other people's logs into recordings
@@ -123,6 +126,34 @@ pub struct CueArgs {
     pub run: RunArg,
 }
 
+/// `guidedog inject`.
+#[derive(Debug, Args)]
+pub struct InjectArgs {
+    /// A stream, a service or `host`
+    pub target: String,
+    /// Which fault; `none` mends the target
+    pub fault: String,
+    /// How long, such as 2s; without it, until `none`
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub lasts: Option<Millis>,
+    /// Seed of what is random about it
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
+
+/// The table of faults as `guidedog inject --help` tells it.
+fn inject_help() -> String {
+    let names = |topics: &[messages::TopicId]| topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
+    let mut help = format!("Streams: {}, health/SERVICE\nFaults:\n", names(&messages::fault::STREAMS));
+    for row in messages::fault::FAULTS {
+        help += &format!("  {:14} {}\n", row.name, row.what);
+    }
+    help + "Examples:\n  guidedog inject lidar/scan off --for 2s\n  guidedog inject policy kill\n  guidedog inject odometry none"
+}
+
 /// How run time passes and what the run is called.
 #[derive(Debug, Default, Args)]
 pub struct PaceArgs {
@@ -135,6 +166,9 @@ pub struct PaceArgs {
     /// Name of the run
     #[arg(long, value_name = "RUN", value_parser = run_name)]
     pub name: Option<String>,
+    /// Let `guidedog inject` break things in the run
+    #[arg(long)]
+    pub faults: bool,
 }
 
 /// Where the robot walks.

@@ -75,6 +75,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Cue(args) => done(operate::cue(&args, json)),
         Verb::Stop(run) => done(operate::stop(&run, json)),
         Verb::Resume(run) => done(operate::resume(&run, json)),
+        Verb::Inject(args) => done(operate::inject(&args, json)),
         Verb::Doctor(args) => doctor::doctor(&args, json),
         Verb::Import(args) => done(import::import(&args, json)),
         Verb::Bench(args) => match args.what {

@@ -83,6 +83,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     for record in records {
         record.map_err(Failure::of_input)?;
     }
+    settings.faults.allowed |= args.pace.faults;
     settings.replay.recording = Some(absolute(&args.recording)?);
     settings.replay.duration = args.duration.or(settings.replay.duration);
     Ok(PreparedReplay { settings, info })
@@ -112,6 +113,7 @@ fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Fail
     if settings.lidar.source != Source::Simulated || settings.odometry.source != Source::Simulated {
         return Err(Failure::input("lidar.source and odometry.source must be \"simulated\" in a simulated walk"));
     }
+    settings.faults.allowed |= args.pace.faults;
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
         *walk = settings::Walk {

@@ -33,6 +33,19 @@ pub enum Request {
     Stop,
     /// Out of a lock.
     Resume,
+    /// A fault is injected, or mended, in a run that allows it.
+    Inject {
+        /// A stream, a service, or the host, by name.
+        target: String,
+        /// Which fault, by name; "none" mends the target.
+        fault: String,
+        /// How long it lasts, milliseconds of run time; without it, until it is mended.
+        #[serde(default)]
+        for_ms: Option<u64>,
+        /// Seed of what is random about it.
+        #[serde(default)]
+        seed: Option<u64>,
+    },
     /// The run is to end.
     Quit,
 }

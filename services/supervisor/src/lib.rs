@@ -10,6 +10,7 @@ mod boot;
 mod children;
 mod control;
 mod ending;
+mod faults;
 pub mod machine;
 pub mod plan;
 pub mod report;
@@ -26,6 +27,7 @@ use transport::{ToChild, TransportError, monotonic_ns};
 use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
+use faults::Faults;
 use machine::{Action, Event, Machine, Now};
 use report::Figures;
 use step_watch::StepWatch;
@@ -54,6 +56,7 @@ pub struct Supervisor {
     /// Incarnations that wait for the janitor, and until which wall time.
     waiting: Vec<(ServiceId, u32, u64)>,
     ending: Ending,
+    faults: Faults,
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
     locomotion: Subscriber<LocomotionState>,
@@ -146,7 +149,10 @@ impl Supervisor {
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
         let log = io.domain.dir.log(service, incarnation);
         match self.children.spawn(service, incarnation, self.machine.has_line(service), &log, io) {
-            Ok(pid) => self.machine.started(service, incarnation, pid),
+            Ok(pid) => {
+                self.machine.started(service, incarnation, pid);
+                self.pass_faults_on(service, io);
+            }
             Err(error) => {
                 self.figures.note(io.now_ns(), error.to_string());
                 let died = Event::Died(service, incarnation, error.to_string());
@@ -289,6 +295,9 @@ impl Supervisor {
                 let locked = self.machine.mode().class == ModeClass::Lock;
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
+            }
+            Request::Inject { target, fault, for_ms, seed } => {
+                self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io)
             }
             Request::Quit => {
                 self.begin_end(io);
@@ -454,6 +463,7 @@ impl Service for Supervisor {
         self.watch_steps(io, now)?;
         self.machine.tick_starts(now);
         self.children.hand_out_lines();
+        self.end_faults(io);
         self.act(io)?;
         self.go_on_ending(io)
     }

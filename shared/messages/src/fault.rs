@@ -5,8 +5,8 @@ mod corrupt;
 
 use serde::{Deserialize, Serialize};
 
-pub(crate) use corrupt::{falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
 pub use corrupt::{Corrupt, Dice};
+pub(crate) use corrupt::{falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
 
 use crate::{ServiceId, TopicId};
 

@@ -17,10 +17,10 @@ pub mod topic;
 mod world;
 
 pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
+pub use fault::{Fault, Injection, Target};
 pub use guidance::{
     Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause, PolicyAction, UnsafeCause,
 };
-pub use fault::{Fault, Injection, Target};
 pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
 pub use health::{Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, PortCounters, PortRole, ServiceState};
 pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReason};

@@ -34,6 +34,8 @@ pub struct Settings {
     pub max_age: MaxAge,
     /// The supervisor.
     pub supervision: Supervision,
+    /// Fault injection.
+    pub faults: Faults,
     /// The simulated world.
     pub simulation: Simulation,
     /// The walk, where the run is one.
@@ -484,6 +486,14 @@ impl Default for Supervision {
             restart_time: Millis::of_ms(500),
         }
     }
+}
+
+/// Fault injection.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Faults {
+    /// Whether `guidedog inject` may break things in the run.
+    pub allowed: bool,
 }
 
 /// The simulated world.

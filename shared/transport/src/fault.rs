@@ -42,6 +42,7 @@ pub(crate) struct Faults {
     leak_until_ns: Cell<u64>,
     leaked: RefCell<Vec<Vec<u8>>>,
     injections: Cell<u64>,
+    disk_full: Cell<bool>,
 }
 
 impl std::fmt::Debug for Faults {
@@ -59,7 +60,8 @@ impl Faults {
                 self.streams.borrow_mut().retain(|one| (one.topic, one.of) != (topic, of));
                 self.injections.set(self.injections.get() + 1);
                 let number = self.injections.get();
-                let active = fault.map(|fault| StreamFault { topic, of, fault, seed: injection.seed, until_ns, number });
+                let active =
+                    fault.map(|fault| StreamFault { topic, of, fault, seed: injection.seed, until_ns, number });
                 self.streams.borrow_mut().extend(active);
             }
             (Target::Service(_), Some(Fault::Slow)) => self.slow_until_ns.set(until_ns),
@@ -69,8 +71,9 @@ impl Faults {
                 self.leak_until_ns.set(0);
                 self.leaked.borrow_mut().clear();
             }
-            // The supervisor's own to do.
-            (Target::Service(_) | Target::Host, _) => {}
+            (Target::Host, fault) => self.disk_full.set(fault == Some(Fault::FullDisk)),
+            // Signals and starts are the supervisor's to do.
+            (Target::Service(_), _) => {}
         }
     }
 
@@ -108,6 +111,11 @@ impl Faults {
             }
         }
         Ok(())
+    }
+
+    /// Whether the disk counts as full.
+    pub fn disk_is_full(&self) -> bool {
+        self.disk_full.get()
     }
 
     /// A turn of a slow process's loop.

@@ -57,7 +57,12 @@ impl Io {
         if let Some(line) = &control {
             watch_fd(&epoll, line, TOKEN_CONTROL)?;
         }
-        let shared = Rc::new(Shared { identity, clock: Rc::clone(&domain.clock), counters: RefCell::new(Vec::new()), faults: Faults::default() });
+        let shared = Rc::new(Shared {
+            identity,
+            clock: Rc::clone(&domain.clock),
+            counters: RefCell::new(Vec::new()),
+            faults: Faults::default(),
+        });
         Ok(Self { domain, shared, epoll, listeners: Vec::new(), control, _lifeline: lifeline })
     }
 
@@ -142,6 +147,12 @@ impl Io {
             self.shared.faults.take(injection, self.now_ns());
         }
         self.domain.info.faults
+    }
+
+    /// Whether whoever writes files in this process finds the disk full: an injected fault.
+    #[must_use]
+    pub fn disk_is_full(&self) -> bool {
+        self.shared.faults.disk_is_full()
     }
 
     /// What this process suffers.

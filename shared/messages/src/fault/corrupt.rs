@@ -106,8 +106,7 @@ impl Corrupt for DepthHeader {
     fn garble(&mut self, dice: &mut Dice) {
         self.header.stamp_ns = dice.count();
         (self.width, self.height) = (dice.bits() as u32, dice.bits() as u32);
-        (self.fx_px, self.fy_px, self.cx_px, self.cy_px) =
-            (dice.number(), dice.number(), dice.number(), dice.number());
+        (self.fx_px, self.fy_px, self.cx_px, self.cy_px) = (dice.number(), dice.number(), dice.number(), dice.number());
         self.robot_from_camera.x_m = dice.number();
         self.robot_from_camera.pitch_rad = dice.number();
     }
