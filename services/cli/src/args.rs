@@ -345,7 +345,7 @@ pub struct BenchArgs {
 }
 
 /// What can be measured.
-#[derive(Debug, Clone, Copy, Subcommand)]
+#[derive(Debug, Clone, Subcommand)]
 pub enum Bench {
     /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
     Transport {
@@ -355,12 +355,48 @@ pub enum Bench {
     },
     /// The shield beside the paper's pseudo-code, one core
     Shield,
+    /// Every fault of every service and stream against the matrix (config/faults.toml), at random moments of a walk
+    #[command(after_help = FAULTS_EXAMPLES)]
+    Faults(FaultsArgs),
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds
         #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=3600))]
         seconds: u32,
     },
+}
+
+const FAULTS_EXAMPLES: &str = "\
+Examples:
+  guidedog bench faults --cells 'lidar/scan:*'          every fault of one stream
+  guidedog bench faults --cells '*:kill' --repeat 250   2,000 deaths of small services
+  guidedog bench faults --repeat 20 --budget-s 3600 --json
+
+Ends with exit code 1 where a cell that was tried is not as the matrix wants it.";
+
+/// `guidedog bench faults`.
+#[derive(Debug, Clone, Args)]
+pub struct FaultsArgs {
+    /// Which cells, as TARGET:FAULT with `*` for anything, several with commas between; without it, all but the host's
+    #[arg(long, value_name = "PATTERN")]
+    pub cells: Option<String>,
+    /// Trials of each cell
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// No trial begins after so many seconds
+    #[arg(long, value_name = "S")]
+    pub budget_s: Option<u64>,
+    /// Limits count so many times, for machines that are shared
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]
+    pub slack: f64,
+    /// Seed of the moments at which faults come
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+fn slack(text: &str) -> Result<f64, String> {
+    let factor = text.parse::<f64>().ok().filter(|factor| (1.0..=1000.0).contains(factor));
+    factor.ok_or_else(|| "a factor is 1 to 1000".to_owned())
 }
 
 /// Which program of `bench transport`.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
@@ -45,7 +45,7 @@ pub struct Running {
     _owner: OwnedFd,
     stdout: Receiver<String>,
     stderr: Receiver<String>,
-    interrupted: Arc<AtomicBool>,
+    signals: Arc<Signals>,
 }
 
 /// How a run ended.
@@ -119,9 +119,8 @@ impl Launch<'_> {
         };
         // SAFETY: the closure makes one system call: it neither allocates nor takes a lock.
         unsafe { command.pre_exec(keep) };
-        let interrupted = Arc::new(AtomicBool::new(false));
         // Before there is anybody to pass them on to: a signal now must not leave a run behind.
-        let to_child = pass_signals_on(&interrupted)?;
+        let signals = pass_signals_on()?;
         let mut child = command
             .spawn()
             .map_err(|error| Failure::run(format!("failed to start {}: {error}", command.get_program().display())))?;
@@ -129,30 +128,45 @@ impl Launch<'_> {
         let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
         let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
         let opened = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
-        let pidfd = to_child.get_or_init(|| opened);
-        if interrupted.load(Ordering::Relaxed) {
+        let mut to_child = signals.child.lock().unwrap_or_else(PoisonError::into_inner);
+        let pidfd = to_child.insert(opened);
+        if signals.interrupted.load(Ordering::Relaxed) {
             // It may have ended by itself.
             let _ = rustix::process::pidfd_send_signal(pidfd, Signal::TERM);
         }
+        drop(to_child);
         let stdout = read_all(child.stdout.take());
         let stderr = read_all(child.stderr.take());
-        Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, interrupted })
+        Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, signals })
     }
 }
 
+/// What a signal to this process is passed on to. Runs may be started one after the other, and a process has but one
+/// handler.
+#[derive(Debug, Default)]
+struct Signals {
+    interrupted: AtomicBool,
+    /// The supervisor of the newest run.
+    child: Mutex<Option<OwnedFd>>,
+}
+
 /// Ctrl-C at a terminal reaches the supervisor by itself; a second signal does no harm.
-fn pass_signals_on(interrupted: &Arc<AtomicBool>) -> Result<Arc<OnceLock<OwnedFd>>, Failure> {
-    let to_child = Arc::new(OnceLock::<OwnedFd>::new());
-    let (interrupted, child) = (Arc::clone(interrupted), Arc::clone(&to_child));
+fn pass_signals_on() -> Result<Arc<Signals>, Failure> {
+    static SIGNALS: OnceLock<Arc<Signals>> = OnceLock::new();
+    if let Some(signals) = SIGNALS.get() {
+        return Ok(Arc::clone(signals));
+    }
+    let signals = Arc::new(Signals::default());
+    let handled = Arc::clone(&signals);
     ctrlc::set_handler(move || {
-        interrupted.store(true, Ordering::Relaxed);
-        if let Some(child) = child.get() {
+        handled.interrupted.store(true, Ordering::Relaxed);
+        if let Some(child) = &*handled.child.lock().unwrap_or_else(PoisonError::into_inner) {
             // It may have ended by itself.
             let _ = rustix::process::pidfd_send_signal(child, Signal::TERM);
         }
     })
     .map_err(Failure::of_run)?;
-    Ok(to_child)
+    Ok(Arc::clone(SIGNALS.get_or_init(|| signals)))
 }
 
 fn read_all(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
@@ -175,6 +189,11 @@ impl Running {
         &self.name
     }
 
+    /// Process id of the supervisor.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Asks the run to end.
     pub fn end(&mut self) {
         let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
@@ -186,7 +205,7 @@ impl Running {
 
     /// Whether this process was signalled.
     pub fn interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.signals.interrupted.load(Ordering::Relaxed)
     }
 
     /// Whether the supervisor has ended; what is left is to [`Running::wait`].

@@ -1,5 +1,6 @@
 //! `bench`: figures of this machine.
 
+pub mod faults;
 pub mod idle;
 mod plain;
 pub mod receiver;
