@@ -431,6 +431,9 @@ impl Machine {
                 self.limits.cue_max_age_ns / 1_000_000
             ));
         }
+        if !cue.is_usable() {
+            return Err("its start frame or its confidence is none".to_owned());
+        }
         if cue.source == CueSource::TurnDone && !self.continues(cue) {
             return Err("the turn that it goes on from is no longer in force".to_owned());
         }
@@ -481,7 +484,7 @@ impl Machine {
     fn on_locomotion(&mut self, state: &LocomotionState, now: Now) {
         self.stops.locomotion(&self.mode, state, now.run_ns);
         // Locomotion latched itself in the epoch in force: only a greater one lets it go on.
-        let latched = matches!(state.limited_by.kind, StopKind::ModeStale | StopKind::LifelineClosed | StopKind::Boot);
+        let latched = state.limited_by.kind.is_latched();
         let stuck = self.mode.class == ModeClass::Run && state.epoch == self.mode.epoch && latched;
         self.stuck_states = if stuck { self.stuck_states + 1 } else { 0 };
         if self.stuck_states >= 3 {
