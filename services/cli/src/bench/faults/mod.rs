@@ -62,6 +62,7 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), 
                 let reasons: Vec<&str> = outcome.reasons.iter().copied().map(StopKind::name).collect();
                 let name = row.cell.name();
                 say(format!("{name}, trial {}: {why} (stood for: {})", round + 1, reasons.join(", ")));
+                say(format!("  wanted: {}, since {}", row.cell.expect.name(), row.cell.why));
             }
             row.outcomes.push(outcome);
         }

@@ -93,11 +93,6 @@ impl Rig {
         Ok(Self { settings: settings_at(&place)?, _place: place, live: None, runs: 0 })
     }
 
-    /// The run's settings.
-    pub fn settings(&self) -> &settings::Settings {
-        &self.settings
-    }
-
     fn start(&mut self) -> Result<(), Failure> {
         let launch = Launch { settings: &self.settings, name: free_name("faults"), speed: None };
         let running = launch.spawn()?;

@@ -81,10 +81,11 @@ const SERVICES: [ServiceId; 10] = [
     ServiceId::Simulator,
 ];
 
-/// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once.
+/// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and nobody
+/// is told how it or the world is by a beat that motion depends on.
 fn all() -> impl Iterator<Item = (Target, Fault)> {
     let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
-    let told = SERVICES.into_iter().filter(|s| *s != ServiceId::Supervisor);
+    let told = SERVICES.into_iter().filter(|s| !matches!(s, ServiceId::Supervisor | ServiceId::Simulator));
     let health = told.map(|of| Target::Stream(TopicId::Health, of));
     let services = SERVICES.into_iter().map(Target::Service);
     let cells = |target: Target| target.faults().iter().map(move |fault| (target, *fault));
@@ -164,7 +165,7 @@ mod tests {
     #[test]
     fn every_cell_of_the_matrix_has_exactly_one_rule_and_a_reason() {
         let all = matrix(MATRIX).expect("the shipped matrix is whole");
-        assert!(all.len() > 200, "{}", all.len());
+        assert!(all.len() > 190, "{}", all.len());
         for cell in all {
             assert!(cell.why.len() > 10 && cell.limit_ms > 0.0, "{cell:?}");
         }

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
-use messages::{Health, LocomotionState, Mode, PortRole, RobotCommand, ServiceId, StopKind, TopicId, WorldTruth};
+use messages::{Health, LocomotionState, Mode, RobotCommand, ServiceId, StopKind, WorldTruth};
 use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_supervisor};
 
 use crate::exit::Failure;
@@ -42,17 +42,6 @@ pub struct Truth {
     pub x_m: f64,
 }
 
-/// The last beat of a service.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Beat {
-    /// Which life of it.
-    pub incarnation: u32,
-    /// Process id.
-    pub pid: u32,
-    /// Messages published on its own topics, beats apart.
-    pub published: u64,
-}
-
 /// Everything seen.
 #[derive(Debug, Default)]
 pub struct Seen {
@@ -64,8 +53,8 @@ pub struct Seen {
     pub modes: Vec<(u64, Mode)>,
     /// Why the robot stood since then.
     pub reasons: Vec<StopKind>,
-    /// The newest beat of each service.
-    pub beats: BTreeMap<ServiceId, Beat>,
+    /// The process of each service, as its newest beat says.
+    pub pids: BTreeMap<ServiceId, u32>,
     /// The newest mode.
     pub mode: Option<Mode>,
     /// The newest truth.
@@ -164,15 +153,6 @@ impl Listener {
     }
 }
 
-fn beat_of(health: &Health) -> Beat {
-    let own = |port: &&messages::PortCounters| port.role == PortRole::Publisher && port.topic != TopicId::Health;
-    Beat {
-        incarnation: health.header.incarnation,
-        pid: health.pid,
-        published: health.ports().iter().filter(own).map(|port| port.count).fold(0, u64::saturating_add),
-    }
-}
-
 impl Service for Listener {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         self.next_ns = io.now_ns() + LOOK_NS;
@@ -200,7 +180,7 @@ impl Service for Listener {
         }
         for beats in &mut self.beats {
             if let Some(health) = beats.take_newest()? {
-                seen.beats.insert(health.service, beat_of(&health));
+                seen.pids.insert(health.service, health.pid);
             }
         }
         if seen.truths.len() > KEPT {

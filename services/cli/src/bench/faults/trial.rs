@@ -10,10 +10,13 @@ use transport::monotonic_ns;
 
 use super::rig::{LOOK, Rig};
 use super::table::{Cell, Expect};
+use super::tap::Seen;
 use crate::exit::Failure;
 
 /// A fault comes at any moment of a decision, its scans and its poses: within this of the robot's walking, nanoseconds.
 const PHASE_NS: u64 = 600_000_000;
+/// A robot that has walked for so long suffers nothing more from the fault before.
+const UNDISTURBED: Duration = Duration::from_millis(300);
 /// A fault that lasts is mended after this, or once the robot stands: three decisions, and four beams of a slow lidar.
 const SPAN: Duration = Duration::from_millis(2500);
 /// What should stop the robot is waited for at most so long.
@@ -45,8 +48,10 @@ pub struct Outcome {
 pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Outcome, Failure> {
     loop {
         rig.walk()?;
-        std::thread::sleep(Duration::from_nanos(dice.between((0, PHASE_NS))));
-        if rig.seen(super::tap::Seen::walks) {
+        let epoch = || rig.seen(|seen| seen.mode.map(|mode| mode.epoch));
+        let begun = epoch();
+        std::thread::sleep(UNDISTURBED + Duration::from_nanos(dice.between((0, PHASE_NS))));
+        if rig.seen(Seen::walks) && epoch() == begun {
             break;
         }
     }
@@ -110,7 +115,7 @@ fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
     if let (Target::Service(service), Some(signal)) = (cell.target, signal) {
         let pid = match service {
             ServiceId::Supervisor => rig.supervisor_pid(),
-            service => rig.seen(|seen| seen.beats.get(&service).map(|beat| beat.pid)),
+            service => rig.seen(|seen| seen.pids.get(&service).copied()),
         };
         let pid = pid.and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw);
         let pid = pid.ok_or_else(|| Failure::run(format!("{service} has not said which process it is")))?;
