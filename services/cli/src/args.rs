@@ -358,6 +358,8 @@ pub enum Bench {
     /// Every fault of every service and stream against the matrix (config/faults.toml), at random moments of a walk
     #[command(after_help = FAULTS_EXAMPLES)]
     Faults(FaultsArgs),
+    /// What a thousand deaths leave behind, and how often a robot stops for no reason
+    Soak(SoakArgs),
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds
@@ -392,6 +394,17 @@ pub struct FaultsArgs {
     /// Seed of the moments at which faults come
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
+}
+
+/// `guidedog bench soak`.
+#[derive(Debug, Clone, Args)]
+pub struct SoakArgs {
+    /// Kills of random services under load; 0 = none
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    pub kills: u32,
+    /// Also simulated walks without a fault, for so much run time, such as 1h
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub quiet: Option<Millis>,
 }
 
 fn slack(text: &str) -> Result<f64, String> {

@@ -82,6 +82,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
             Bench::Shield => done(bench::shield::bench(json)),
             Bench::Faults(args) => bench::faults::bench(&args, json),
+            Bench::Soak(args) => bench::soak::bench(&args, json),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),

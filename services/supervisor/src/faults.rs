@@ -71,7 +71,7 @@ impl Supervisor {
             return refused(format!("{target} cannot have the fault {}", kind.name()));
         }
         let for_ns = for_ms.map(|ms| ms.saturating_mul(1_000_000));
-        let injection = Injection { target, fault: kind, seed, for_ns };
+        let injection = Injection { target, fault: kind, seed, since_ns: io.now_ns(), for_ns };
         let at_ns = monotonic_ns();
         let done = match target {
             Target::Stream(..) => self.inject_stream(&injection, io),
@@ -184,7 +184,18 @@ fn fill_shm(prefix: &str) -> Result<(), String> {
     }
     let path = fill_path(prefix);
     let file = File::create(&path).map_err(|error| format!("{path}: {error}"))?;
-    rustix::fs::fallocate(&file, FallocateFlags::empty(), 0, bytes).map_err(|errno| format!("{path}: {errno}"))
+    let mut taken = 0;
+    // In ever smaller pieces: others take and give back meanwhile.
+    for piece in [1 << 20, 64 << 10, 4 << 10] {
+        while taken < 2 * FILL_MAX_BYTES {
+            match rustix::fs::fallocate(&file, FallocateFlags::empty(), taken, piece) {
+                Ok(()) => taken += piece,
+                Err(rustix::io::Errno::NOSPC) => break,
+                Err(errno) => return Err(format!("{path}: {errno}")),
+            }
+        }
+    }
+    Ok(())
 }
 
 fn empty_shm(prefix: &str) -> Result<(), String> {
@@ -207,7 +218,7 @@ mod tests {
     fn a_streams_fault_outlives_its_publisher_and_a_process_takes_its_own_along() {
         let mut faults = Faults::new(true);
         let scan = Target::Stream(TopicId::LidarScan, ServiceId::None);
-        let off = Injection { target: scan, fault: Some(Fault::Off), seed: 1, for_ns: Some(1000) };
+        let off = Injection { target: scan, fault: Some(Fault::Off), seed: 1, since_ns: 500, for_ns: Some(1000) };
         faults.keep(off, 500);
         faults.keep(Injection { target: Target::Service(ServiceId::Lidar), fault: Some(Fault::Leak), ..off }, 500);
         assert_eq!(faults.inherited(ServiceId::Lidar, 1200), [Injection { for_ns: Some(300), ..off }]);

@@ -40,6 +40,8 @@ const MODE_PERIOD_NS: u64 = 50_000_000;
 const TICK_NS: u64 = 20_000_000;
 /// A loop that slept this much longer than it meant to has no right to judge others.
 const OVERSLEPT_NS: u64 = 50_000_000;
+/// Logs of so many lives of a service are kept.
+const LOGS_KEPT: u32 = 8;
 /// A restart waits for the janitor at most this long, wall time.
 const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -148,6 +150,8 @@ impl Supervisor {
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
         let log = io.domain.dir.log(service, incarnation);
+        // A service that dies again and again does not fill the disk; there may be no log that old.
+        let _ = std::fs::remove_file(io.domain.dir.log(service, incarnation.saturating_sub(LOGS_KEPT)));
         match self.children.spawn(service, incarnation, self.machine.has_line(service), &log, io) {
             Ok(pid) => {
                 self.machine.started(service, incarnation, pid);

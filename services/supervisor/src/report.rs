@@ -23,6 +23,8 @@ pub struct Figures {
     pub notes_not_kept: u64,
 }
 
+/// So many lives of a service are told apart.
+const LIVES_KEPT: usize = 8;
 /// So many notes are kept, the newest.
 const MAX_NOTES: usize = 400;
 
@@ -34,7 +36,20 @@ impl Figures {
             Some(life) => **life = *health,
             None => {
                 self.lives.insert(key, Box::new(*health));
+                self.fold_lives(health.service);
             }
+        }
+    }
+
+    /// Of many lives of a service the oldest are told as one: a run may last for long.
+    fn fold_lives(&mut self, service: ServiceId) {
+        let keys: Vec<_> = self.lives.keys().filter(|(s, _)| *s == service).copied().collect();
+        if let [first, second, rest @ ..] = &keys[..]
+            && rest.len() + 2 > LIVES_KEPT
+            && let Some(second) = self.lives.remove(second)
+            && let Some(first) = self.lives.get_mut(first)
+        {
+            first.absorb(&second);
         }
     }
 
@@ -59,7 +74,7 @@ impl Figures {
     fn published(&self) -> Value {
         let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
         for port in self.ports(PortRole::Publisher) {
-            *counts.entry(port.0.topic.name()).or_default() += port.0.count;
+            add(counts.entry(port.0.topic.name()).or_default(), port.0.count);
         }
         json!(counts)
     }
@@ -68,7 +83,7 @@ impl Figures {
     fn taken(&self) -> Value {
         let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
         for (port, consumer) in self.ports(PortRole::Subscriber) {
-            *counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.count;
+            add(counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.count);
         }
         json!(counts)
     }
@@ -78,8 +93,8 @@ impl Figures {
         let mut by_topic: BTreeMap<&str, u64> = BTreeMap::new();
         let mut by_consumer: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
         for (port, consumer) in self.ports(PortRole::Subscriber) {
-            *by_topic.entry(port.topic.name()).or_default() += port.lost;
-            *by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.lost;
+            add(by_topic.entry(port.topic.name()).or_default(), port.lost);
+            add(by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.lost);
         }
         (json!(by_topic), json!(by_consumer))
     }
@@ -116,11 +131,12 @@ impl Figures {
 
     /// Decisions drawn and missed, scans judged and refused by reason, and the digest over actions and permits.
     fn shield(&self, map: &mut Map<String, Value>) {
-        let sum = |of: fn(&Health) -> u64| self.of(ServiceId::Shield).map(of).sum::<u64>();
+        let sum = |of: fn(&Health) -> u64| self.of(ServiceId::Shield).map(of).fold(0, u64::saturating_add);
         map.insert("decisions".to_owned(), json!(sum(|life| life.decisions)));
         map.insert("missed_decisions".to_owned(), json!(sum(|life| life.missed_decisions)));
-        let count =
-            |outcome: Outcome| -> u64 { self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]).sum() };
+        let count = |outcome: Outcome| {
+            self.of(ServiceId::Shield).map(|l| l.outcomes[outcome as usize]).fold(0, u64::saturating_add)
+        };
         let verdicts = Outcome::ALL.into_iter().filter(|o| o.is_verdict());
         let refusals = Outcome::ALL.into_iter().filter(|o| !o.is_verdict());
         let by_name = |outcomes: Vec<Outcome>| -> BTreeMap<&str, u64> {
@@ -131,7 +147,7 @@ impl Figures {
         // One for each life of the shield: a death in between does not hide what was before it.
         let hex = |life: &Health| life.digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
         let digest = self.of(ServiceId::Shield).map(hex).collect::<Vec<_>>().join("-");
-        map.insert("verdicts".to_owned(), json!(verdicts.values().sum::<u64>()));
+        map.insert("verdicts".to_owned(), json!(verdicts.values().copied().fold(0, u64::saturating_add)));
         map.insert("verdicts_by_outcome".to_owned(), json!(verdicts));
         map.insert("refusals".to_owned(), json!(refusals));
         map.insert("digest".to_owned(), json!(digest));
@@ -158,7 +174,8 @@ impl Figures {
         let (lost, lost_by_consumer) = self.lost();
         map.insert("lost".to_owned(), lost);
         map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
-        map.insert("invalid_inputs".to_owned(), json!(self.lives.values().map(|l| l.invalid_inputs).sum::<u64>()));
+        let invalid = self.lives.values().map(|life| life.invalid_inputs).fold(0, u64::saturating_add);
+        map.insert("invalid_inputs".to_owned(), json!(invalid));
         let restarts: BTreeMap<&str, u32> =
             services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
         map.insert("restarts".to_owned(), json!(restarts));
@@ -172,6 +189,11 @@ impl Figures {
     pub fn notes_json(&self) -> Value {
         self.notes.iter().map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
     }
+}
+
+/// Counts come from beats, which may be anything.
+fn add(sum: &mut u64, more: u64) {
+    *sum = sum.saturating_add(more);
 }
 
 /// One stop as reported.

@@ -229,6 +229,8 @@ pub struct Injection {
     pub fault: Option<Fault>,
     /// Seed of what is random about it.
     pub seed: u64,
+    /// Run time at which it was injected, nanoseconds: bursts go on from there, whoever publishes meanwhile.
+    pub since_ns: u64,
     /// How long it lasts, nanoseconds of run time; without it, until it is mended.
     pub for_ns: Option<u64>,
 }

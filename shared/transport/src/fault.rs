@@ -22,6 +22,7 @@ pub(crate) struct StreamFault {
     of: ServiceId,
     pub fault: Fault,
     seed: u64,
+    since_ns: u64,
     until_ns: u64,
     /// Which injection it is: a port begins anew with each.
     number: u64,
@@ -60,8 +61,8 @@ impl Faults {
                 self.streams.borrow_mut().retain(|one| (one.topic, one.of) != (topic, of));
                 self.injections.set(self.injections.get() + 1);
                 let number = self.injections.get();
-                let active =
-                    fault.map(|fault| StreamFault { topic, of, fault, seed: injection.seed, until_ns, number });
+                let (seed, since_ns) = (injection.seed, injection.since_ns);
+                let active = fault.map(|fault| StreamFault { topic, of, fault, seed, since_ns, until_ns, number });
                 self.streams.borrow_mut().extend(active);
             }
             (Target::Service(_), Some(Fault::Slow)) => self.slow_until_ns.set(until_ns),
@@ -170,7 +171,12 @@ impl<P> Filter<P> {
     /// What becomes of the message that is to be published now.
     pub fn passage(&mut self, fault: &StreamFault, now_ns: u64) -> Passage {
         if self.number != fault.number {
-            *self = Self { number: fault.number, dice: Dice::new(fault.seed), turns_at_ns: now_ns, ..Self::default() };
+            *self = Self {
+                number: fault.number,
+                dice: Dice::new(fault.seed),
+                turns_at_ns: fault.since_ns,
+                ..Self::default()
+            };
         }
         self.count += 1;
         match fault.fault {
@@ -211,7 +217,7 @@ mod tests {
 
     fn passages(fault: Fault, at_ns: impl Iterator<Item = u64>) -> Vec<Passage> {
         let faults = Faults::default();
-        faults.take(&Injection { target: SCAN, fault: Some(fault), seed: 3, for_ns: None }, 0);
+        faults.take(&Injection { target: SCAN, fault: Some(fault), seed: 3, since_ns: 0, for_ns: None }, 0);
         let mut filter = Filter::<()>::default();
         let active = faults.of(TopicId::LidarScan, ServiceId::None, 0).expect("it was injected");
         at_ns.map(|now| filter.passage(&active, now)).collect()
@@ -236,7 +242,8 @@ mod tests {
     fn a_fault_ends_with_its_time_and_with_none_and_takes_its_late_messages_along() {
         let faults = Faults::default();
         let of = |faults: &Faults, now| faults.of(TopicId::LidarScan, ServiceId::None, now).map(|f| f.fault);
-        let late = Injection { target: SCAN, fault: Some(Fault::Delayed), seed: 1, for_ns: Some(500 * MS) };
+        let late =
+            Injection { target: SCAN, fault: Some(Fault::Delayed), seed: 1, since_ns: 0, for_ns: Some(500 * MS) };
         faults.take(&late, 100 * MS);
         assert_eq!(of(&faults, 599 * MS), Some(Fault::Delayed));
         assert_eq!(of(&faults, 600 * MS), None);

@@ -125,8 +125,13 @@ struct Outlet<P> {
 
 impl<M: Message + ZeroCopySend> Outlet<IoxPublisher<ipc::Service, M, ()>> {
     fn send(&self, message: M) -> Result<(), TransportError> {
-        self.port.send_copy(message).map_err(|e| publish_error(M::TOPIC, e))?;
+        self.send_uncounted(message)?;
         self.shared.count(self.slot, message.header(), 0);
+        Ok(())
+    }
+
+    fn send_uncounted(&self, message: M) -> Result<(), TransportError> {
+        self.port.send_copy(message).map_err(|e| publish_error(M::TOPIC, e))?;
         self.waker.wake();
         Ok(())
     }
@@ -180,8 +185,10 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
                 let outlet = Rc::clone(&self.outlet);
                 let send = move || {
                     message.header_mut().step = outlet.shared.clock.step();
-                    outlet.send(message)
+                    outlet.send_uncounted(message)
                 };
+                // It is late on its way: the process has done its part.
+                shared.count(self.outlet.slot, message.header(), 0);
                 shared.faults.later(fault, due_ns, Box::new(send));
                 return Ok(message);
             }
@@ -329,8 +336,13 @@ where
 
     fn send(&self, loan: FrameLoan<F>) -> Result<(), TransportError> {
         let header = *loan.0.user_header().header();
-        loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
+        self.send_uncounted(loan)?;
         self.0.shared.count(self.0.slot, &header, 0);
+        Ok(())
+    }
+
+    fn send_uncounted(&self, loan: FrameLoan<F>) -> Result<(), TransportError> {
+        loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
         self.0.waker.wake();
         Ok(())
     }
@@ -432,8 +444,10 @@ where
                     meta.header_mut().step = outlet.0.shared.clock.step();
                     *loan.meta_mut() = meta;
                     loan.data_mut().copy_from_slice(&data);
-                    outlet.send(loan)
+                    outlet.send_uncounted(loan)
                 };
+                // It is late on its way: the process has done its part.
+                self.outlet.0.shared.count(self.outlet.0.slot, &header, 0);
                 self.outlet.0.shared.faults.later(fault, due_ns, Box::new(send));
                 return Ok(());
             }

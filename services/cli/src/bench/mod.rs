@@ -5,6 +5,7 @@ pub mod idle;
 mod plain;
 pub mod receiver;
 pub mod shield;
+pub mod soak;
 pub mod transport;
 
 /// Percentiles of latencies.

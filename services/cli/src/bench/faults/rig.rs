@@ -140,6 +140,11 @@ impl Rig {
         self.live.as_ref().map(|live| live.running.pid())
     }
 
+    /// Directory of the run.
+    pub fn dir(&self) -> Option<PathBuf> {
+        self.live.as_ref().map(|live| runs_root().join(live.running.name()))
+    }
+
     /// Whether the bench was told to end.
     pub fn interrupted(&self) -> bool {
         self.live.as_ref().is_some_and(|live| live.running.interrupted())

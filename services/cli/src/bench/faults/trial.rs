@@ -179,6 +179,10 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
         // A service that is being restarted has lost its fault already.
         rig.ask(&json!({ "verb": "inject", "target": cell.target.to_string(), "fault": "none" }));
     }
+    if cell.is_of_cues() {
+        // The handler says again what was lost or misheard.
+        rig.cue();
+    }
     monotonic_ns()
 }
 
@@ -190,7 +194,9 @@ fn recover(rig: &mut Rig, ended_ns: u64, epoch: u64, outcome: &Outcome) -> Optio
             let walks = seen.walks().then(|| seen.command.map(|command| command.at_ns)).flatten();
             // Of a process that died, news is what comes with the next epoch.
             let ready = seen.modes.iter().find(|(at_ns, mode)| {
-                *at_ns >= ended_ns && mode.epoch != epoch && mode.class == ModeClass::Fault && mode.ready_for_cue
+                let waits = mode.class == ModeClass::Fault && mode.epoch != epoch && mode.ready_for_cue;
+                // A cue that was taken for a stop ends the walk as a stop does.
+                *at_ns >= ended_ns && (waits || mode.class == ModeClass::Run && !mode.cue.valid)
             });
             let went_on = outcome.stop_ms.is_none() || seen.modes.last().is_some_and(|(_, mode)| mode.epoch == epoch);
             ready.map(|(at_ns, _)| *at_ns).or(walks.filter(|at_ns| went_on && *at_ns >= ended_ns))
