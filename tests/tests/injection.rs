@@ -85,7 +85,8 @@ fn every_fault_of_a_stream_is_seen_by_its_readers() {
         ("wrong", &|came| came.poses.iter().any(|(_, pose)| pose.twist.vx_mps > 1.5 * 0.5)),
         ("slow", &|came| in_a_row(came, 3, |a, b| b.header.seq == a.header.seq + 10)),
         ("delayed", &|came| {
-            let late = |(came_ns, pose): &&(u64, Odometry)| came_ns - pose.header.published_ns >= 400 * MS;
+            let late =
+                |(came_ns, pose): &&(u64, Odometry)| came_ns.saturating_sub(pose.header.published_ns) >= 400 * MS;
             came.poses.iter().filter(late).count() >= 5
         }),
         ("intermittent", &|came| {
@@ -129,7 +130,10 @@ fn every_fault_of_a_frame_is_seen_by_its_readers() {
         // The lidar's range is 12 m.
         ("wrong", &|came| came.scans.iter().any(|(_, _, ranges)| longest(ranges) > 12.5)),
         ("delayed", &|came| {
-            came.scans.iter().filter(|(came_ns, header, _)| came_ns - header.header.published_ns >= 400 * MS).count()
+            came.scans
+                .iter()
+                .filter(|(came_ns, header, _)| came_ns.saturating_sub(header.header.published_ns) >= 400 * MS)
+                .count()
                 >= 3
         }),
     ];

@@ -144,6 +144,12 @@ pub struct InjectArgs {
     pub run: RunArg,
 }
 
+const INJECT_EXAMPLES: &str = "\
+Examples:
+  guidedog inject lidar/scan off --for 2s
+  guidedog inject policy kill
+  guidedog inject odometry none";
+
 /// The table of faults as `guidedog inject --help` tells it.
 fn inject_help() -> String {
     let names = |topics: &[messages::TopicId]| topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
@@ -151,7 +157,7 @@ fn inject_help() -> String {
     for row in messages::fault::FAULTS {
         help += &format!("  {:14} {}\n", row.name, row.what);
     }
-    help + "Examples:\n  guidedog inject lidar/scan off --for 2s\n  guidedog inject policy kill\n  guidedog inject odometry none"
+    help + INJECT_EXAMPLES
 }
 
 /// How run time passes and what the run is called.

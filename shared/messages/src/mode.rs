@@ -97,8 +97,8 @@ pub enum StopKind {
     /// Hold: a sensor sends the same bytes again and again while odometry says that the robot moves. Its driver or the
     /// device is at fault: restart it.
     StreamStuck,
-    /// Hold: a scan contradicts the last one that was judged on, wholesale. The lidar measures wrongly, or the robot was
-    /// carried elsewhere: look at the lidar and restart its driver.
+    /// Hold: a scan contradicts the last one that was judged on, wholesale. The lidar measures wrongly, or the robot
+    /// was carried elsewhere: look at the lidar and restart its driver.
     ScanContradicts,
     /// Fault: odometry contradicts what the robot was commanded. Odometry is frozen or out of scale, or the robot does
     /// not obey (blocked, slipping, pushed): look which, and give a new cue.

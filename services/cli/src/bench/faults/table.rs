@@ -81,8 +81,8 @@ const SERVICES: [ServiceId; 10] = [
     ServiceId::Simulator,
 ];
 
-/// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and nobody
-/// is told how it or the world is by a beat that motion depends on.
+/// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and
+/// motion depends on no beat of it or of the world.
 fn all() -> impl Iterator<Item = (Target, Fault)> {
     let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
     let told = SERVICES.into_iter().filter(|s| !matches!(s, ServiceId::Supervisor | ServiceId::Simulator));
