@@ -51,6 +51,8 @@ pub struct RunInfo {
     pub started_monotonic_ns: u64,
     /// How run time passes.
     pub clock: ClockKind,
+    /// Whether faults may be injected.
+    pub faults: bool,
 }
 
 /// The directory of a run.
