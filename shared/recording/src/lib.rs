@@ -24,6 +24,7 @@ mod channel;
 mod index;
 mod info;
 mod json;
+mod lengths;
 mod reader;
 mod record;
 pub mod rplidar;

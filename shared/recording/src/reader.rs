@@ -13,7 +13,7 @@ use messages::TopicId;
 use crate::channel::{CHANNELS, Channel, MESSAGE_ENCODING};
 use crate::index::{Flaw, Index, RECORD_BYTES_MAX, body, read_index, read_record};
 use crate::info::{METADATA_NAME, format_version};
-use crate::{FORMAT_VERSION, Info, Record};
+use crate::{FORMAT_VERSION, Info, Record, lengths};
 
 /// Chunks that overlap in time wait together; so much of them, and no more.
 const WAITING_BYTES_MAX: usize = 512 << 20;
@@ -202,6 +202,9 @@ impl Reader {
         if raw.first() != Some(&op::CHUNK) {
             return Err(damaged("the index says chunk, and there is none".to_owned()));
         }
+        if !lengths::fit(op::CHUNK, body(&raw)) {
+            return Err(damaged(lengths::BEYOND.to_owned()));
+        }
         let mut records = LinearReader::new_with_options(
             LinearReaderOptions::default()
                 .with_skip_start_magic(true)
@@ -294,6 +297,9 @@ fn read_info(path: &Path, file: &mut File, bytes: u64, index: &Index) -> Result<
     let raw = read_record(file, place.offset, bytes).map_err(|flaw| name_flaw(path, bytes, flaw))?;
     if raw.first() != Some(&op::METADATA) {
         return Err(damaged("the index says metadata, and there is none".to_owned()));
+    }
+    if !lengths::fit(op::METADATA, body(&raw)) {
+        return Err(damaged(lengths::BEYOND.to_owned()));
     }
     let parsed = mcap::parse_record(op::METADATA, body(&raw)).map_err(|error| damaged(error.to_string()))?;
     let mcap::records::Record::Metadata(metadata) = parsed else {
