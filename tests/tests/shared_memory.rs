@@ -49,7 +49,7 @@ fn messages_in(file: &fs::File, numbers: &mut Numbers) -> Option<Range<u64>> {
     file.read_exact_at(&mut head, 0).ok()?;
     let count = u32::from_ne_bytes(head[28..32].try_into().ok()?);
     let bytes = u64::from_ne_bytes(head[48..56].try_into().ok()?);
-    let used = if numbers.next() % 2 == 0 { 4 } else { u64::from(count) };
+    let used = if numbers.next().is_multiple_of(2) { 4 } else { u64::from(count) };
     let end = HEAD as u64 + used * bytes;
     (end <= file.metadata().ok()?.len()).then_some(HEAD as u64..end)
 }
