@@ -45,9 +45,14 @@ pub enum Verb {
     Policy(PolicyArgs),
     /// Check what a run needs of this machine, and say how to mend what is missing
     Doctor(DoctorArgs),
+    /// Record a live run until Ctrl-C, or for so long
+    #[command(after_help = "Example:\n  guidedog record -o walk.mcap --duration 30s")]
+    Record(RecordArgs),
+    /// Look into a recording, check it, or make a whole one of one that is torn
+    Recording(RecordingArgs),
     /// Import other people's logs into recordings
     Import(ImportArgs),
-    /// Run a recording's scans and odometry through policy, shield and locomotion
+    /// Run recorded frames through policy, shield and locomotion, in the drivers' place
     #[command(after_help = REPLAY_EXAMPLES)]
     Replay(ReplayArgs),
     /// Fit interaction models to recorded walks of handlers, and set them beside the paper's
@@ -115,7 +120,14 @@ const REPLAY_EXAMPLES: &str = "\
 Examples:
   guidedog import carmen fr079.clf.bz2 -o fr079.mcap
   guidedog replay fr079.mcap --duration 60s
-  guidedog replay fr079.mcap --speed 10 --json";
+  guidedog walk --speed 0 --record walk.mcap
+  guidedog replay walk.mcap --speed 0 --json                          the very permits that were recorded
+  guidedog replay walk.mcap --speed 0 --against --config wider.toml   what other settings would have decided
+  guidedog replay walk.mcap --streams depth --speed 0                 recorded depth into a simulated walk
+
+A recording brings the settings of its run along; --config lies over them. In stepped time (--speed) a replay gives the
+same bytes every time; that of a stepped run which was recorded whole gives the actions and permits of that run, and the
+report's `compared` says so. What an operator's stop did is not in the streams, and is not replayed.";
 
 /// Which run.
 #[derive(Debug, Args)]
@@ -193,6 +205,9 @@ pub struct PaceArgs {
     /// Name of the run
     #[arg(long, value_name = "RUN", value_parser = run_name)]
     pub name: Option<String>,
+    /// Record the whole run, from its first step on (.mcap; depth frames in .depth.mcap beside it)
+    #[arg(long, value_name = "RECORDING")]
+    pub record: Option<PathBuf>,
 }
 
 /// Where the robot walks.
@@ -287,17 +302,90 @@ pub enum ImportFormat {
     },
 }
 
+/// `guidedog record`.
+#[derive(Debug, Args)]
+pub struct RecordArgs {
+    /// The recording to write (.mcap; depth frames in .depth.mcap beside it)
+    #[arg(short, long, value_name = "RECORDING")]
+    pub output: PathBuf,
+    /// End it after so long, such as 30s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub duration: Option<Millis>,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
+
+/// `guidedog recording`.
+#[derive(Debug, Args)]
+pub struct RecordingArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: RecordingVerb,
+}
+
+/// What can be done with a recording.
+#[derive(Debug, Subcommand)]
+pub enum RecordingVerb {
+    /// What it says about itself
+    Info {
+        /// The recording (.mcap)
+        recording: PathBuf,
+    },
+    /// Read every record; exit code 2, with the byte, where one is damaged or missing
+    Check {
+        /// The recording (.mcap)
+        recording: PathBuf,
+    },
+    /// Write a whole copy of one whose recorder was killed or whose disk was full, and say what is lost
+    Recover {
+        /// The torn recording (.mcap)
+        recording: PathBuf,
+        /// The whole one to write; NAME.recovered.mcap where this is left out
+        #[arg(short, long, value_name = "RECORDING")]
+        output: Option<PathBuf>,
+    },
+}
+
 /// `guidedog replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArgs {
     /// The recording (.mcap)
     pub recording: PathBuf,
-    /// Only the first part of it, such as 60s
+    /// Only these of its streams (scan, odometry, depth, cue); the other drivers run as they are configured
+    #[arg(long, value_name = "STREAM,...", value_delimiter = ',', value_enum)]
+    pub streams: Vec<Stream>,
+    /// Leave out what was recorded before, such as 10s
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub from: Option<Millis>,
+    /// Leave out what was recorded from then on, such as 60s
+    #[arg(long, value_name = "TIME", value_parser = duration, conflicts_with = "duration")]
+    pub to: Option<Millis>,
+    /// Only so much of it, such as 60s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub duration: Option<Millis>,
+    /// Play it N times; without N until Ctrl-C
+    #[arg(long = "loop", value_name = "N", num_args = 0..=1, default_missing_value = "0")]
+    pub times: Option<u32>,
+    /// Show where the policy and the shield that are configured now decide differently; exit code 7 if they do
+    #[arg(long, conflicts_with_all = ["streams", "times"])]
+    pub against: bool,
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,
+}
+
+/// A stream of a recording.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Stream {
+    /// `lidar/scan`
+    Scan,
+    /// `odometry`
+    Odometry,
+    /// `depth/frame`
+    Depth,
+    /// `cue`
+    Cue,
 }
 
 /// `guidedog fit`.
@@ -369,7 +457,7 @@ pub struct BenchArgs {
 }
 
 /// What can be measured.
-#[derive(Debug, Clone, Copy, Subcommand)]
+#[derive(Debug, Clone, Subcommand)]
 pub enum Bench {
     /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
     Transport {
@@ -379,6 +467,17 @@ pub enum Bench {
     },
     /// The shield beside the paper's pseudo-code, one core
     Shield,
+    /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
+    Replay {
+        /// The recording (.mcap)
+        recording: PathBuf,
+        /// How many replays
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        repeat: u32,
+        /// Configuration file, laid over the recorded settings
+        #[arg(long, value_name = "FILE")]
+        config: Option<PathBuf>,
+    },
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds

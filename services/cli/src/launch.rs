@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
@@ -46,7 +46,7 @@ pub struct Running {
     _owner: OwnedFd,
     stdout: Receiver<String>,
     stderr: Receiver<String>,
-    interrupted: Arc<AtomicBool>,
+    signals: &'static Signals,
 }
 
 /// How a run ended.
@@ -120,24 +120,18 @@ impl Launch<'_> {
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         hand_over(&mut command, SupervisorArgs::OWNER_FD, Some(read.as_fd()));
         hand_over(&mut command, SupervisorArgs::LOCK_FD, dir.lock());
-        let interrupted = Arc::new(AtomicBool::new(false));
         // Before there is anybody to pass them on to: a signal now must not leave a run behind.
-        let to_child = pass_signals_on(&interrupted)?;
+        let signals = Signals::of_this_process()?;
         let mut child = command
             .spawn()
             .map_err(|error| Failure::run(format!("failed to start {}: {error}", command.get_program().display())))?;
         drop(read);
         let pid = i32::try_from(child.id()).ok().and_then(Pid::from_raw);
         let pid = pid.ok_or_else(|| Failure::run(format!("{} is no process id", child.id())))?;
-        let opened = rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?;
-        let pidfd = to_child.get_or_init(|| opened);
-        if interrupted.load(Ordering::Relaxed) {
-            // It may have ended by itself.
-            let _ = rustix::process::pidfd_send_signal(pidfd, Signal::TERM);
-        }
+        signals.pass_on_to(rustix::process::pidfd_open(pid, PidfdFlags::empty()).map_err(Failure::of_run)?);
         let stdout = read_all(child.stdout.take());
         let stderr = read_all(child.stderr.take());
-        Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, interrupted })
+        Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, signals })
     }
 }
 
@@ -155,19 +149,53 @@ fn hand_over(command: &mut Command, variable: &str, fd: Option<BorrowedFd<'_>>) 
     unsafe { command.pre_exec(keep) };
 }
 
-/// Ctrl-C at a terminal reaches the supervisor by itself; a second signal does no harm.
-fn pass_signals_on(interrupted: &Arc<AtomicBool>) -> Result<Arc<OnceLock<OwnedFd>>, Failure> {
-    let to_child = Arc::new(OnceLock::<OwnedFd>::new());
-    let (interrupted, child) = (Arc::clone(interrupted), Arc::clone(&to_child));
-    ctrlc::set_handler(move || {
-        interrupted.store(true, Ordering::Relaxed);
-        if let Some(child) = child.get() {
+/// Signals to this process, which are passed on to the run that it waits for. Ctrl-C at a terminal reaches the
+/// supervisor by itself; a second signal does no harm.
+#[derive(Debug, Default)]
+pub struct Signals {
+    came: AtomicBool,
+    /// The supervisor.
+    child: Mutex<Option<OwnedFd>>,
+}
+
+impl Signals {
+    /// Takes signals from now on; runs of one process, one after the other, share them.
+    ///
+    /// # Errors
+    /// Where they cannot be taken.
+    pub fn of_this_process() -> Result<&'static Self, Failure> {
+        static SIGNALS: OnceLock<Result<Signals, String>> = OnceLock::new();
+        let signals = SIGNALS.get_or_init(|| {
+            let handle =
+                || SIGNALS.get().and_then(|signals| signals.as_ref().ok()).into_iter().for_each(Self::on_signal);
+            ctrlc::set_handler(handle).map(|()| Self::default()).map_err(|error| error.to_string())
+        });
+        signals.as_ref().map_err(|why| Failure::run(why.clone()))
+    }
+
+    /// Whether one came.
+    pub fn came(&self) -> bool {
+        self.came.load(Ordering::Relaxed)
+    }
+
+    fn on_signal(&self) {
+        self.came.store(true, Ordering::Relaxed);
+        if let Some(child) = self.child().as_ref() {
             // It may have ended by itself.
             let _ = rustix::process::pidfd_send_signal(child, Signal::TERM);
         }
-    })
-    .map_err(Failure::of_run)?;
-    Ok(to_child)
+    }
+
+    fn pass_on_to(&self, child: OwnedFd) {
+        *self.child() = Some(child);
+        if self.came() {
+            self.on_signal();
+        }
+    }
+
+    fn child(&self) -> MutexGuard<'_, Option<OwnedFd>> {
+        self.child.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 fn read_all(pipe: Option<impl Read + Send + 'static>) -> Receiver<String> {
@@ -201,7 +229,7 @@ impl Running {
 
     /// Whether this process was signalled.
     pub fn interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
+        self.signals.came()
     }
 
     /// Whether the supervisor has ended; what is left is to [`Running::wait`].

@@ -18,6 +18,10 @@ mod operate;
 mod out;
 mod policy;
 mod prepare;
+mod prepare_replay;
+mod record;
+mod recording_files;
+mod replays;
 mod runs;
 mod shield;
 mod summary;
@@ -74,7 +78,9 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
     match cli.verb {
         Verb::Up(args) => Err(runs::up(&args, json)),
         Verb::Walk(args) => runs::walk(&args, json),
-        Verb::Replay(args) => runs::replay(&args, json),
+        Verb::Replay(args) => replays::replay(&args, json),
+        Verb::Record(args) => done(record::record(&args, json)),
+        Verb::Recording(args) => done(recording_files::recording(&args, json)),
         Verb::Status(run) => done(operate::status(&run, json)),
         Verb::Why(run) => done(operate::why(&run, json)),
         Verb::Cue(args) => done(operate::cue(&args, json)),
@@ -86,6 +92,9 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Bench(args) => match args.what {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
             Bench::Shield => done(bench::shield::bench(json)),
+            Bench::Replay { recording, repeat, config } => {
+                bench::replay::bench(&recording, repeat, config.as_deref(), json)
+            }
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),

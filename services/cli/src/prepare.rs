@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use recording::Part;
 use settings::{Millis, Profile, Settings, Source};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
-use crate::args::{ReplayArgs, WalkArgs, WorldArgs};
+use crate::args::{PaceArgs, WalkArgs, WorldArgs};
 use crate::exit::Failure;
 
 /// Where nothing else is said.
@@ -25,15 +26,6 @@ pub struct Prepared {
     pub scenario: Scenario,
     /// The scenario's world.
     pub world: Arc<World>,
-}
-
-/// A replay that can be started.
-#[derive(Debug)]
-pub struct PreparedReplay {
-    /// Its settings, paths absolute.
-    pub settings: Settings,
-    /// What the recording says about itself.
-    pub info: recording::Info,
 }
 
 /// The settings of a walk.
@@ -68,24 +60,33 @@ pub fn up(args: &WorldArgs) -> Result<Prepared, Failure> {
     check(walk_settings(args, true)?)
 }
 
-/// The settings of a replay.
+/// The recording that `--record` names, absolute.
 ///
 /// # Errors
-/// Where the configuration is wrong or the recording is none.
-pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
-    let mut settings = load(Profile::Carmen, args.pace.config.as_deref())?;
-    if settings.lidar.source != Source::Replayed {
-        return Err(Failure::input("lidar.source is not \"replayed\": the configuration is not one for a replay"));
+/// Where it is there already, or cannot be made.
+pub fn record_path(pace: &PaceArgs) -> Result<Option<PathBuf>, Failure> {
+    pace.record.as_deref().map(new_recording).transpose()
+}
+
+/// The path of a recording that is to be written, absolute.
+///
+/// # Errors
+/// Where it is there already, or its folder is not.
+pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
+    let path = absolute(path)?;
+    if path.extension().is_none_or(|extension| extension != "mcap") {
+        return Err(Failure::input(format!("{}: a recording is called NAME.mcap", path.display())));
     }
-    let records = recording::Reader::open(&args.recording).map_err(Failure::of_input)?;
-    let info = records.info().clone();
-    // All of it, so that a damaged recording is told now and not in the middle of the run.
-    for record in records {
-        record.map_err(Failure::of_input)?;
+    for part in [Part::Small, Part::Depth] {
+        let file = part.path(&path);
+        if file.symlink_metadata().is_ok() {
+            return Err(Failure::input(format!("{} already exists", file.display())));
+        }
     }
-    settings.replay.recording = Some(absolute(&args.recording)?);
-    settings.replay.duration = args.duration.or(settings.replay.duration);
-    Ok(PreparedReplay { settings, info })
+    match path.parent() {
+        Some(folder) if folder.is_dir() => Ok(path),
+        folder => Err(Failure::input(format!("{} is no folder", folder.unwrap_or(Path::new("/")).display()))),
+    }
 }
 
 /// The configuration as `--config` gives it; relative paths in it start at its own folder.
@@ -93,24 +94,43 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
 /// # Errors
 /// Where the file cannot be read, a key is unknown or a value is wrong.
 pub fn load(profile: Profile, config: Option<&Path>) -> Result<Settings, Failure> {
-    let mut settings = settings::load(profile, config).map_err(Failure::of_input)?;
+    rooted(settings::load(profile, config).map_err(Failure::of_input)?, config)
+}
+
+/// Settings whose relative paths start at the configuration's own folder.
+///
+/// # Errors
+/// Where the present folder is gone.
+pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings, Failure> {
     let folder = match config {
         Some(path) => absolute(path)?.parent().map(Path::to_owned).unwrap_or_default(),
         None => absolute(Path::new("."))?,
     };
     let walk = &mut settings.walk;
     let replay = &mut settings.replay;
-    let paths = [&mut walk.scenario, &mut walk.map, &mut walk.cues, &mut settings.cue.script, &mut replay.recording];
+    let record = &mut settings.record.path;
+    let paths =
+        [&mut walk.scenario, &mut walk.map, &mut walk.cues, &mut settings.cue.script, &mut replay.recording, record];
     for path in paths.into_iter().flatten() {
         *path = folder.join(&path);
     }
     Ok(settings)
 }
 
-fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
+/// The settings of a simulated walk, with the default scenario where none is named.
+///
+/// # Errors
+/// As [`walk`].
+pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
     let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
     if settings.lidar.source != Source::Simulated || settings.odometry.source != Source::Simulated {
         return Err(Failure::input("lidar.source and odometry.source must be \"simulated\" in a simulated walk"));
+    }
+    if settings.replays() {
+        return Err(Failure::input("a source is \"replayed\", and no recording is named: that is `guidedog replay`"));
+    }
+    if let Some(path) = record_path(&args.pace)? {
+        settings.record.path = Some(path);
     }
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
@@ -145,7 +165,10 @@ fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Fail
 }
 
 /// Reads everything that the run will read.
-fn check(settings: Settings) -> Result<Prepared, Failure> {
+///
+/// # Errors
+/// As [`walk`].
+pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     if let Some(script) = &settings.cue.script {
         world::Route::load(script).map_err(|error| {
@@ -162,7 +185,11 @@ fn check(settings: Settings) -> Result<Prepared, Failure> {
     Ok(Prepared { settings, scenario, world })
 }
 
-fn absolute(path: &Path) -> Result<PathBuf, Failure> {
+/// A path that does not depend on the present folder.
+///
+/// # Errors
+/// Where that is gone.
+pub fn absolute(path: &Path) -> Result<PathBuf, Failure> {
     std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
 }
 

@@ -1,9 +1,9 @@
-//! `up`, `walk`, `replay`: runs from their start to their report.
+//! `up`, `walk`: runs from their start to their report.
 
 use serde_json::{Value, json};
 use world::Route;
 
-use crate::args::{ReplayArgs, WalkArgs, WorldArgs};
+use crate::args::{WalkArgs, WorldArgs};
 use crate::control::free_name;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::launch::{Launch, Outcome};
@@ -11,9 +11,6 @@ use crate::live::Live;
 use crate::map_view::MapView;
 use crate::out::{self, count, number, say, text};
 use crate::{prepare, summary};
-
-/// The last scans of a recording may lie this much before its end, and a run ends in steps of 10 ms, seconds.
-const END_SLACK_S: f64 = 2.0;
 
 /// `guidedog up`: becomes the supervisor; returns only where it cannot.
 pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
@@ -45,27 +42,6 @@ pub fn walk(args: &WalkArgs, as_json: bool) -> Result<u8, Failure> {
     Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 
-/// `guidedog replay`: the exit code.
-///
-/// # Errors
-/// Where the replay cannot be started, or failed.
-pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
-    let prepared = prepare::replay(args)?;
-    let name = args.pace.name.clone().unwrap_or_else(|| free_name("replay"));
-    let running = Launch { settings: &prepared.settings, name, speed: args.pace.speed }.spawn()?;
-    let mut live = (!as_json).then(|| Live::new(running.name(), None));
-    let mut outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
-    let info = &prepared.info;
-    if !outcome.report["input_anomalies"].is_object() {
-        outcome.report["input_anomalies"] = json!(info.about.anomalies);
-    }
-    let whole_s = messages::s_from_ns(info.duration_ns);
-    let expected_s = prepared.settings.replay.duration.map_or(whole_s, |limit| limit.s().min(whole_s));
-    let ending = replay_ending(&outcome, expected_s);
-    finish(&outcome.report, as_json, || summary::replay(&outcome.report, &ending))?;
-    Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })
-}
-
 /// How a run ended, in words, and whether that is well.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RunEnding {
@@ -94,22 +70,8 @@ fn walk_ending(outcome: &Outcome, route: &Route, limit_s: Option<f64>) -> RunEnd
     ending(&format!("no goal; ended {how}"), lasted && collisions == 0)
 }
 
-fn replay_ending(outcome: &Outcome, expected_s: f64) -> RunEnding {
-    let lasted_s = number(&outcome.report, "/duration_s");
-    if outcome.interrupted {
-        return RunEnding {
-            words: format!("ended by a signal after {lasted_s:.1} s of {expected_s:.1} s"),
-            well: false,
-        };
-    }
-    if lasted_s + END_SLACK_S < expected_s {
-        return RunEnding { words: format!("ended after {lasted_s:.1} s of {expected_s:.1} s"), well: false };
-    }
-    RunEnding { words: "came to its end".to_owned(), well: true }
-}
-
 /// Tells the report; a run that failed is an error even so, which the JSON object tells already.
-fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
+pub fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
     let failure = text(report, "/failure");
     if as_json {
         let mut report = report.clone();
@@ -125,7 +87,7 @@ fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) 
 
 #[cfg(test)]
 mod tests {
-    use super::{replay_ending, walk_ending};
+    use super::walk_ending;
     use crate::launch::Outcome;
     use guidance::se2::Point;
     use serde_json::{Value, json};
@@ -159,12 +121,5 @@ mod tests {
         assert!(walk_ending(&report(120.0, 0), &route(false), Some(120.0)).well);
         assert!(!walk_ending(&report(120.0, 1), &route(false), Some(120.0)).well);
         assert!(!walk_ending(&report(20.0, 0), &route(false), Some(120.0)).well);
-    }
-
-    #[test]
-    fn a_replay_is_well_when_it_came_to_its_end() {
-        assert!(replay_ending(&outcome(json!({ "duration_s": 60.0 })), 60.5).well);
-        assert!(!replay_ending(&outcome(json!({ "duration_s": 20.0 })), 60.0).well);
-        assert!(!replay_ending(&Outcome { report: json!({ "duration_s": 99.0 }), interrupted: true }, 60.0).well);
     }
 }

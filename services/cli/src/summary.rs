@@ -48,8 +48,73 @@ pub fn replay(report: &Value, ending: &RunEnding) -> Vec<String> {
         format!("  input anomalies: {}", counts(report, "/input_anomalies")),
         format!("  digest: {}", text(report, "/digest")),
     ];
+    lines.extend(compared(report));
     lines.extend(common(report));
     lines
+}
+
+/// Summary of a replay that is held against its recording.
+pub fn against(report: &Value) -> Vec<String> {
+    let of = |what: &str| {
+        let count = |name: &str| count(report, &format!("/compared/{what}/{name}"));
+        format!(
+            "{} recorded, {} equal, {} different, {} additional",
+            count("recorded"),
+            count("equal"),
+            count("different"),
+            count("additional")
+        )
+    };
+    let mut lines = vec![
+        format!("permits: {}", of("permits")),
+        format!("actions: {}", of("actions")),
+        format!("decided differently: {}", count(report, "/compared/decided_differently")),
+    ];
+    let side = |difference: &Value, side: &str| {
+        let margin = difference.pointer(&format!("/{side}/margin_m")).and_then(Value::as_f64);
+        let margin = margin.map_or_else(|| "-".to_owned(), |margin| format!("{margin:.3} m"));
+        format!(
+            "{} {} ({margin})",
+            text(difference, &format!("/{side}/action")),
+            text(difference, &format!("/{side}/outcome"))
+        )
+    };
+    let rows: Vec<Vec<String>> = elements(report, "/differences")
+        .iter()
+        .map(|difference| {
+            let at = format!("{:.2} s", number(difference, "/at_s"));
+            let step = count(difference, "/step").to_string();
+            let decision = count(difference, "/decision").to_string();
+            vec![
+                at,
+                step,
+                text(difference, "/cause").to_owned(),
+                decision,
+                side(difference, "recorded"),
+                side(difference, "replayed"),
+            ]
+        })
+        .collect();
+    if !rows.is_empty() {
+        lines.extend(table(&["at", "step", "cause", "decision", "recorded", "now"], &rows));
+    }
+    lines
+}
+
+/// How the run compares with the recorded one, where that can be said.
+fn compared(report: &Value) -> Option<String> {
+    if !report["compared"].is_object() {
+        return None;
+    }
+    let exact = report["compared"]["exact"].as_bool() == Some(true);
+    let (equal, recorded) = (count(report, "/compared/permits/equal"), count(report, "/compared/permits/recorded"));
+    let same = if exact {
+        format!("{equal} of {recorded} permits equal to the byte")
+    } else {
+        format!("{recorded} permits recorded, at other steps")
+    };
+    let decided = count(report, "/compared/decided_differently");
+    Some(format!("  beside the recording: {same}; {decided} decided differently"))
 }
 
 fn common(report: &Value) -> Vec<String> {

@@ -18,7 +18,7 @@ use settings::Settings;
 use transport::{ChildArgs, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
 use transport::{inherited_fd, monotonic_ns};
 
-pub use gate::{Gate, GateLimits};
+pub use gate::{Gate, GateLimits, Verdict};
 use lines::Lines;
 
 /// Without a supervisor: zero for at most this long, then the process ends.

@@ -1,36 +1,67 @@
 //! Recorded frames in the drivers' place: publishes what they would, at the times at which they did. What consumes the
-//! topics cannot tell. In stepped time it is the clock's master.
+//! topics cannot tell. In the place of all of them it is the master of stepped time; in that of single ones it is a
+//! driver beside those of a simulated world.
+//!
+//! A stepped run that was recorded whole is played step by step, with the headers that it had: what is decided on it is
+//! what was decided then, to the byte, and is held against it.
 
-use messages::{LidarScan, MAX_BEAMS, NS_PER_S, Odometry, Pose2};
-use recording::{Info, Reader, Record};
+mod compare;
+mod playlist;
+mod prompter;
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+
+use messages::{Cue, DepthFrame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId};
+use recording::Record;
 use serde_json::json;
-use transport::{FramePublisher, FromChild, Io, Publisher, Service, ToChild, TransportError};
+use settings::Settings;
+use transport::{FramePublisher, FromChild, Io, Publisher, Service, Subscriber, ToChild, TransportError};
 
-/// From the run's beginning to the first record.
-const LEAD_IN_NS: u64 = NS_PER_S / 10;
+use compare::{Compare, Side};
+use playlist::Playlist;
+use prompter::Prompter;
+
 /// From the last record to the run's end, so that everything published is taken.
 const LEAD_OUT_NS: u64 = NS_PER_S / 2;
 
-/// From one scan to the next, where several are due.
-const SCAN_DISTANCE_NS: u64 = 5_000_000;
+/// From one frame to the next of the same topic, where several are due.
+const FRAME_DISTANCE_NS: u64 = 5_000_000;
+
+/// The ports of the drivers whose place is taken.
+struct Ports {
+    scans: Option<FramePublisher<LidarScan>>,
+    frames: Option<FramePublisher<DepthFrame>>,
+    odometry: Option<Publisher<Odometry>>,
+    cues: Option<Publisher<Cue>>,
+}
+
+/// What the run decides, where it can be held against the recording.
+struct Judge {
+    compare: Compare,
+    permits: Subscriber<Permit>,
+    actions: Subscriber<PolicyAction>,
+    differences: Option<BufWriter<File>>,
+}
 
 /// The service.
 pub struct Replay {
-    records: Reader,
-    info: Info,
-    next: Option<Record>,
-    scans: FramePublisher<LidarScan>,
-    odometry: Publisher<Odometry>,
-    /// Run time of the recording's time 0; none while the run has not begun.
-    begins_at_ns: Option<u64>,
-    /// Records from this time of the recording on are left out.
-    until_ns: u64,
-    last_ns: u64,
+    playlist: Playlist,
+    ports: Ports,
+    judge: Option<Judge>,
+    /// Where the recorded cues are played, but not in the recorded run's own steps.
+    prompter: Option<(Prompter, Subscriber<Mode>)>,
+    /// Whether it stands for the whole world.
+    is_world: bool,
+    begun: bool,
+    /// Of a restarted process: the lives before it, until its first record.
+    begins_again: Option<u32>,
     ended_ns: Option<u64>,
     over: bool,
-    /// Run time before which no further scan is published.
-    next_scan_ns: u64,
+    /// Run time before which no further scan, or depth frame, is published.
+    next_frame_ns: [u64; 2],
     scan_count: u64,
+    frame_count: u64,
     distance_m: f64,
     last_pose: Option<Pose2>,
 }
@@ -42,117 +73,210 @@ impl Replay {
     /// Where it cannot be read, or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let path = settings.replay.recording.ok_or_else(|| TransportError::service("replay.recording is not set"))?;
-        let records = Reader::open(&path).map_err(TransportError::service)?;
-        let info = records.info().clone();
-        let mut replay = Self {
-            records,
-            info,
-            next: None,
-            scans: io.frame_publisher(MAX_BEAMS)?,
-            odometry: io.publisher()?,
-            begins_at_ns: io.domain.clock.is_stepped().then_some(LEAD_IN_NS),
-            until_ns: settings.replay.duration.map_or(u64::MAX, |duration| duration.ns()),
-            last_ns: 0,
+        let path = settings.replay.recording.clone();
+        let path = path.ok_or_else(|| TransportError::service("replay.recording is not set"))?;
+        let playlist = Playlist::open(path, &settings).map_err(TransportError::service)?;
+        let lives_before = io.identity().incarnation.saturating_sub(1);
+        let is_world = !settings.has_world();
+        // In real time nothing is equal to the byte, and decisions are not made on the same records.
+        let judge = is_world && io.domain.clock.is_stepped() && settings.replay.times == 1;
+        let prompts = playlist.topics().contains(&TopicId::Cue)
+            && !(playlist.is_exact() && io.domain.clock.is_stepped() && settings.replay.times == 1);
+        Ok(Self {
+            ports: Ports::open(playlist.topics(), &settings, io)?,
+            judge: if judge { Some(Judge::open(&playlist, &settings, io)?) } else { None },
+            prompter: if prompts { Some((Prompter::default(), io.quiet_subscriber()?)) } else { None },
+            playlist,
+            is_world,
+            begun: io.domain.clock.is_stepped() || lives_before > 0,
+            begins_again: (lives_before > 0).then_some(lives_before),
             ended_ns: None,
             over: false,
-            next_scan_ns: 0,
+            next_frame_ns: [0; 2],
             scan_count: 0,
+            frame_count: 0,
             distance_m: 0.0,
             last_pose: None,
-        };
-        replay.advance()?;
-        Ok(replay)
+        })
     }
 
-    fn advance(&mut self) -> Result<(), TransportError> {
-        self.next = self.records.next().transpose().map_err(TransportError::service)?;
-        let over = self.next.as_ref().is_some_and(|record| self.since_start(record) >= self.until_ns);
-        if over {
-            self.next = None;
-        }
-        Ok(())
-    }
-
-    fn since_start(&self, record: &Record) -> u64 {
-        record.stamp_ns().saturating_sub(self.info.start_ns)
-    }
-
-    fn publish(&mut self, record: &Record, stamp_ns: u64) -> Result<(), TransportError> {
+    fn publish(&mut self, record: &Record, now_ns: u64) -> Result<(), TransportError> {
         match record {
             Record::Scan { header, ranges_m } => {
-                let mut loan = self.scans.loan(ranges_m.len())?;
-                *loan.meta_mut() = *header;
-                loan.data_mut().copy_from_slice(ranges_m);
-                self.scans.publish(stamp_ns, loan)?;
-                self.scan_count += 1;
+                if let Some(scans) = &mut self.ports.scans {
+                    let mut loan = scans.loan(ranges_m.len())?;
+                    *loan.meta_mut() = *header;
+                    loan.data_mut().copy_from_slice(ranges_m);
+                    scans.republish(loan)?;
+                    self.scan_count += 1;
+                }
+            }
+            Record::Depth { header, pixels_mm } => {
+                if let Some(frames) = &mut self.ports.frames {
+                    let mut loan = frames.loan(pixels_mm.len())?;
+                    *loan.meta_mut() = *header;
+                    loan.data_mut().copy_from_slice(pixels_mm);
+                    frames.republish(loan)?;
+                    self.frame_count += 1;
+                }
             }
             Record::Odometry(odometry) => {
                 let pose = odometry.odom_from_robot;
                 if let Some(last) = self.last_pose.replace(pose) {
                     self.distance_m += (pose.x_m - last.x_m).hypot(pose.y_m - last.y_m);
                 }
-                self.odometry.publish(stamp_ns, *odometry)?;
+                self.ports.odometry.as_mut().map_or(Ok(()), |port| port.republish(*odometry).map(drop))?;
             }
+            Record::Cue(cue) => {
+                self.prompter.iter_mut().for_each(|(prompter, _)| prompter.given(now_ns));
+                self.ports.cues.as_mut().map_or(Ok(()), |port| port.republish(*cue).map(drop))?;
+            }
+            Record::Mode(mode) => self.prompter.iter_mut().for_each(|(prompter, _)| prompter.recorded(mode)),
+            Record::Permit(permit) => self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit)),
+            Record::Action(action) => self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action)),
+            Record::CueRequest(_) | Record::Locomotion(_) | Record::Truth(_) => {}
         }
         Ok(())
     }
 
-    /// Publishes what is due. Scans keep a distance, so that one that is late does not push another out of a reader's
-    /// queue.
-    fn publish_due(&mut self, begins_at_ns: u64, now_ns: u64) -> Result<(), TransportError> {
-        while let Some(record) = &self.next {
-            let stamp_ns = begins_at_ns.saturating_add(self.since_start(record));
-            let is_scan = matches!(record, Record::Scan { .. });
-            if stamp_ns > now_ns || (is_scan && now_ns < self.next_scan_ns) {
+    /// Gives the cue that is in force in the recording, where the run waits for it.
+    fn prompt(&mut self, now_ns: u64) -> Result<(), TransportError> {
+        let Some((prompter, modes)) = &mut self.prompter else { return Ok(()) };
+        if let Some(cue) = modes.take_newest()?.and_then(|mode| prompter.due(&mode, now_ns))
+            && let Some(port) = &mut self.ports.cues
+        {
+            port.republish(self.playlist.anew(&cue, now_ns))?;
+        }
+        Ok(())
+    }
+
+    /// When the next record may be published. Frames keep a distance, so that one that is late does not push another
+    /// out of a reader's queue.
+    fn next_ns(&self) -> Option<u64> {
+        let not_before = match self.playlist.next_topic()? {
+            TopicId::LidarScan => self.next_frame_ns[0],
+            TopicId::DepthFrame => self.next_frame_ns[1],
+            _ => 0,
+        };
+        Some(self.playlist.next_due_ns()?.max(not_before))
+    }
+
+    fn publish_due(&mut self, now_ns: u64) -> Result<(), TransportError> {
+        while let Some(next_ns) = self.next_ns() {
+            if next_ns > now_ns {
                 return Ok(());
             }
-            if is_scan {
-                self.next_scan_ns = now_ns + SCAN_DISTANCE_NS;
+            match self.playlist.next_topic() {
+                Some(TopicId::LidarScan) => self.next_frame_ns[0] = now_ns + FRAME_DISTANCE_NS,
+                Some(TopicId::DepthFrame) => self.next_frame_ns[1] = now_ns + FRAME_DISTANCE_NS,
+                _ => {}
             }
-            self.last_ns = stamp_ns;
-            if let Some(record) = self.next.take() {
-                self.publish(&record, stamp_ns)?;
+            if let Some(record) = self.playlist.take().map_err(TransportError::service)? {
+                self.publish(&record, now_ns)?;
             }
-            self.advance()?;
         }
         self.ended_ns.get_or_insert(now_ns);
         Ok(())
     }
 
+    /// Run time at which the run is over: that of the recorded run, or a moment after the last record.
+    fn end_ns(&self) -> Option<u64> {
+        let ended_ns = self.ended_ns.filter(|_| self.is_world)?;
+        Some(self.playlist.run_end_ns().unwrap_or(ended_ns + LEAD_OUT_NS))
+    }
+
     fn figures(&self) -> serde_json::Value {
+        let info = self.playlist.info();
+        let exact = self.playlist.is_exact();
         json!({
-            "reached": self.next.is_none(),
-            "recording": self.info.about.source,
+            "reached": self.playlist.next_topic().is_none(),
+            "recording": info.about.source,
             "scans": self.scan_count,
-            "recorded_s": messages::s_from_ns(self.info.duration_ns),
+            "depth_frames": self.frame_count,
+            "recorded_s": messages::s_from_ns(info.duration_ns),
             "distance_m": self.distance_m,
             "collisions": { "robot": 0, "handler": 0, "hit_by_others": 0 },
-            "input_anomalies": self.info.about.anomalies,
+            "input_anomalies": info.about.anomalies,
+            "compared": self.judge.as_ref().map(|judge| judge.compare.figures(exact)),
         })
+    }
+
+    fn tell_end(&mut self, io: &Io) -> Result<(), TransportError> {
+        if let Some(judge) = &mut self.judge {
+            judge.take(true)?;
+        }
+        io.tell(&FromChild::RunEnded { figures: self.figures() });
+        Ok(())
+    }
+}
+
+impl Ports {
+    fn open(topics: &[TopicId], settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let pixels = (settings.depth.width * settings.depth.height) as usize;
+        let has = |topic| topics.contains(&topic);
+        Ok(Self {
+            scans: if has(TopicId::LidarScan) { Some(io.frame_publisher(MAX_BEAMS)?) } else { None },
+            frames: if has(TopicId::DepthFrame) { Some(io.frame_publisher(pixels)?) } else { None },
+            odometry: if has(TopicId::Odometry) { Some(io.publisher()?) } else { None },
+            cues: if has(TopicId::Cue) { Some(io.publisher()?) } else { None },
+        })
+    }
+}
+
+impl Judge {
+    fn open(playlist: &Playlist, settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let create = |path| File::create(path).map(BufWriter::new).map_err(TransportError::service);
+        Ok(Self {
+            compare: Compare::new(playlist.decisions_before()),
+            permits: io.quiet_subscriber()?,
+            actions: io.quiet_subscriber()?,
+            differences: settings.replay.differences.as_ref().map(create).transpose()?,
+        })
+    }
+
+    /// Takes what was decided; at the end also what may be seen in no later step.
+    fn take(&mut self, at_end: bool) -> Result<(), TransportError> {
+        while let Some(action) = if at_end { self.actions.take_at_once() } else { self.actions.take() }? {
+            self.compare.action(Side::Now, &action);
+        }
+        while let Some(permit) = if at_end { self.permits.take_at_once() } else { self.permits.take() }? {
+            self.compare.permit(Side::Now, &permit);
+        }
+        let lines = self.compare.take_lines();
+        if let Some(file) = &mut self.differences {
+            for line in lines {
+                writeln!(file, "{line}").map_err(TransportError::service)?;
+            }
+            if at_end {
+                file.flush().map_err(TransportError::service)?;
+            }
+        }
+        Ok(())
     }
 }
 
 impl Service for Replay {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
-        if let Some(begins_at) = self.begins_at_ns {
-            self.publish_due(begins_at, now)?;
+        if let Some(lives_before) = self.begins_again.take() {
+            self.playlist.begin_again_at(now, lives_before);
         }
-        self.over |= self.ended_ns.is_some_and(|ended| now >= ended + LEAD_OUT_NS);
+        if self.begun {
+            self.publish_due(now)?;
+            self.prompt(now)?;
+        }
+        if let Some(judge) = &mut self.judge {
+            judge.take(false)?;
+        }
+        self.over |= self.end_ns().is_some_and(|end| now >= end);
         Ok(())
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        let begins_at = self.begins_at_ns?;
-        match (&self.next, self.ended_ns) {
-            (Some(record @ Record::Scan { .. }), _) => {
-                Some((begins_at + self.since_start(record)).max(self.next_scan_ns))
-            }
-            (Some(record), _) => Some(begins_at + self.since_start(record)),
-            (None, Some(ended)) if !self.over => Some(ended + LEAD_OUT_NS),
-            _ => None,
+        if !self.begun {
+            return None;
         }
+        self.next_ns().or_else(|| self.end_ns().filter(|_| !self.over))
     }
 
     fn on_control(
@@ -161,14 +285,15 @@ impl Service for Replay {
         message: ToChild,
         _fd: Option<std::os::fd::OwnedFd>,
     ) -> Result<(), TransportError> {
-        if message == ToChild::Begin && self.begins_at_ns.is_none() {
-            self.begins_at_ns = Some(io.now_ns() + LEAD_IN_NS);
+        if message == ToChild::Begin && !self.begun {
+            self.begun = true;
+            self.playlist.begin_at(io.now_ns());
         }
         Ok(())
     }
 
     fn is_clock_master(&self) -> bool {
-        true
+        self.is_world
     }
 
     fn time_is_over(&self) -> bool {
@@ -176,13 +301,11 @@ impl Service for Replay {
     }
 
     fn on_time_over(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        io.tell(&FromChild::RunEnded { figures: self.figures() });
-        Ok(())
+        self.tell_end(io)
     }
 
     fn on_leave(&mut self, io: &mut Io) -> Result<(), TransportError> {
         self.over = true;
-        io.tell(&FromChild::RunEnded { figures: self.figures() });
-        Ok(())
+        if self.is_world { self.tell_end(io) } else { Ok(()) }
     }
 }

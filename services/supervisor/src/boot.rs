@@ -8,7 +8,7 @@ use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use settings::Settings;
-use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, SupervisorArgs, TransportError};
+use transport::{ClockKind, Domain, Io, Janitor, Oversleep, RunDir, RunInfo, SupervisorArgs, TransportError};
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
@@ -18,7 +18,7 @@ use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
-use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
+use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
 pub const EXIT_BAD_SETTINGS: u8 = 2;
@@ -116,7 +116,7 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
     let holder = domain.create_all()?;
     let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
     let clock = serde_json::to_value(arguments.clock).unwrap_or(Value::Null);
-    let services = supervisor.machine.status();
+    let services = supervisor.machine.status(supervisor.ended_ns);
     supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
     let mut report =
         supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);
@@ -165,7 +165,7 @@ impl Supervisor {
             io.watch(owner, TOKEN_OWNER)?;
         }
         debug_assert!(plan.services.iter().all(|s| s.service != ServiceId::Supervisor));
-        Ok(Self {
+        let mut supervisor = Self {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
             control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
@@ -183,6 +183,7 @@ impl Supervisor {
             last_truth: None,
             last_locomotion: None,
             next_tick_ns: 0,
+            oversleep: Oversleep::new(TICK_NS),
             mode_due_ns: 0,
             steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),
             acks: io.quiet_subscriber()?,
@@ -193,6 +194,10 @@ impl Supervisor {
             failure: None,
             woken_ns: 0,
             ended_ns: 0,
-        })
+        };
+        if let Some(path) = &settings.record.path {
+            supervisor.want_recording(path.clone(), io)?;
+        }
+        Ok(supervisor)
     }
 }

@@ -45,6 +45,13 @@ pub enum Request {
     Stop,
     /// Out of a lock.
     Resume,
+    /// The run is to be recorded from now on.
+    Record {
+        /// The recording, absolute.
+        path: PathBuf,
+    },
+    /// The recording is to end.
+    RecordStop,
     /// Another policy is to be swapped in.
     PolicySwap {
         /// Another executable in place of `guidedog-policy`, its path absolute.
@@ -86,7 +93,8 @@ impl Request {
         match self {
             Self::Status | Self::Why | Self::PolicyShow => Right::Read,
             Self::Cue { .. } | Self::Stop | Self::Resume | Self::Quit => Right::Change,
-            Self::PolicySwap { .. } | Self::PolicyRollback => Right::Own,
+            // They start programs, or write files, with the rights of the run.
+            Self::PolicySwap { .. } | Self::PolicyRollback | Self::Record { .. } | Self::RecordStop => Right::Own,
         }
     }
 }

@@ -12,6 +12,7 @@ pub mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
+mod recording;
 pub mod report;
 mod step_watch;
 pub mod stops;
@@ -23,7 +24,7 @@ use messages::{
     WorldTruth, s_from_ns,
 };
 use serde_json::{Value, json};
-use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
+use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
@@ -38,9 +39,7 @@ pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 /// The mode is published at every change and at least this often.
 const MODE_PERIOD_NS: u64 = 50_000_000;
 /// Beats are read and judged this often.
-const TICK_NS: u64 = 20_000_000;
-/// A loop that slept this much longer than it meant to has no right to judge others.
-const OVERSLEPT_NS: u64 = 50_000_000;
+pub(crate) const TICK_NS: u64 = 20_000_000;
 /// A restart waits for the janitor at most this long, wall time.
 const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -70,6 +69,7 @@ pub struct Supervisor {
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
+    oversleep: Oversleep,
     mode_due_ns: u64,
     steps: StepWatch,
     /// Stepped time: what the members acknowledge.
@@ -322,6 +322,8 @@ impl Supervisor {
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
             }
+            Request::Record { path } => self.record(path, io),
+            Request::RecordStop => self.end_recording(io),
             Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
             Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
             Request::PolicyShow => self.show_policy(),
@@ -383,7 +385,7 @@ impl Supervisor {
             "supervisor_pid": std::process::id(),
             "now_s": s_from_ns(now),
             "mode": report::mode_json(self.machine.mode()),
-            "services": report::services_json(&self.machine.status()),
+            "services": report::services_json(&self.machine.status(now)),
             "stream_age_ms": ages,
             "world": truth,
             "locomotion": locomotion,
@@ -468,9 +470,10 @@ impl Service for Supervisor {
         self.read_topics(io)?;
         self.figures.own_ports(now, io.port_counters());
         if now >= self.next_tick_ns {
-            if now > self.next_tick_ns + OVERSLEPT_NS && !io.domain.clock.is_stepped() && self.next_tick_ns > 0 {
-                self.figures.note(now, "supervisor_stalled: its loop overslept; counts start again".to_owned());
-                self.machine.handle(Event::Overslept, Self::now(io));
+            if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
+                let ms = slept_ns / 1_000_000;
+                self.figures.note(now, format!("supervisor_stalled: its loop slept for {ms} ms; counts start again"));
+                self.machine.handle(Event::Overslept(slept_ns), Self::now(io));
             }
             self.next_tick_ns = now + TICK_NS;
             self.machine.tick_starts(Self::now(io));

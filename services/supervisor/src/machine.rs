@@ -68,8 +68,8 @@ pub enum Event<'a> {
     OperatorResume,
     /// The run ends.
     ShutDown,
-    /// The supervisor's own loop overslept.
-    Overslept,
+    /// The supervisor's own loop slept for so long, nanoseconds: longer than it may.
+    Overslept(u64),
 }
 
 /// What is to be done about it.
@@ -113,6 +113,8 @@ pub struct ServiceStatus {
     pub critical: bool,
     /// Which of two policies.
     pub role: Role,
+    /// The input that it lacks, if any; it is not restarted for that.
+    pub starved_of: Option<TopicId>,
 }
 
 /// Watches over all services and decides the mode.
@@ -187,7 +189,7 @@ impl Machine {
 
     /// Every service as it is; the room for another policy only while there is one.
     #[must_use]
-    pub fn status(&self) -> Vec<ServiceStatus> {
+    pub fn status(&self, run_ns: u64) -> Vec<ServiceStatus> {
         let is_told = |s: &&Watched| s.role == Role::Active || s.phase != Phase::Off;
         let by_role = |role| self.services.iter().filter(is_told).filter(move |s| s.role == role);
         by_role(Role::Active)
@@ -200,6 +202,7 @@ impl Machine {
                 restarts: s.restarts,
                 critical: s.is_critical(),
                 role: s.role,
+                starved_of: s.starved_of(run_ns),
             })
             .collect()
     }
@@ -237,7 +240,13 @@ impl Machine {
                 self.ending = true;
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now);
             }
-            Event::Overslept => {
+            Event::Overslept(slept_ns) => {
+                let limit_ns = self.limits.mode_max_age_ns;
+                if self.mode.class == ModeClass::Run && slept_ns > limit_ns {
+                    // Locomotion that saw this run stands for good; one that has not must not begin it now.
+                    let reason = StopReason::of(StopKind::SupervisorStalled);
+                    self.enter(ModeClass::Fault, StopReason { age_ns: slept_ns, limit_ns, ..reason }, now);
+                }
                 // A judge that slept condemns nobody: everything is counted from its wake-up on.
                 self.grace_until_ns = now.run_ns + self.limits.beat_ns;
                 self.services.iter_mut().for_each(|s| s.count_from(now.run_ns));

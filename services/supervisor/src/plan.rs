@@ -1,7 +1,7 @@
 //! Which services a run has, in which order they start, and what each is held to.
 
-use messages::{ServiceId, TopicId};
-use settings::{Settings, Source};
+use messages::{NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
+use settings::{CueOrigin, Settings, Source};
 use transport::ClockKind;
 
 use crate::machine::SwapLimits;
@@ -19,6 +19,31 @@ pub struct StreamRule {
     pub hang_ns: u64,
     /// How old the output may be for motion; none where motion does not need it.
     pub max_age_ns: Option<u64>,
+    /// How often it comes; none where that is nobody's promise (recorded logs).
+    pub rate: Option<Rate>,
+}
+
+/// How often a stream comes when all is well.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Rate {
+    /// From one output to the next, nanoseconds.
+    pub period_ns: u64,
+    /// Inputs to an output, rounded up: what is driven by an input that is slow is not itself slow. 0: a device.
+    pub inputs: u64,
+}
+
+/// What a process may use.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Allowance {
+    /// Memory of its own, bytes.
+    pub private_bytes: u64,
+    /// Descriptors.
+    pub files: u32,
+}
+
+impl Allowance {
+    /// Nobody counts.
+    const ANY: Self = Self { private_bytes: u64::MAX, files: u32::MAX };
 }
 
 /// One service of a run.
@@ -40,6 +65,8 @@ pub struct ServicePlan {
     pub clock_master: bool,
     /// Its last beat may be this old, nanoseconds.
     pub beat_limit_ns: u64,
+    /// What it may use.
+    pub allowance: Allowance,
     /// Its streams.
     pub streams: Vec<StreamRule>,
 }
@@ -65,6 +92,10 @@ pub struct Limits {
     pub budget_window_ns: u64,
     /// Stepped time: joins this long after the death.
     pub restart_time_ns: u64,
+    /// What a critical service may use, and what depth and policy may.
+    pub allowances: [Allowance; 2],
+    /// Locomotion stands without a younger mode.
+    pub mode_max_age_ns: u64,
     /// A cue must be younger to be accepted.
     pub cue_max_age_ns: u64,
     /// What a policy has to show to be swapped in.
@@ -80,6 +111,8 @@ pub struct Plan {
     pub limits: Limits,
 }
 
+/// The simulated world tells where everything is so often.
+const WORLD_HZ: f64 = (NS_PER_S / QUANTUM_NS) as f64;
 /// Beats every 20 ms, read every 20 ms.
 const BEAT_LAG_NS: u64 = 40_000_000;
 /// What stands for the world is not restarted, so it is judged late.
@@ -102,23 +135,34 @@ impl Plan {
             restart_budget: supervision.restart_budget,
             budget_window_ns: supervision.budget_window.ns(),
             restart_time_ns: supervision.restart_time.ns(),
+            allowances: [supervision.memory_mib, supervision.large_memory_mib]
+                .map(|mib| Allowance { private_bytes: u64::from(mib) << 20, files: supervision.open_files }),
+            mode_max_age_ns: settings.max_age.mode.ns(),
             cue_max_age_ns: settings.max_age.cue.ns(),
             swap: swap_limits(settings),
         };
-        let replayed = settings.lidar.source == Source::Replayed;
-        let mut services =
-            vec![plan(ServiceId::Locomotion, 0, &limits, vec![]), plan(ServiceId::Brake, 0, &limits, vec![])];
-        if replayed {
-            services.push(world(ServiceId::Replay, replay_streams(settings)));
-        } else {
+        let mut services = vec![
+            plan(ServiceId::Locomotion, 0, &limits, vec![state_stream(settings)]),
+            plan(ServiceId::Brake, 0, &limits, vec![]),
+        ];
+        if settings.has_world() {
             services.push(world(ServiceId::Simulator, vec![]));
-            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
-            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
-            if settings.depth.source != Source::Absent {
-                services.push(depth(settings, &limits));
-            }
         }
-        services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+        if settings.odometry.source == Source::Simulated {
+            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
+        }
+        if settings.lidar.source == Source::Simulated {
+            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
+        }
+        if settings.depth.source == Source::Simulated {
+            services.push(depth(settings, &limits));
+        }
+        if settings.replays() {
+            services.push(replay(settings, &limits));
+        }
+        if settings.cue.source == CueOrigin::Own {
+            services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+        }
         services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
         services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
         services.push(recorder(&limits));
@@ -139,6 +183,7 @@ fn swap_limits(settings: &Settings) -> SwapLimits {
 }
 
 fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>) -> ServicePlan {
+    let is_large = matches!(service, ServiceId::Depth | ServiceId::Policy);
     ServicePlan {
         service,
         stage,
@@ -148,6 +193,7 @@ fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>
         has_line: true,
         clock_master: false,
         beat_limit_ns: limits.beat_ns,
+        allowance: limits.allowances[usize::from(is_large)],
         streams,
     }
 }
@@ -163,6 +209,7 @@ fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
         has_line: service == ServiceId::Replay,
         clock_master: true,
         beat_limit_ns: WORLD_BEAT_LIMIT_NS,
+        allowance: Allowance::ANY,
         streams,
     }
 }
@@ -174,24 +221,34 @@ fn recorder(limits: &Limits) -> ServicePlan {
         on_demand: true,
         has_line: false,
         beat_limit_ns: RECORDER_BEAT_LIMIT_NS,
+        allowance: Allowance::ANY,
         ..plan(ServiceId::Recorder, 4, limits, vec![])
     }
 }
 
 fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
-    let max_age = settings.max_age.depth.ns();
-    let stream = StreamRule {
-        output: TopicId::DepthFrame,
-        input: Some(TopicId::WorldTruth),
-        inputs_per_output: 2 * inputs(100.0, settings.depth.rate_hz.get()),
-        hang_ns: 2 * max_age,
-        max_age_ns: settings.depth.needed.then_some(max_age),
-    };
     ServicePlan {
         critical: settings.depth.needed,
         has_line: settings.depth.needed,
-        ..plan(ServiceId::Depth, 2, limits, vec![stream])
+        ..plan(ServiceId::Depth, 2, limits, vec![depth_stream(settings, true)])
     }
+}
+
+/// Recorded frames: in the place of the whole world, or of single drivers beside a simulated one.
+fn replay(settings: &Settings, limits: &Limits) -> ServicePlan {
+    let sources = [
+        (settings.lidar.source, scan_stream as fn(&Settings, bool) -> StreamRule),
+        (settings.odometry.source, odometry_stream),
+        (settings.depth.source, depth_stream),
+    ];
+    let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed);
+    let streams = replayed.map(|(_, stream)| stream(settings, false)).collect();
+    if settings.has_world() { plan(ServiceId::Replay, 2, limits, streams) } else { world(ServiceId::Replay, streams) }
+}
+
+/// The rate of a driver, driven by the simulated world or not.
+fn rate(hz: f64, driven: bool) -> Rate {
+    Rate { period_ns: (1e9 / hz) as u64, inputs: if driven { inputs(WORLD_HZ, hz) } else { 0 } }
 }
 
 /// Inputs at `from_hz` for one output at `to_hz`, rounded up.
@@ -204,9 +261,10 @@ fn scan_stream(settings: &Settings, driven: bool) -> StreamRule {
     StreamRule {
         output: TopicId::LidarScan,
         input: driven.then_some(TopicId::WorldTruth),
-        inputs_per_output: 2 * inputs(100.0, settings.lidar.rate_hz.get()),
+        inputs_per_output: 2 * inputs(WORLD_HZ, settings.lidar.rate_hz.get()),
         hang_ns: 2 * max_age,
         max_age_ns: Some(max_age),
+        rate: driven.then(|| rate(settings.lidar.rate_hz.get(), driven)),
     }
 }
 
@@ -215,14 +273,23 @@ fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
     StreamRule {
         output: TopicId::Odometry,
         input: driven.then_some(TopicId::WorldTruth),
-        inputs_per_output: 2 * inputs(100.0, settings.odometry.rate_hz.get()),
+        inputs_per_output: 2 * inputs(WORLD_HZ, settings.odometry.rate_hz.get()),
         hang_ns: 2 * max_age,
         max_age_ns: Some(max_age),
+        rate: driven.then(|| rate(settings.odometry.rate_hz.get(), driven)),
     }
 }
 
-fn replay_streams(settings: &Settings) -> Vec<StreamRule> {
-    vec![scan_stream(settings, false), odometry_stream(settings, false)]
+fn depth_stream(settings: &Settings, driven: bool) -> StreamRule {
+    let max_age = settings.max_age.depth.ns();
+    StreamRule {
+        output: TopicId::DepthFrame,
+        input: driven.then_some(TopicId::WorldTruth),
+        inputs_per_output: 2 * inputs(WORLD_HZ, settings.depth.rate_hz.get()),
+        hang_ns: 2 * max_age,
+        max_age_ns: settings.depth.needed.then_some(max_age),
+        rate: driven.then(|| rate(settings.depth.rate_hz.get(), driven)),
+    }
 }
 
 fn action_stream(settings: &Settings) -> StreamRule {
@@ -233,6 +300,20 @@ fn action_stream(settings: &Settings) -> StreamRule {
         inputs_per_output: 1,
         hang_ns: 3 * dt,
         max_age_ns: Some(dt * 3 / 2),
+        // A decision that is missed is seen by its age.
+        rate: None,
+    }
+}
+
+/// What locomotion tells of itself, at its own rate whatever comes; the mode is what it needs.
+fn state_stream(settings: &Settings) -> StreamRule {
+    StreamRule {
+        output: TopicId::LocomotionState,
+        input: Some(TopicId::Mode),
+        inputs_per_output: 1,
+        hang_ns: settings.max_age.mode.ns(),
+        max_age_ns: None,
+        rate: None,
     }
 }
 
@@ -244,5 +325,6 @@ fn permit_stream(settings: &Settings) -> StreamRule {
         hang_ns: 2 * settings.max_age.scan.ns(),
         // Permits are not required for a cue to be accepted; a permit too old stops the robot by itself.
         max_age_ns: None,
+        rate: Some(Rate { period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64, inputs: 1 }),
     }
 }

@@ -184,6 +184,7 @@ impl Figures {
         map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
         map.insert("invalid_messages".to_owned(), self.invalid_messages());
         map.insert("invalid_inputs".to_owned(), json!(sum_of(self.lives.values().map(|life| life.invalid_inputs))));
+        map.insert("not_recorded".to_owned(), json!(sum_of(self.lives.values().map(|life| life.not_recorded))));
         let restarts: BTreeMap<&str, u32> =
             services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
         map.insert("restarts".to_owned(), json!(restarts));
@@ -281,6 +282,7 @@ pub fn services_json(services: &[ServiceStatus]) -> Value {
             json!({
                 "name": s.service.name(), "pid": s.pid, "state": state, "incarnation": s.incarnation,
                 "restarts": s.restarts, "critical": s.critical, "shadow": s.role == Role::Shadow,
+                "starved_of": s.starved_of.map(TopicId::name),
             })
         })
         .collect()

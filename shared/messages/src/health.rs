@@ -170,10 +170,12 @@ pub struct Health {
     pub state: ServiceState,
     /// Process id.
     pub pid: u32,
-    /// Memory resident, bytes, shared memory included.
-    pub resident_bytes: u64,
     /// Descriptors open.
     pub open_files: u32,
+    /// Memory resident, bytes, shared memory included.
+    pub resident_bytes: u64,
+    /// Memory resident that no other process shares, bytes.
+    pub private_bytes: u64,
     /// Decisions made (policy, shield).
     pub decisions: u64,
     /// Decisions that did not come in time (shield).
@@ -182,6 +184,8 @@ pub struct Health {
     pub outcomes: [u64; Outcome::ALL.len()],
     /// Input that was refused as unusable.
     pub invalid_inputs: u64,
+    /// Messages that could not be kept: the queue to the file was full, or the file can take no more (recorder).
+    pub not_recorded: u64,
     /// Poses further off than the robot can have walked (shield).
     pub pose_jumps: u64,
     /// Digest over all actions taken and permits given (shield).

@@ -53,12 +53,16 @@ pub enum StopKind {
     ServiceHung,
     /// Fault: a critical process missed its beats. It is restarted.
     BeatsMissed,
-    /// Fault: a critical process uses more memory or more descriptors than it may. It is restarted.
-    ServiceExhausted,
+    /// Fault: a critical process has more memory of its own than it may: it leaks. It is restarted.
+    MemoryExhausted,
+    /// Fault: a critical process has more descriptors open than it may: it leaks them. It is restarted.
+    FilesExhausted,
     /// Fault: a process gives a stream more seldom than motion needs it, though it has all its input. It is restarted.
     StreamSlow,
     /// Fault: a stream is over twice its max age.
     StreamStale,
+    /// Fault: the supervisor's own loop slept for longer than `mode` may be old; what happened meanwhile is not known.
+    SupervisorStalled,
     /// Fault: the brake engaged because locomotion was gone or silent.
     BrakeEngaged,
     /// Fault: the odometry pose jumped further than the robot can walk; cue frame and handler's estimate are void.
@@ -137,9 +141,11 @@ impl StopKind {
             Self::ServiceDied => "service_died",
             Self::ServiceHung => "service_hung",
             Self::BeatsMissed => "beats_missed",
-            Self::ServiceExhausted => "service_exhausted",
+            Self::MemoryExhausted => "memory_exhausted",
+            Self::FilesExhausted => "files_exhausted",
             Self::StreamSlow => "stream_slow",
             Self::StreamStale => "stream_stale",
+            Self::SupervisorStalled => "supervisor_stalled",
             Self::BrakeEngaged => "brake_engaged",
             Self::PoseJump => "pose_jump",
             Self::Resumed => "resumed",
@@ -178,29 +184,35 @@ pub struct StopReason {
     pub topic: TopicId,
     /// The incarnation it is about; 0 where none is.
     pub incarnation: u32,
-    /// Age that was seen, nanoseconds; 0 where none applies, the greatest where there is no usable stamp.
+    /// Age that was seen (for a slow stream: from one message to the next), nanoseconds; 0 where none applies, the
+    /// greatest where there is no usable stamp.
     pub age_ns: u64,
     /// Limit that it broke, nanoseconds; 0 where none applies.
     pub limit_ns: u64,
+    /// What it had of what it exhausted: bytes, or descriptors; 0 where none applies.
+    pub used: u64,
+    /// Limit that this broke.
+    pub used_limit: u64,
 }
 
 impl StopReason {
     /// A reason that needs no evidence beside its kind.
     #[must_use]
     pub const fn of(kind: StopKind) -> Self {
-        Self { kind, service: ServiceId::None, topic: TopicId::None, incarnation: 0, age_ns: 0, limit_ns: 0 }
+        let (service, topic) = (ServiceId::None, TopicId::None);
+        Self { kind, service, topic, incarnation: 0, age_ns: 0, limit_ns: 0, used: 0, used_limit: 0 }
     }
 
     /// A reason about one service incarnation.
     #[must_use]
     pub const fn service(kind: StopKind, service: ServiceId, incarnation: u32) -> Self {
-        Self { kind, service, topic: TopicId::None, incarnation, age_ns: 0, limit_ns: 0 }
+        Self { service, incarnation, ..Self::of(kind) }
     }
 
     /// A reason about a stream that is too old.
     #[must_use]
     pub const fn stream(kind: StopKind, topic: TopicId, age_ns: u64, limit_ns: u64) -> Self {
-        Self { kind, service: ServiceId::None, topic, incarnation: 0, age_ns, limit_ns }
+        Self { topic, age_ns, limit_ns, ..Self::of(kind) }
     }
 }
 
@@ -217,12 +229,17 @@ impl core::fmt::Display for StopReason {
             write!(f, ": {}", self.topic)?;
         }
         let limit_ms = self.limit_ns / 1_000_000;
-        match self.age_ns {
+        match (self.kind, self.age_ns) {
             _ if self.limit_ns == 0 => {}
-            u64::MAX => write!(f, ", nothing with a usable stamp, limit {limit_ms} ms")?,
-            age_ns => write!(f, ", {} ms old, limit {limit_ms} ms", age_ns / 1_000_000)?,
+            (_, u64::MAX) => write!(f, ", nothing with a usable stamp, limit {limit_ms} ms")?,
+            (StopKind::StreamSlow, apart) => write!(f, ", {} ms apart, limit {limit_ms} ms", apart / 1_000_000)?,
+            (_, age_ns) => write!(f, ", {} ms old, limit {limit_ms} ms", age_ns / 1_000_000)?,
         }
-        Ok(())
+        match (self.kind, self.used >> 20, self.used_limit >> 20) {
+            _ if self.used_limit == 0 => Ok(()),
+            (StopKind::MemoryExhausted, mib, limit) => write!(f, ", {mib} MiB of its own, limit {limit} MiB"),
+            _ => write!(f, ", {}, limit {}", self.used, self.used_limit),
+        }
     }
 }
 

@@ -106,7 +106,7 @@ impl TopicSpec {
 
 const EVERYBODY: &[ServiceId] = &ServiceId::ALL;
 const MEMBERS: &[ServiceId] =
-    &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator];
+    &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
 
 /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
 pub const TOPICS: [TopicSpec; 14] = [
@@ -146,7 +146,7 @@ pub const TOPICS: [TopicSpec; 14] = [
     TopicSpec {
         id: TopicId::Cue,
         name: "cue",
-        publishers: &[Cue],
+        publishers: &[Cue, Replay],
         subscribers: &[Policy, Shield, Locomotion, Supervisor, Recorder],
         buffer: 8,
         borrowed: 2,
@@ -169,7 +169,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::PolicyAction,
         name: "policy/action",
         publishers: &[Policy],
-        subscribers: &[Shield, Supervisor, Recorder],
+        subscribers: &[Shield, Supervisor, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -180,7 +180,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::ShieldPermit,
         name: "shield/permit",
         publishers: &[Shield],
-        subscribers: &[Locomotion, Supervisor, Recorder],
+        subscribers: &[Locomotion, Supervisor, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,

@@ -153,7 +153,7 @@ fn split_record(bytes: &[u8]) -> Option<(u8, &[u8], &[u8])> {
 }
 
 /// `count` bytes from `byte` on; the caller has bounded `count`.
-fn read_at(file: &mut File, byte: u64, count: u64) -> Result<Vec<u8>, Flaw> {
+pub fn read_at(file: &mut File, byte: u64, count: u64) -> Result<Vec<u8>, Flaw> {
     let mut bytes = vec![0; count as usize];
     let read = file.seek(SeekFrom::Start(byte)).and_then(|_| file.read_exact(&mut bytes));
     read.map_err(|source| Flaw::Io { byte, source })?;

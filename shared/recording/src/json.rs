@@ -1,6 +1,6 @@
 //! The pieces that the channels' JSON is made of.
 
-use messages::{Header, NS_PER_S, Pose2, Twist2};
+use messages::{Header, NS_PER_S, Pose2};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// Makes a number type that keeps NaN and the infinities, which JSON lacks, in the way that the crate's page tells.
@@ -99,57 +99,33 @@ pub struct HeaderJson {
     stamp_ns: u64,
     seq: u64,
     step: u64,
+    /// Imports have none.
+    #[serde(default)]
+    published_ns: u64,
     incarnation: u32,
 }
 
 impl From<Header> for HeaderJson {
     fn from(h: Header) -> Self {
-        Self { stamp_ns: h.stamp_ns, seq: h.seq, step: h.step, incarnation: h.incarnation }
+        Self {
+            stamp_ns: h.stamp_ns,
+            seq: h.seq,
+            step: h.step,
+            published_ns: h.published_ns,
+            incarnation: h.incarnation,
+        }
     }
 }
 
 impl From<HeaderJson> for Header {
     fn from(h: HeaderJson) -> Self {
-        Self { stamp_ns: h.stamp_ns, seq: h.seq, step: h.step, incarnation: h.incarnation, ..Self::default() }
-    }
-}
-
-/// [`Pose2`] as a member of `guidedog`.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct PoseJson {
-    x_m: Real,
-    y_m: Real,
-    yaw_rad: Real,
-}
-
-impl From<Pose2> for PoseJson {
-    fn from(p: Pose2) -> Self {
-        Self { x_m: Real(p.x_m), y_m: Real(p.y_m), yaw_rad: Real(p.yaw_rad) }
-    }
-}
-
-impl From<PoseJson> for Pose2 {
-    fn from(p: PoseJson) -> Self {
-        Self::new(p.x_m.0, p.y_m.0, p.yaw_rad.0)
-    }
-}
-
-/// [`Twist2`] as a member of `guidedog`.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct TwistJson {
-    vx_mps: Real,
-    vy_mps: Real,
-    wz_radps: Real,
-}
-
-impl From<Twist2> for TwistJson {
-    fn from(t: Twist2) -> Self {
-        Self { vx_mps: Real(t.vx_mps), vy_mps: Real(t.vy_mps), wz_radps: Real(t.wz_radps) }
-    }
-}
-
-impl From<TwistJson> for Twist2 {
-    fn from(t: TwistJson) -> Self {
-        Self { vx_mps: t.vx_mps.0, vy_mps: t.vy_mps.0, wz_radps: t.wz_radps.0 }
+        Self {
+            stamp_ns: h.stamp_ns,
+            seq: h.seq,
+            step: h.step,
+            published_ns: h.published_ns,
+            incarnation: h.incarnation,
+            ..Self::default()
+        }
     }
 }

@@ -1,36 +1,48 @@
 //! The recording file format, and importers of other people's logs into it.
 //!
-//! A recording is one MCAP file, `NAME.mcap`: chunks of 4 MiB compressed with zstd, one channel for each topic of ours
-//! and named like it, each message JSON under one of Foxglove's well-known schemas, so that MCAP viewers open it as it
-//! is. A message's log time is its record's stamp: run time in nanoseconds; an import counts it from 0 at its first
-//! record. What the schemas have no room for stands in the member `guidedog` of each message.
+//! A recording is an MCAP file, `NAME.mcap`, and where depth was recorded another beside it, `NAME.depth.mcap`, so that
+//! the small topics are read without the pixels: chunks of at most 4 MiB compressed with zstd, one channel for each topic
+//! of ours and named like it, under Foxglove's well-known schemas where there is one, so that MCAP viewers open it as it
+//! is. A message's log time is its record's time of publication: run time in nanoseconds; an import, which does not know
+//! it, has the stamp there, and counts from 0 at its first record.
 //!
-//! | topic | schema | frames |
+//! | topic | schema | |
 //! |---|---|---|
-//! | `lidar/scan` | `foxglove.LaserScan` | the scan in `robot`, placed by `robot_from_lidar` |
-//! | `odometry` | `foxglove.FrameTransform` | `robot` in `odom` |
+//! | `lidar/scan` | `foxglove.LaserScan`, JSON | the scan in `robot`, placed by `robot_from_lidar` |
+//! | `depth/frame` | `foxglove.RawImage`, protobuf | 16UC1 in millimetres |
+//! | `odometry` | `foxglove.FrameTransform`, JSON | `robot` in `odom` |
+//! | `cue`, `cue/request`, `policy/action`, `shield/permit`, `mode`, `locomotion/state`, `world/truth` | `guidedog.*`, JSON | the message, field by field |
+//!
+//! What Foxglove's schemas have no room for stands in the member `guidedog` of each message.
 //!
 //! Numbers come back to the bit. JSON has no NaN and no infinity: `null` is NaN (for a range: unknown), and the
 //! greatest finite number of the type stands for infinity (for a range: nothing was hit), its negative for minus
 //! infinity. A NaN's payload is not kept.
 //!
-//! A metadata record named `guidedog`, written last, holds what [`Info`] holds. A file that was not finished lacks it,
-//! and MCAP's footer with it, and [`Reader`] refuses it.
+//! Metadata: `guidedog`, written last, holds what [`Info`] holds; a file that was not finished lacks it, and MCAP's
+//! footer with it, and [`Reader`] refuses it. A live recording begins with `guidedog.begun`, what was known about it by
+//! then, and `guidedog.settings`, the settings of the run: with them [`recover`] makes a whole recording of a torn one.
 //!
-//! To record one more topic: a variant of [`Record`] and a row of the table in `channel.rs`.
+//! To record one more topic: a variant of [`Record`], a row of the table in `channel.rs`, and a place in [`Part`].
 
 pub mod carmen;
 mod channel;
+mod chunk;
+mod file_reader;
+mod image;
 mod index;
 mod info;
 mod json;
 mod lengths;
+mod mirror;
 mod reader;
 mod record;
+mod recover;
 pub mod rplidar;
 mod writer;
 
-pub use info::{About, FORMAT_VERSION, Info};
+pub use info::{About, FORMAT_VERSION, Info, RunAbout};
 pub use reader::{ReadError, Reader};
-pub use record::Record;
-pub use writer::{Existing, WriteError, Writer};
+pub use record::{Order, Record};
+pub use recover::{RecoverError, Recovered, recover};
+pub use writer::{Existing, Part, Sink, WriteError, Writer};

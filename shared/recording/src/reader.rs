@@ -1,22 +1,14 @@
-//! Reads recordings, in the records' order, a chunk at a time.
+//! Reads recordings, in the records' order: the file of the small topics, and that of the depth frames beside it.
 
-use std::cmp::{Ordering, Reverse};
-use std::collections::{BTreeMap, BinaryHeap, VecDeque};
-use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use mcap::records::{ChunkIndex, op};
-use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use messages::TopicId;
 
-use crate::channel::{CHANNELS, Channel, MESSAGE_ENCODING};
-use crate::index::{Flaw, Index, RECORD_BYTES_MAX, body, read_index, read_record};
-use crate::info::{METADATA_NAME, format_version};
-use crate::{FORMAT_VERSION, Info, Record, lengths};
-
-/// Chunks that overlap in time wait together; so much of them, and no more.
-const WAITING_BYTES_MAX: usize = 512 << 20;
+use crate::file_reader::FileReader;
+use crate::info::{METADATA_NAME, OLDEST_VERSION};
+use crate::record::Order;
+use crate::{FORMAT_VERSION, Info, Record};
 
 /// Why a recording could not be read. Every variant names the file.
 #[derive(Debug, thiserror::Error)]
@@ -64,7 +56,7 @@ pub enum ReadError {
         path: PathBuf,
     },
     /// It was written by another version.
-    #[error("{} has format {found}, and {FORMAT_VERSION} is the one known", path.display())]
+    #[error("{} has format {found}; {OLDEST_VERSION} to {FORMAT_VERSION} are known", path.display())]
     Version {
         /// The file.
         path: PathBuf,
@@ -111,19 +103,17 @@ pub enum ReadError {
 
 /// Reads one recording: an iterator over its records in the order of [`Record::order`]. After an error it ends.
 ///
-/// It holds one chunk's records at a time, and as many chunks' as overlap in time. Channels that it does not know are
-/// passed over.
+/// It holds one chunk's records of each file at a time, and as many chunks' as overlap in time. Channels that it does
+/// not know are passed over. The file with the depth frames is taken along where the recording names one that is there.
 #[derive(Debug)]
 pub struct Reader {
-    path: PathBuf,
-    file: File,
-    bytes: u64,
+    small: FileReader,
+    depth: Option<FileReader>,
+    depth_missing: Option<PathBuf>,
     info: Info,
-    channels: BTreeMap<u16, &'static Channel>,
-    chunks: VecDeque<ChunkIndex>,
-    waiting: BinaryHeap<Reverse<Waiting>>,
-    waiting_bytes: usize,
-    found: BTreeMap<TopicId, u64>,
+    /// The next record of each file.
+    heads: [Option<(Order, Record)>; 2],
+    begun: bool,
     ended: bool,
 }
 
@@ -133,138 +123,87 @@ impl Reader {
     /// # Errors
     /// For a file that cannot be read, is not MCAP, not ours or not whole.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let failed = |source| ReadError::Io { path: path.to_owned(), byte: 0, source };
-        // Before it is opened: opening a pipe would wait for its writer.
-        let metadata = path.metadata().map_err(failed)?;
-        if !metadata.is_file() {
-            return Err(ReadError::NotAFile { path: path.to_owned() });
+        let small = FileReader::open(path)?;
+        let mut info = small.info().clone();
+        let beside = match info.about.run.as_ref().and_then(|run| run.depth_file.as_deref()) {
+            // A hostile name must not lead elsewhere.
+            Some(name) if Path::new(name).file_name().is_none_or(|file| file != name) => {
+                let what = format!("its depth file {name:?} is no file name");
+                return Err(ReadError::Damaged { path: path.to_owned(), byte: 0, what });
+            }
+            name => name.map(|name| path.with_file_name(name)),
+        };
+        let is_there = beside.as_ref().is_some_and(|beside| beside.is_file());
+        let depth = beside.as_ref().filter(|_| is_there).map(|beside| FileReader::open(beside)).transpose()?;
+        if let Some(depth) = &depth {
+            take_along(&mut info, depth.info());
         }
-        let mut file = File::open(path).map_err(failed)?;
-        let bytes = file.metadata().map_err(failed)?.len();
-        if bytes == 0 {
-            return Err(ReadError::Empty { path: path.to_owned() });
-        }
-        let flawed = |flaw| name_flaw(path, bytes, flaw);
-        let index = read_index(&mut file, bytes).map_err(flawed)?;
-        let info = read_info(path, &mut file, bytes, &index)?;
-        let channels = index.channels.iter().filter_map(|(&id, (topic, encoding))| {
-            let known = CHANNELS.iter().find(|channel| channel.topic.name() == topic && encoding == MESSAGE_ENCODING);
-            known.map(|channel| (id, channel))
-        });
-        Ok(Self {
-            path: path.to_owned(),
-            channels: channels.collect(),
-            file,
-            bytes,
-            info,
-            chunks: index.chunks.into(),
-            waiting: BinaryHeap::new(),
-            waiting_bytes: 0,
-            found: BTreeMap::new(),
-            ended: false,
-        })
+        let depth_missing = beside.filter(|_| !is_there);
+        Ok(Self { small, depth, depth_missing, info, heads: [None, None], begun: false, ended: false })
     }
 
-    /// What the recording says about itself.
+    /// What the recording says about itself, its depth frames included where they are there.
     #[must_use]
     pub fn info(&self) -> &Info {
         &self.info
     }
 
-    /// The next record; `None` at the end.
+    /// The file of depth frames that the recording names and that is not there.
+    #[must_use]
+    pub fn depth_missing(&self) -> Option<&Path> {
+        self.depth_missing.as_deref()
+    }
+
+    /// The settings of the run that was recorded, as TOML; an import has none.
+    ///
+    /// # Errors
+    /// Where they cannot be read.
+    pub fn settings(&mut self) -> Result<Option<String>, ReadError> {
+        self.small.settings()
+    }
+
+    /// Passes over what was recorded before `time_ns`, as far as that goes without reading it. The records are then no
+    /// longer counted.
+    pub fn skip_before(&mut self, time_ns: u64) {
+        self.small.skip_before(time_ns);
+        self.depth.iter_mut().for_each(|depth| depth.skip_before(time_ns));
+    }
+
     fn advance(&mut self) -> Result<Option<Record>, ReadError> {
-        loop {
-            // A chunk that begins at the stamp itself may hold a record that goes before.
-            let due = match (self.waiting.peek(), self.chunks.front()) {
-                (Some(Reverse(first)), Some(chunk)) => first.order.0 < chunk.message_start_time,
-                (first, chunk) => first.is_some() || chunk.is_none(),
-            };
-            if !due && let Some(chunk) = self.chunks.pop_front() {
-                self.load(&chunk)?;
-                continue;
-            }
-            return match self.waiting.pop() {
-                Some(Reverse(first)) => {
-                    self.waiting_bytes -= first.bytes;
-                    *self.found.entry(first.record.topic()).or_default() += 1;
-                    Ok(Some(first.record))
-                }
-                None => self.check_counts().map(|()| None),
-            };
+        if !self.begun {
+            self.begun = true;
+            self.heads = [self.small.advance()?, self.depth.as_mut().map_or(Ok(None), FileReader::advance)?];
         }
-    }
-
-    fn load(&mut self, chunk: &ChunkIndex) -> Result<(), ReadError> {
-        let byte = chunk.chunk_start_offset;
-        let raw = read_record(&mut self.file, byte, self.bytes);
-        let raw = raw.map_err(|flaw| name_flaw(&self.path, self.bytes, flaw))?;
-        let damaged = |what: String| ReadError::Damaged { path: self.path.clone(), byte, what };
-        if raw.first() != Some(&op::CHUNK) {
-            return Err(damaged("the index says chunk, and there is none".to_owned()));
-        }
-        if !lengths::fit(op::CHUNK, body(&raw)) {
-            return Err(damaged(lengths::BEYOND.to_owned()));
-        }
-        let mut records = LinearReader::new_with_options(
-            LinearReaderOptions::default()
-                .with_skip_start_magic(true)
-                .with_skip_end_magic(true)
-                .with_prevalidate_chunk_crcs(true)
-                .with_record_length_limit(RECORD_BYTES_MAX as usize),
-        );
-        let mut rest = &raw[..];
-        while let Some(event) = records.next_event() {
-            match event.map_err(|error| damaged(error.to_string()))? {
-                LinearReadEvent::ReadRequest(wanted) => {
-                    let (piece, after) = rest.split_at(wanted.min(rest.len()));
-                    records.insert(piece.len()).copy_from_slice(piece);
-                    records.notify_read(piece.len());
-                    rest = after;
-                }
-                LinearReadEvent::Record { opcode: op::MESSAGE, data } => {
-                    let parsed = mcap::parse_record(op::MESSAGE, data).map_err(|error| damaged(error.to_string()))?;
-                    let mcap::records::Record::Message { header, data } = parsed else { continue };
-                    let Some(channel) = self.channels.get(&header.channel_id) else { continue };
-                    let record = decode(channel, header.log_time, &data).and_then(|record| self.in_span(record));
-                    let record = record.map_err(|what| ReadError::Record {
-                        path: self.path.clone(),
-                        topic: channel.topic,
-                        log_time_ns: header.log_time,
-                        byte,
-                        what,
-                    })?;
-                    let waiting = Waiting { order: record.order(), bytes: data.len(), record };
-                    self.waiting_bytes += waiting.bytes;
-                    self.waiting.push(Reverse(waiting));
-                }
-                LinearReadEvent::Record { .. } => {}
-            }
-        }
-        if self.waiting_bytes > WAITING_BYTES_MAX {
-            return Err(damaged(format!("chunks of over {WAITING_BYTES_MAX} bytes overlap in time")));
-        }
-        Ok(())
-    }
-
-    /// Who plays a recording back reckons with the time that it says it lasts.
-    fn in_span(&self, record: Record) -> Result<Record, String> {
-        let (start_ns, end_ns) = (self.info.start_ns, self.info.start_ns + self.info.duration_ns);
-        if (start_ns..=end_ns).contains(&record.stamp_ns()) {
-            Ok(record)
+        let orders = self.heads.each_ref().map(|head| head.as_ref().map(|(order, _)| *order));
+        let from_depth = match orders {
+            [Some(small), Some(depth)] => depth < small,
+            [small, _] => small.is_none(),
+        };
+        let (head, file) = if from_depth {
+            (&mut self.heads[1], self.depth.as_mut())
         } else {
-            Err(format!("its stamp is not within the recording's own {start_ns} to {end_ns} ns"))
-        }
+            (&mut self.heads[0], Some(&mut self.small))
+        };
+        let next = file.map_or(Ok(None), FileReader::advance);
+        let record = head.take().map(|(_, record)| record);
+        *head = next?;
+        Ok(record)
     }
+}
 
-    fn check_counts(&self) -> Result<(), ReadError> {
-        for (topic, &expected) in &self.info.records {
-            let Some(channel) = CHANNELS.iter().find(|channel| channel.topic.name() == topic) else { continue };
-            let found = self.found.get(&channel.topic).copied().unwrap_or(0);
-            if found != expected {
-                return Err(ReadError::Count { path: self.path.clone(), topic: topic.clone(), expected, found });
-            }
+/// Adds what the depth file says.
+fn take_along(info: &mut Info, depth: &Info) {
+    let records: u64 = depth.records.values().sum();
+    if records > 0 {
+        let end_ns = (info.start_ns + info.duration_ns).max(depth.start_ns + depth.duration_ns);
+        info.start_ns = info.start_ns.min(depth.start_ns);
+        info.duration_ns = end_ns - info.start_ns;
+    }
+    info.records.extend(depth.records.clone());
+    if let (Some(run), Some(of_depth)) = (&mut info.about.run, &depth.about.run) {
+        for (topic, n) in &of_depth.lost {
+            *run.lost.entry(topic.clone()).or_default() += n;
         }
-        Ok(())
     }
 }
 
@@ -280,73 +219,3 @@ impl Iterator for Reader {
         next
     }
 }
-
-fn decode(channel: &Channel, log_time_ns: u64, json: &[u8]) -> Result<Record, String> {
-    let record = (channel.decode)(json)?;
-    if record.stamp_ns() != log_time_ns {
-        return Err(format!("its stamp is {} ns", record.stamp_ns()));
-    }
-    Ok(record)
-}
-
-fn read_info(path: &Path, file: &mut File, bytes: u64, index: &Index) -> Result<Info, ReadError> {
-    let Some(place) = index.metadata.iter().find(|place| place.name == METADATA_NAME) else {
-        return Err(ReadError::NotOurs { path: path.to_owned() });
-    };
-    let damaged = |what: String| ReadError::Damaged { path: path.to_owned(), byte: place.offset, what };
-    let raw = read_record(file, place.offset, bytes).map_err(|flaw| name_flaw(path, bytes, flaw))?;
-    if raw.first() != Some(&op::METADATA) {
-        return Err(damaged("the index says metadata, and there is none".to_owned()));
-    }
-    if !lengths::fit(op::METADATA, body(&raw)) {
-        return Err(damaged(lengths::BEYOND.to_owned()));
-    }
-    let parsed = mcap::parse_record(op::METADATA, body(&raw)).map_err(|error| damaged(error.to_string()))?;
-    let mcap::records::Record::Metadata(metadata) = parsed else {
-        return Err(damaged("no metadata".to_owned()));
-    };
-    match format_version(&metadata.metadata).map_err(damaged)? {
-        FORMAT_VERSION => Info::from_map(&metadata.metadata).map_err(damaged),
-        found => Err(ReadError::Version { path: path.to_owned(), found }),
-    }
-}
-
-fn name_flaw(path: &Path, bytes: u64, flaw: Flaw) -> ReadError {
-    let path = path.to_owned();
-    match flaw {
-        Flaw::Io { byte, source } => ReadError::Io { path, byte, source },
-        Flaw::NoMagic => ReadError::NotMcap { path },
-        Flaw::Torn => ReadError::Torn { path, bytes },
-        Flaw::Damaged { byte, what } => ReadError::Damaged { path, byte, what },
-    }
-}
-
-/// A record whose turn has not come.
-#[derive(Debug)]
-struct Waiting {
-    order: (u64, TopicId, u64),
-    bytes: usize,
-    record: Record,
-}
-
-impl Ord for Waiting {
-    fn cmp(&self, other: &Self) -> Ordering {
-        // Two lives of one service may give the same seq.
-        let life = |waiting: &Self| (waiting.order, waiting.record.header().incarnation);
-        life(self).cmp(&life(other))
-    }
-}
-
-impl PartialOrd for Waiting {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl PartialEq for Waiting {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other) == Ordering::Equal
-    }
-}
-
-impl Eq for Waiting {}

@@ -1,6 +1,9 @@
 //! One recorded message.
 
-use messages::{Header, Odometry, ScanHeader, TopicId};
+use messages::{
+    Cue, CueRequest, DepthHeader, Header, LocomotionState, Mode, Odometry, Permit, PolicyAction, ScanHeader, TopicId,
+    WorldTruth,
+};
 
 /// One recorded message, of one topic.
 #[derive(Debug, Clone, PartialEq)]
@@ -13,9 +16,33 @@ pub enum Record {
         /// hit; NaN, negative or under `range_min_m` is unknown.
         ranges_m: Vec<f32>,
     },
+    /// Of `depth/frame`.
+    Depth {
+        /// What stands beside the pixels.
+        header: DepthHeader,
+        /// Millimetres, 0 = none, row by row from the top left; `width * height` of them.
+        pixels_mm: Vec<u16>,
+    },
     /// Of `odometry`.
     Odometry(Odometry),
+    /// Of `cue`.
+    Cue(Cue),
+    /// Of `cue/request`.
+    CueRequest(CueRequest),
+    /// Of `policy/action`.
+    Action(Box<PolicyAction>),
+    /// Of `shield/permit`.
+    Permit(Box<Permit>),
+    /// Of `mode`.
+    Mode(Box<Mode>),
+    /// Of `locomotion/state`.
+    Locomotion(Box<LocomotionState>),
+    /// Of `world/truth`.
+    Truth(Box<WorldTruth>),
 }
+
+/// What [`Record::order`] sorts by.
+pub type Order = (u64, TopicId, u64);
 
 impl Record {
     /// The topic that it was published on.
@@ -23,7 +50,15 @@ impl Record {
     pub const fn topic(&self) -> TopicId {
         match self {
             Self::Scan { .. } => TopicId::LidarScan,
+            Self::Depth { .. } => TopicId::DepthFrame,
             Self::Odometry(_) => TopicId::Odometry,
+            Self::Cue(_) => TopicId::Cue,
+            Self::CueRequest(_) => TopicId::CueRequest,
+            Self::Action(_) => TopicId::PolicyAction,
+            Self::Permit(_) => TopicId::ShieldPermit,
+            Self::Mode(_) => TopicId::Mode,
+            Self::Locomotion(_) => TopicId::LocomotionState,
+            Self::Truth(_) => TopicId::WorldTruth,
         }
     }
 
@@ -32,7 +67,15 @@ impl Record {
     pub const fn header(&self) -> &Header {
         match self {
             Self::Scan { header, .. } => &header.header,
+            Self::Depth { header, .. } => &header.header,
             Self::Odometry(odometry) => &odometry.header,
+            Self::Cue(cue) => &cue.header,
+            Self::CueRequest(request) => &request.header,
+            Self::Action(action) => &action.header,
+            Self::Permit(permit) => &permit.header,
+            Self::Mode(mode) => &mode.header,
+            Self::Locomotion(state) => &state.header,
+            Self::Truth(truth) => &truth.header,
         }
     }
 
@@ -42,10 +85,26 @@ impl Record {
         self.header().stamp_ns
     }
 
-    /// What records are ordered by: stamp, topic, seq.
+    /// Run time at which it was published, nanoseconds; of an import, which does not know, that of the measurement.
     #[must_use]
-    pub const fn order(&self) -> (u64, TopicId, u64) {
+    pub const fn time_ns(&self) -> u64 {
         let header = self.header();
-        (header.stamp_ns, self.topic(), header.seq)
+        if header.published_ns > 0 { header.published_ns } else { header.stamp_ns }
+    }
+
+    /// Whether two records are the same to the byte, as they would be recorded; a NaN is a NaN.
+    #[must_use]
+    pub fn is_same(&self, other: &Self) -> bool {
+        let bytes = |record: &Self| {
+            let mut bytes = Vec::new();
+            crate::channel::encode(record, &mut bytes).map(|()| bytes)
+        };
+        matches!((bytes(self), bytes(other)), (Ok(one), Ok(another)) if one == another)
+    }
+
+    /// What records are ordered by: time of publication, topic, seq.
+    #[must_use]
+    pub const fn order(&self) -> Order {
+        (self.time_ns(), self.topic(), self.header().seq)
     }
 }

@@ -205,6 +205,7 @@ pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Resul
             ("zero_distance".to_owned(), zeros as u64),
             ("skipped_bytes".to_owned(), skipped_bytes),
         ]),
+        run: None,
     })?;
     Ok(ImportReport {
         sources: captures.to_owned(),

@@ -3,15 +3,15 @@
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use mcap::records::{MessageHeader, Metadata};
 use messages::TopicId;
 
-use crate::channel::{CHANNELS, MESSAGE_ENCODING, SCHEMA_ENCODING, encode};
-use crate::info::{METADATA_NAME, check_size};
+use crate::channel::{channel_of, encode};
+use crate::info::{BEGUN_NAME, METADATA_NAME, SETTINGS_KEY, SETTINGS_NAME, check_size};
 use crate::{About, Info, Record};
 
 /// What a reader must hold at once; a larger chunk compresses hardly better.
@@ -93,21 +93,80 @@ pub enum WriteError {
     },
 }
 
-/// Writes one recording, under a temporary name beside the wanted one until it is finished. Dropped unfinished, it
-/// removes what it wrote; killed, it leaves a `.NAME.PID-N.partial` and never a `NAME`.
+/// The topics of an import.
+const IMPORTED: &[TopicId] = &[TopicId::LidarScan, TopicId::Odometry];
+
+/// The file that a live recording is in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Part {
+    /// The small topics, which are read without reading megabytes of pixels.
+    Small,
+    /// The depth frames.
+    Depth,
+}
+
+impl Part {
+    /// The topics of the file.
+    #[must_use]
+    pub const fn topics(self) -> &'static [TopicId] {
+        match self {
+            Self::Small => &[
+                TopicId::LidarScan,
+                TopicId::Odometry,
+                TopicId::Cue,
+                TopicId::CueRequest,
+                TopicId::PolicyAction,
+                TopicId::ShieldPermit,
+                TopicId::Mode,
+                TopicId::LocomotionState,
+                TopicId::WorldTruth,
+            ],
+            Self::Depth => &[TopicId::DepthFrame],
+        }
+    }
+
+    /// Which file a topic is in.
+    #[must_use]
+    pub fn of(topic: TopicId) -> Self {
+        if topic == TopicId::DepthFrame { Self::Depth } else { Self::Small }
+    }
+
+    /// The file of this part, for the recording `NAME.mcap`.
+    #[must_use]
+    pub fn path(self, recording: &Path) -> PathBuf {
+        match self {
+            Self::Small => recording.to_owned(),
+            Self::Depth => recording.with_extension("depth.mcap"),
+        }
+    }
+}
+
+/// What a recording is written to.
+pub trait Sink: Write + Seek + Send {}
+
+impl<T: Write + Seek + Send> Sink for T {}
+
+/// Writes one file of a recording.
+///
+/// An import is written under a temporary name beside the wanted one until it is finished: dropped unfinished, it
+/// removes what it wrote; killed, it leaves a `.NAME.PID-N.partial` and never a `NAME`. A live recording has its own
+/// name from the beginning, and is a whole one at every [`Writer::flush`] but for its end, which
+/// [`recover`](crate::recover) makes up for.
 pub struct Writer {
     path: PathBuf,
-    partial: Partial,
-    existing: Existing,
-    mcap: mcap::Writer<BufWriter<File>>,
+    /// Of an import: the temporary name.
+    partial: Option<(Partial, Existing)>,
+    /// For the last word to the disk.
+    file: Option<File>,
+    mcap: mcap::Writer<Box<dyn Sink>>,
     channels: BTreeMap<TopicId, u16>,
     records: BTreeMap<TopicId, u64>,
     span_ns: Option<(u64, u64)>,
-    json: Vec<u8>,
+    bytes: Vec<u8>,
 }
 
 impl Writer {
-    /// Begins a recording at `path`.
+    /// Begins an import at `path`.
     ///
     /// # Errors
     /// Where `path` exists and is not to be replaced, and where nothing can be written beside it.
@@ -125,20 +184,69 @@ impl Writer {
             io::ErrorKind::AlreadyExists => fs::remove_file(&partial.0).and_then(|()| create()),
             _ => Err(error),
         });
-        let file = file.map_err(|source| WriteError::Io { action: "create", path: partial.0.clone(), source })?;
+        let failed = |source| WriteError::Io { action: "create", path: partial.0.clone(), source };
+        let file = file.map_err(failed)?;
+        let same = file.try_clone().map_err(failed)?;
+        let writer = Self::into_sink(path, Box::new(BufWriter::new(file)), IMPORTED)?;
+        Ok(Self { partial: Some((partial, existing)), file: Some(same), ..writer })
+    }
+
+    /// Begins one file of a live recording at `path`, with what is known about the run by now, and its settings.
+    ///
+    /// # Errors
+    /// Where `path` exists: nothing is ever overwritten; and where it cannot be written.
+    pub fn live(path: &Path, part: Part, about: &About, settings: &str) -> Result<Self, WriteError> {
+        let file =
+            OpenOptions::new().write(true).create_new(true).open(path).map_err(|source| match source.kind() {
+                io::ErrorKind::AlreadyExists => WriteError::Exists { path: path.to_owned() },
+                _ => WriteError::Io { action: "create", path: path.to_owned(), source },
+            })?;
+        let failed = |source| WriteError::Io { action: "create", path: path.to_owned(), source };
+        let same = file.try_clone().map_err(failed)?;
+        let writer = Self::live_into(path, Box::new(file), part, about, settings)?;
+        Ok(Self { file: Some(same), ..writer })
+    }
+
+    /// As [`Writer::live`], into any sink; `path` is only told in errors.
+    ///
+    /// # Errors
+    /// Where the sink cannot be written.
+    pub fn live_into(
+        path: &Path,
+        sink: Box<dyn Sink>,
+        part: Part,
+        about: &About,
+        settings: &str,
+    ) -> Result<Self, WriteError> {
+        let mut writer = Self::into_sink(path, Box::new(UntilFailure { sink, failed: false }), part.topics())?;
+        let begun = Info { about: about.clone(), ..Info::default() };
+        writer.write_metadata(BEGUN_NAME, begun.to_map())?;
+        writer.write_metadata(SETTINGS_NAME, BTreeMap::from([(SETTINGS_KEY.to_owned(), settings.to_owned())]))?;
+        writer.flush()?;
+        Ok(writer)
+    }
+
+    fn into_sink(path: &Path, sink: Box<dyn Sink>, topics: &[TopicId]) -> Result<Self, WriteError> {
         let failed = |source| WriteError::Mcap { path: path.to_owned(), source };
         let options = mcap::WriteOptions::new().library(concat!("guidedog ", env!("CARGO_PKG_VERSION")));
         let options = options.chunk_size(Some(CHUNK_BYTES)).compression_level(ZSTD_LEVEL).compression_threads(0);
-        let mut mcap = options.create(BufWriter::new(file)).map_err(failed)?;
+        // A chunk is written whole: what the file holds is never waiting for its length to be filled in.
+        let mut mcap = options.disable_seeking(true).create(sink).map_err(failed)?;
         let mut channels = BTreeMap::new();
-        for channel in &CHANNELS {
-            let schema = mcap.add_schema(channel.schema_name, SCHEMA_ENCODING, channel.schema.as_bytes());
+        for channel in topics.iter().filter_map(|topic| channel_of(*topic)) {
+            let schema = mcap.add_schema(channel.schema_name, channel.schema_encoding, &(channel.schema)());
             let id = schema
-                .and_then(|schema| mcap.add_channel(schema, channel.topic.name(), MESSAGE_ENCODING, &BTreeMap::new()));
+                .and_then(|schema| mcap.add_channel(schema, channel.topic.name(), channel.encoding, &BTreeMap::new()));
             channels.insert(channel.topic, id.map_err(failed)?);
         }
         let records = BTreeMap::new();
-        Ok(Self { path: path.to_owned(), partial, existing, mcap, channels, records, span_ns: None, json: Vec::new() })
+        let (partial, file, span_ns, bytes) = (None, None, None, Vec::new());
+        Ok(Self { path: path.to_owned(), partial, file, mcap, channels, records, span_ns, bytes })
+    }
+
+    fn write_metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), WriteError> {
+        let written = self.mcap.write_metadata(&Metadata { name: name.to_owned(), metadata });
+        written.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })
     }
 
     /// Adds a record. Records may come in any order: a reader puts them in theirs, in less memory the nearer to it they
@@ -147,19 +255,20 @@ impl Writer {
     /// # Errors
     /// [`WriteError::Record`] leaves the recording as it was; after any other it is lost.
     pub fn write(&mut self, record: &Record) -> Result<(), WriteError> {
-        let (stamp_ns, topic, seq) = record.order();
+        let (time_ns, topic, seq) = record.order();
+        let stamp_ns = record.stamp_ns();
         let refused = |what| WriteError::Record { path: self.path.clone(), topic, seq, stamp_ns, what };
         let Some(&channel_id) = self.channels.get(&topic) else {
             return Err(refused("the topic has no channel".to_owned()));
         };
-        encode(record, &mut self.json).map_err(refused)?;
+        encode(record, &mut self.bytes).map_err(refused)?;
         // MCAP's sequence has 32 bits; the whole seq is in the message.
-        let header = MessageHeader { channel_id, sequence: seq as u32, log_time: stamp_ns, publish_time: stamp_ns };
-        let written = self.mcap.write_to_known_channel(&header, &self.json);
+        let header = MessageHeader { channel_id, sequence: seq as u32, log_time: time_ns, publish_time: time_ns };
+        let written = self.mcap.write_to_known_channel(&header, &self.bytes);
         written.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })?;
         *self.records.entry(topic).or_default() += 1;
-        let (first_ns, last_ns) = self.span_ns.unwrap_or((stamp_ns, stamp_ns));
-        self.span_ns = Some((first_ns.min(stamp_ns), last_ns.max(stamp_ns)));
+        let (first_ns, last_ns) = self.span_ns.unwrap_or((time_ns, time_ns));
+        self.span_ns = Some((first_ns.min(time_ns), last_ns.max(time_ns)));
         Ok(())
     }
 
@@ -171,35 +280,63 @@ impl Writer {
         self.mcap.flush().map_err(|source| WriteError::Mcap { path: self.path.clone(), source })
     }
 
-    /// Ends the recording: writes what it says about itself, waits until the disk has it, and gives it its name.
+    /// Ends the recording: writes what it says about itself, and waits until the disk has it. An import gets its name.
     ///
     /// # Errors
-    /// Where that fails, or a file has come to be there meanwhile; the recording is then lost.
+    /// Where that fails, or a file has come to be there meanwhile; an import is then lost.
     pub fn finish(mut self, about: About) -> Result<Info, WriteError> {
         let (first_ns, last_ns) = self.span_ns.unwrap_or_default();
-        let info = Info {
-            about,
-            records: CHANNELS
-                .iter()
-                .map(|c| (c.topic.name().to_owned(), self.records.get(&c.topic).copied().unwrap_or(0)))
-                .collect(),
-            start_ns: first_ns,
-            duration_ns: last_ns - first_ns,
-        };
+        let count = |topic: &TopicId| (topic.name().to_owned(), self.records.get(topic).copied().unwrap_or(0));
+        let records = self.channels.keys().map(count).collect();
+        let info = Info { about, records, start_ns: first_ns, duration_ns: last_ns - first_ns };
         let map = info.to_map();
         check_size(&map).map_err(|what| WriteError::About { path: self.path.clone(), what })?;
-        let metadata = Metadata { name: METADATA_NAME.to_owned(), metadata: map };
-        let ended = self.mcap.write_metadata(&metadata).and_then(|()| self.mcap.finish().map(drop));
-        ended.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })?;
-        let Self { path, partial, existing, mcap, .. } = self;
-        let file = mcap.into_inner().into_inner().map_err(io::IntoInnerError::into_error);
-        file.and_then(|file| file.sync_all()).map_err(|source| WriteError::Io {
+        self.write_metadata(METADATA_NAME, map)?;
+        let Self { path, partial, file, mut mcap, .. } = self;
+        let ended = mcap.finish().map(drop).and_then(|()| mcap.into_inner().flush().map_err(mcap::McapError::Io));
+        ended.map_err(|source| WriteError::Mcap { path: path.clone(), source })?;
+        file.map_or(Ok(()), |file| file.sync_all()).map_err(|source| WriteError::Io {
             action: "write",
             path: path.clone(),
             source,
         })?;
-        partial.become_file(&path, existing)?;
+        if let Some((partial, existing)) = partial {
+            partial.become_file(&path, existing)?;
+        }
         Ok(info)
+    }
+}
+
+/// Writes nothing more once it failed: what came after a piece that is missing would be no recording.
+struct UntilFailure {
+    sink: Box<dyn Sink>,
+    failed: bool,
+}
+
+impl UntilFailure {
+    fn attempt<T>(&mut self, what: impl FnOnce(&mut dyn Sink) -> io::Result<T>) -> io::Result<T> {
+        if self.failed {
+            return Err(io::Error::other("the file could not be written before"));
+        }
+        let done = what(self.sink.as_mut());
+        self.failed = done.as_ref().is_err_and(|error| error.kind() != io::ErrorKind::Interrupted);
+        done
+    }
+}
+
+impl Write for UntilFailure {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.attempt(|sink| sink.write(bytes))
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        self.attempt(|sink| sink.flush())
+    }
+}
+
+impl Seek for UntilFailure {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.attempt(|sink| sink.seek(to))
     }
 }
 

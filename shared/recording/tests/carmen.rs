@@ -59,7 +59,7 @@ fn log_at(times: &[(f64, f64)]) -> String {
 fn scans(path: &Path) -> Vec<(ScanHeader, Vec<f32>)> {
     let scan = |record| match record {
         Record::Scan { header, ranges_m } => Some((header, ranges_m)),
-        Record::Odometry(_) => None,
+        _ => None,
     };
     read(path).into_iter().filter_map(scan).collect()
 }
@@ -67,7 +67,7 @@ fn scans(path: &Path) -> Vec<(ScanHeader, Vec<f32>)> {
 fn odometry(path: &Path) -> Vec<Odometry> {
     let odometry = |record| match record {
         Record::Odometry(odometry) => Some(odometry),
-        Record::Scan { .. } => None,
+        _ => None,
     };
     read(path).into_iter().filter_map(odometry).collect()
 }
@@ -106,6 +106,7 @@ fn import_real(name: &str) -> Option<ImportReport> {
                     panic!("a scan without odometry at its stamp, at {} ns", header.stamp_ns);
                 }
             }
+            other => panic!("no {} is in such a log", other.topic()),
         }
     }
     Some(report)

@@ -60,6 +60,14 @@ impl Profile {
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
 pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, SettingsError> {
     let (name, text) = profile.text();
+    load_over(name, text, operator)
+}
+
+/// The settings `text`, which are called `name` in errors, with the operator's file on top.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Settings, SettingsError> {
     let mut merged = parse(Path::new(name), text)?;
     let mut last = PathBuf::from(name);
     if let Some(path) = operator {
@@ -205,6 +213,9 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),
         ("walk.errors.orientation_deg", settings.walk.errors.orientation_deg, -60.0, 60.0),
         ("walk.errors.timing_m", settings.walk.errors.timing_m, -10.0, 10.0),
+        ("supervision.memory_mib", f64::from(settings.supervision.memory_mib), 16.0, 1024.0),
+        ("supervision.large_memory_mib", f64::from(settings.supervision.large_memory_mib), 64.0, 16384.0),
+        ("supervision.open_files", f64::from(settings.supervision.open_files), 128.0, 65536.0),
         ("policy.swap.decisions", f64::from(settings.policy.swap.decisions), 1.0, 1000.0),
         ("policy.swap.probation", settings.policy.swap.probation.s(), 0.5, 3600.0),
         ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),

@@ -7,10 +7,10 @@ mod layers;
 mod sections;
 mod units;
 
-pub use layers::{Profile, SettingsError, check, load, load_resolved};
+pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
 pub use sections::{
-    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
-    MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Replay, Robot, Settings, ShieldSettings,
-    Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
+    Access, ActionTableName, Choice, CueOrigin, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind,
+    Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, RecordSettings, Replay, Robot,
+    Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

@@ -42,9 +42,24 @@ pub struct Settings {
     pub walk: Walk,
     /// The recording, where the run replays one.
     pub replay: Replay,
+    /// What is recorded.
+    pub record: RecordSettings,
 }
 
 impl Settings {
+    /// Whether the run has a simulated world: one of its sensors looks at it.
+    #[must_use]
+    pub fn has_world(&self) -> bool {
+        [self.lidar.source, self.depth.source, self.odometry.source].contains(&Source::Simulated)
+    }
+
+    /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
+    #[must_use]
+    pub fn replays(&self) -> bool {
+        let sensors = [self.lidar.source, self.depth.source, self.odometry.source];
+        sensors.contains(&Source::Replayed) || self.cue.source == CueOrigin::Replayed
+    }
+
     /// The handler's interaction model, one step of which is a decision.
     ///
     /// # Errors
@@ -239,10 +254,23 @@ impl Default for OdometrySettings {
     }
 }
 
+/// Where cues come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CueOrigin {
+    /// The run's own handler: a script, or the operator.
+    #[default]
+    Own,
+    /// Published by `replay` in the recogniser's place.
+    Replayed,
+}
+
 /// The cue recogniser.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct CueSettings {
+    /// Where cues come from.
+    pub source: CueOrigin,
     /// A route file whose cues the scripted handler gives; none: only the operator gives cues.
     pub script: Option<PathBuf>,
     /// Replay: the scripted handler gives "forward" once `ready_for_cue`, and again after every fault.
@@ -502,6 +530,12 @@ pub struct Supervision {
     pub restart_budget: u32,
     /// See `restart_budget`.
     pub budget_window: Millis,
+    /// Memory of its own that a critical service may have, mebibytes: a larger process is slower to die.
+    pub memory_mib: u32,
+    /// The same for depth and policy, which cannot stay as small.
+    pub large_memory_mib: u32,
+    /// Descriptors that a critical service may have open.
+    pub open_files: u32,
     /// The brake engages when locomotion's last beat is older.
     pub brake_limit: Millis,
     /// Stepped time: a restarted service joins at death plus this much run time.
@@ -518,6 +552,9 @@ impl Default for Supervision {
             back_off_max: Millis::of_ms(2_000),
             restart_budget: 10,
             budget_window: Millis::of_ms(60_000),
+            memory_mib: 32,
+            large_memory_mib: 256,
+            open_files: 256,
             brake_limit: Millis::of_ms(100),
             restart_time: Millis::of_ms(500),
         }
@@ -569,11 +606,39 @@ pub struct WalkErrors {
 }
 
 /// The recording, where the run replays one.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Replay {
     /// The recording.
     pub recording: Option<PathBuf>,
-    /// The run ends after this much of it.
-    pub duration: Option<Millis>,
+    /// What was recorded before this time of it is left out.
+    pub from: Option<Millis>,
+    /// What was recorded from this time of it on is left out.
+    pub to: Option<Millis>,
+    /// How many times it is played; 0 = until the run is ended.
+    pub times: u32,
+    /// Where it is noted what the run decides differently, JSON lines.
+    pub differences: Option<PathBuf>,
+}
+
+impl Default for Replay {
+    fn default() -> Self {
+        Self { recording: None, from: None, to: None, times: 1, differences: None }
+    }
+}
+
+/// What is recorded of a run.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RecordSettings {
+    /// The recording (`NAME.mcap`) of the whole run, from its first step on; none: only when an operator asks for one.
+    pub path: Option<PathBuf>,
+    /// Whether depth frames are recorded, beside the rest in `NAME.depth.mcap`.
+    pub depth: bool,
+}
+
+impl Default for RecordSettings {
+    fn default() -> Self {
+        Self { path: None, depth: true }
+    }
 }

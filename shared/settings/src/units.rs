@@ -82,6 +82,15 @@ impl Millis {
         self.ns
     }
 
+    /// This and another one after it.
+    ///
+    /// # Errors
+    /// Where they are over an hour together.
+    pub fn plus(self, other: Self) -> Result<Self, String> {
+        let ns = self.ns + other.ns;
+        if ns > 3_600_000_000_000 { Err("over an hour in all".to_owned()) } else { Ok(Self { ns }) }
+    }
+
     /// Seconds.
     #[must_use]
     pub fn s(self) -> f64 {

@@ -31,6 +31,13 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec as u64 * 1_000_000_000 + now.tv_nsec as u64
 }
 
+/// The time of day, seconds since 1970: for what a recording says about itself, and nothing else.
+#[must_use]
+pub fn unix_time_s() -> f64 {
+    let now = clock_gettime(ClockId::Realtime);
+    now.tv_sec as f64 + now.tv_nsec as f64 / 1e9
+}
+
 /// The clock of one process.
 #[derive(Debug)]
 pub struct Clock {

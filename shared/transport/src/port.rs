@@ -141,9 +141,23 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
     ///
     /// # Errors
     /// Where no memory of the pool is free, or a connection is broken.
-    pub fn publish(&mut self, stamp_ns: u64, mut message: M) -> Result<M, TransportError> {
+    pub fn publish(&mut self, stamp_ns: u64, message: M) -> Result<M, TransportError> {
         self.seq += 1;
-        *message.header_mut() = next_header(&self.shared, stamp_ns, self.seq);
+        let header = next_header(&self.shared, stamp_ns, self.seq);
+        self.send(header, message)
+    }
+
+    /// Publishes a recorded message again: stamp, seq and incarnation are those in its header, step and time of
+    /// publication those of now.
+    ///
+    /// # Errors
+    /// As [`Publisher::publish`].
+    pub fn republish(&mut self, message: M) -> Result<M, TransportError> {
+        self.send(recorded_header(&self.shared, message.header()), message)
+    }
+
+    fn send(&mut self, header: Header, mut message: M) -> Result<M, TransportError> {
+        *message.header_mut() = header;
         self.port.send_copy(Wire::new(message)).map_err(|e| publish_error(M::TOPIC, e))?;
         self.shared.count(self.slot, message.header(), 0);
         self.waker.wake();
@@ -160,6 +174,10 @@ fn next_header(shared: &Shared, stamp_ns: u64, seq: u64) -> Header {
         incarnation: shared.identity.incarnation,
         reserved: 0,
     }
+}
+
+fn recorded_header(shared: &Shared, recorded: &Header) -> Header {
+    Header { step: shared.clock.step(), published_ns: shared.clock.now_ns(), ..*recorded }
 }
 
 /// Reads messages of fixed size.
@@ -343,9 +361,22 @@ where
     ///
     /// # Errors
     /// Where a connection is broken.
-    pub fn publish(&mut self, stamp_ns: u64, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
+    pub fn publish(&mut self, stamp_ns: u64, loan: FrameLoan<F>) -> Result<Header, TransportError> {
         self.seq += 1;
         let header = next_header(&self.shared, stamp_ns, self.seq);
+        self.send(header, loan)
+    }
+
+    /// Publishes a recorded frame again, as [`Publisher::republish`] does.
+    ///
+    /// # Errors
+    /// Where a connection is broken.
+    pub fn republish(&mut self, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
+        let header = recorded_header(&self.shared, loan.meta_mut().header());
+        self.send(header, loan)
+    }
+
+    fn send(&mut self, header: Header, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
         *loan.0.user_header_mut().header_mut() = header;
         loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
         self.shared.count(self.slot, &header, 0);
@@ -445,6 +476,17 @@ where
             buffer: spec.buffer,
             pending: VecDeque::new(),
         })
+    }
+
+    /// The next frame whatever the step: for the last frames of a run whose time stands still.
+    ///
+    /// # Errors
+    /// As [`FrameSubscriber::take`].
+    pub fn take_at_once(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
+        match self.pending.pop_front() {
+            Some(sample) => Ok(Some(sample)),
+            None => self.receive(),
+        }
     }
 
     /// The next frame that may be seen. What is no frame is dropped and counted.

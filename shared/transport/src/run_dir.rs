@@ -24,8 +24,9 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 10] = [
+const OURS: [&str; 11] = [
     "lock",
+    "recording.json",
     "run.json",
     "settings.toml",
     "control.sock",

@@ -9,6 +9,7 @@ use crate::line::{FromChild, Received, ToChild};
 use crate::master::Master;
 use crate::port::{Publisher, Subscriber};
 use crate::service::Service;
+use crate::usage::Usage;
 use crate::{ClockKind, TransportError, monotonic_ns};
 
 /// Beats of critical services: 50 Hz.
@@ -31,6 +32,7 @@ enum Flow {
 
 pub(crate) struct WaitLoop {
     health: Publisher<Health>,
+    usage: Usage,
     beat_ns: u64,
     next_beat_ns: u64,
     next_wall_tick_ns: u64,
@@ -54,6 +56,7 @@ impl WaitLoop {
         let critical = io.identity().service != ServiceId::Recorder;
         Ok(Self {
             health: io.publisher()?,
+            usage: Usage::default(),
             beat_ns: if critical { BEAT_CRITICAL_NS } else { BEAT_NS },
             next_beat_ns: 0,
             next_wall_tick_ns: 0,
@@ -267,8 +270,16 @@ impl WaitLoop {
         }
         self.next_beat_ns = now + self.beat_ns;
         let identity = io.identity();
-        let mut health =
-            Health { service: identity.service, state: self.state, pid: std::process::id(), ..Health::default() };
+        self.usage.refresh();
+        let mut health = Health {
+            service: identity.service,
+            state: self.state,
+            pid: std::process::id(),
+            open_files: self.usage.open_files,
+            resident_bytes: self.usage.resident_bytes,
+            private_bytes: self.usage.private_bytes,
+            ..Health::default()
+        };
         let counters = io.counters();
         health.port_count = counters.len() as u32;
         for (slot, port) in health.ports.iter_mut().zip(counters.iter()) {

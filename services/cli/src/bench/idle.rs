@@ -34,7 +34,7 @@ struct Usage {
 pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let mut route = tempfile::NamedTempFile::new().map_err(Failure::of_run)?;
     writeln!(route, "# No cues, no goal: the robot stands.").map_err(Failure::of_run)?;
-    let pace = PaceArgs { config: None, speed: None, name: None };
+    let pace = PaceArgs::default();
     let scenario = Some(prepare::DEFAULT_SCENARIO.to_owned());
     let world = WorldArgs { scenario, map: None, start: None, cues: Some(route.path().to_owned()), pace };
     let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;

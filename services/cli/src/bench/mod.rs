@@ -3,6 +3,7 @@
 pub mod idle;
 mod plain;
 pub mod receiver;
+pub mod replay;
 pub mod shield;
 pub mod transport;
 

@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use messages::{Health, PortRole, StopKind, StopReason, TopicId, age_ns};
 
-use crate::plan::ServicePlan;
+use crate::plan::{Rate, ServicePlan};
 
 /// How far a service is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -44,6 +44,41 @@ struct Progress {
     /// Run time when `out_count` last grew, and the input count then.
     changed_at_ns: u64,
     in_then: u64,
+    in_count: u64,
+    /// Run time when `in_count` last grew.
+    fed_at_ns: u64,
+    window: Window,
+}
+
+/// The messages of a stream are counted over windows, beat by beat.
+#[derive(Debug, Clone, Copy, Default)]
+struct Window {
+    /// Stamp of the beat that began it; 0 before the first.
+    from_ns: u64,
+    outputs: u64,
+    inputs: u64,
+    /// What the last whole window came to: from one output to the next, where that was too long, nanoseconds.
+    too_slow_ns: Option<u64>,
+}
+
+/// Length of a window.
+const WINDOW_NS: u64 = 2_000_000_000;
+/// A stream that gives less than this share of what it should is slow.
+const RATE_SHARE: f64 = 0.7;
+
+impl Window {
+    fn take(&mut self, rate: &Rate, beat_ns: u64, outputs: u64, inputs: u64) {
+        let begin = Self { from_ns: beat_ns, outputs, inputs, too_slow_ns: None };
+        let lasted_ns = beat_ns.saturating_sub(self.from_ns);
+        if self.from_ns == 0 || outputs < self.outputs || inputs < self.inputs {
+            *self = begin;
+        } else if lasted_ns >= WINDOW_NS {
+            let (out, fed) = (outputs - self.outputs, inputs - self.inputs);
+            let should = fed.checked_div(rate.inputs).unwrap_or(lasted_ns / rate.period_ns);
+            let is_slow = (out as f64) < RATE_SHARE * should.min(lasted_ns / rate.period_ns) as f64;
+            *self = Self { too_slow_ns: is_slow.then(|| lasted_ns / out.max(1)), ..begin };
+        }
+    }
 }
 
 /// Which of two policies it is; all other services are one of a kind.
@@ -72,8 +107,11 @@ pub(super) struct Watched {
     /// Wall times of the last deaths, for the budget.
     pub deaths_ns: VecDeque<u64>,
     last_beat_ns: u64,
+    /// Nothing before this is held against it, run time: its readiness, or the judge's own waking up.
+    judged_from_ns: u64,
     progress: Vec<Progress>,
     pose_jumps: u64,
+    used: (u64, u32),
 }
 
 impl Watched {
@@ -91,8 +129,10 @@ impl Watched {
             restarts: 0,
             deaths_ns: VecDeque::new(),
             last_beat_ns: 0,
+            judged_from_ns: 0,
             progress,
             pose_jumps: 0,
+            used: (0, 0),
         }
     }
 
@@ -113,14 +153,17 @@ impl Watched {
         self.armed = !self.plan.has_line;
         self.joined = false;
         self.pose_jumps = 0;
+        self.last_beat_ns = 0;
+        self.used = (0, 0);
         self.progress.iter_mut().for_each(|progress| *progress = Progress::default());
     }
 
     /// What it is judged by is counted from now on.
     pub fn count_from(&mut self, run_ns: u64) {
-        self.last_beat_ns = run_ns;
+        self.judged_from_ns = run_ns;
         for progress in &mut self.progress {
-            progress.changed_at_ns = run_ns;
+            (progress.changed_at_ns, progress.fed_at_ns) = (run_ns, run_ns);
+            progress.window = Window::default();
         }
     }
 
@@ -132,6 +175,12 @@ impl Watched {
             let input = rule.input.and_then(|topic| port(topic, PortRole::Subscriber)).map_or(0, |port| port.count);
             let Some(out) = port(rule.output, PortRole::Publisher) else { continue };
             progress.out_stamp_ns = out.last_stamp_ns;
+            if input != progress.in_count {
+                (progress.in_count, progress.fed_at_ns) = (input, run_ns);
+            }
+            if let Some(rate) = &rule.rate {
+                progress.window.take(rate, health.header.stamp_ns, out.count, input);
+            }
             if out.count != progress.out_count {
                 *progress = Progress { out_count: out.count, changed_at_ns: run_ns, in_then: input, ..*progress };
             } else if input < progress.in_then + rule.inputs_per_output {
@@ -139,30 +188,57 @@ impl Watched {
                 progress.changed_at_ns = run_ns;
             }
         }
+        self.used = (health.private_bytes, health.open_files);
         let jumped = health.pose_jumps > self.pose_jumps;
         self.pose_jumps = health.pose_jumps;
         jumped
     }
 
-    /// For how long it has not beaten, where that is too long, nanoseconds.
-    pub fn silence(&self, run_ns: u64) -> Option<u64> {
-        Some(age_ns(run_ns, self.last_beat_ns)).filter(|age| *age > self.plan.beat_limit_ns)
+    /// Whether it beats on time. What it did while nobody looked is not known, and so is not taken for well.
+    pub fn beats_on_time(&self, run_ns: u64) -> bool {
+        age_ns(run_ns, self.last_beat_ns) <= self.plan.beat_limit_ns
     }
 
-    /// What it is to be ended for, if anything: silence, or input without output.
+    /// For how long it has not beaten, where that is too long to let it live, nanoseconds.
+    fn silence(&self, run_ns: u64) -> Option<u64> {
+        let since_ns = self.last_beat_ns.max(self.judged_from_ns);
+        Some(age_ns(run_ns, since_ns)).filter(|age| *age > self.plan.beat_limit_ns)
+    }
+
+    /// What it is to be ended for, if anything: silence, too much memory or too many descriptors, input without output,
+    /// or less output than its input makes.
     pub fn judge(&self, run_ns: u64) -> Option<StopReason> {
+        let of = |kind| StopReason::service(kind, self.plan.service, self.incarnation);
         if let Some(age_ns) = self.silence(run_ns) {
-            let reason = StopReason::service(StopKind::BeatsMissed, self.plan.service, self.incarnation);
-            return Some(StopReason { age_ns, limit_ns: self.plan.beat_limit_ns, ..reason });
+            return Some(StopReason { age_ns, limit_ns: self.plan.beat_limit_ns, ..of(StopKind::BeatsMissed) });
+        }
+        let ((bytes, files), allowed) = (self.used, self.plan.allowance);
+        if bytes > allowed.private_bytes {
+            let (used, used_limit) = (bytes, allowed.private_bytes);
+            return Some(StopReason { used, used_limit, ..of(StopKind::MemoryExhausted) });
+        }
+        if files > allowed.files {
+            let (used, used_limit) = (u64::from(files), u64::from(allowed.files));
+            return Some(StopReason { used, used_limit, ..of(StopKind::FilesExhausted) });
         }
         self.plan.streams.iter().zip(&self.progress).find_map(|(rule, progress)| {
-            let silent = run_ns.saturating_sub(progress.changed_at_ns);
-            (rule.input.is_some() && silent > rule.hang_ns).then(|| StopReason {
-                age_ns: silent,
-                limit_ns: rule.hang_ns,
-                topic: rule.output,
-                ..StopReason::service(StopKind::ServiceHung, self.plan.service, self.incarnation)
-            })
+            let about = |kind, age_ns, limit_ns| StopReason { topic: rule.output, age_ns, limit_ns, ..of(kind) };
+            let silent_ns = run_ns.saturating_sub(progress.changed_at_ns);
+            if rule.input.is_some() && silent_ns > rule.hang_ns {
+                return Some(about(StopKind::ServiceHung, silent_ns, rule.hang_ns));
+            }
+            let limit_ns = (rule.rate?.period_ns as f64 / RATE_SHARE) as u64;
+            Some(about(StopKind::StreamSlow, progress.window.too_slow_ns?, limit_ns))
+        })
+    }
+
+    /// The input that it lacks, if any: starved, which is nobody's fault here.
+    pub fn starved_of(&self, run_ns: u64) -> Option<TopicId> {
+        if self.phase != Phase::Ready {
+            return None;
+        }
+        self.plan.streams.iter().zip(&self.progress).find_map(|(rule, progress)| {
+            rule.input.filter(|_| run_ns.saturating_sub(progress.fed_at_ns) > rule.hang_ns)
         })
     }
 

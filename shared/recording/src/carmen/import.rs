@@ -62,6 +62,7 @@ pub fn import(log: &Path, out: &Path, options: ImportOptions) -> Result<ImportRe
         field_of_view_rad: increment_rad * survey.beams.saturating_sub(1) as f64,
         first_wall_clock_s: survey.first_wall_clock_s,
         anomalies: anomalies.clone(),
+        run: None,
     })?;
     Ok(ImportReport {
         source: log.to_owned(),

@@ -66,6 +66,7 @@ pub fn bits(record: &Record) -> Vec<u64> {
             bits.extend([o.twist.vx_mps, o.twist.vy_mps, o.twist.wz_radps].map(real));
             bits.extend(o.sigma.map(real));
         }
+        other => panic!("no {} in these tests", other.topic()),
     }
     bits
 }

@@ -1,0 +1,136 @@
+//! `recording`: what a recording says about itself, whether it is whole, and how a torn one becomes whole.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use recording::{Info, Part, ReadError, Reader, RecoverError, Recovered, recover};
+use serde_json::{Value, json};
+
+use crate::args::{RecordingArgs, RecordingVerb};
+use crate::exit::{Failure, chain};
+use crate::out::{self, say};
+use crate::prepare::new_recording;
+
+/// `guidedog recording`
+///
+/// # Errors
+/// Where the recording cannot be read, is damaged or torn, or the whole one cannot be written.
+pub fn recording(args: &RecordingArgs, as_json: bool) -> Result<(), Failure> {
+    match &args.what {
+        RecordingVerb::Info { recording } => info(recording, as_json),
+        RecordingVerb::Check { recording } => check(recording, as_json),
+        RecordingVerb::Recover { recording, output } => {
+            let output = output.clone().unwrap_or_else(|| recording.with_extension("recovered.mcap"));
+            recover_all(recording, &new_recording(&output)?, as_json)
+        }
+    }
+}
+
+/// What can be done about it is told with the error.
+fn of_reading(error: &ReadError) -> Failure {
+    let hint = if matches!(error, ReadError::Torn { .. }) {
+        "; `guidedog recording recover` makes a whole one of it"
+    } else {
+        ""
+    };
+    Failure::input(format!("{}{hint}", chain(error)))
+}
+
+/// What a recording says about itself.
+///
+/// # Errors
+/// Where it cannot be read.
+pub fn info(path: &Path, as_json: bool) -> Result<(), Failure> {
+    let reader = Reader::open(path).map_err(|error| of_reading(&error))?;
+    let missing = reader.depth_missing().map(|file| file.display().to_string());
+    if as_json {
+        let mut told = told(path, reader.info())?;
+        told["depth_missing"] = json!(missing);
+        return out::json(&told);
+    }
+    lines(path, reader.info()).iter().for_each(say);
+    if let Some(missing) = missing {
+        say(format!("  depth: {missing} is missing"));
+    }
+    Ok(())
+}
+
+fn check(path: &Path, as_json: bool) -> Result<(), Failure> {
+    let mut reader = Reader::open(path).map_err(|error| of_reading(&error))?;
+    let info = reader.info().clone();
+    let missing = reader.depth_missing().map(Path::to_owned);
+    reader.settings().map_err(|error| of_reading(&error))?;
+    let mut records: BTreeMap<&str, u64> = BTreeMap::new();
+    for record in reader {
+        let record = record.map_err(|error| of_reading(&error))?;
+        *records.entry(record.topic().name()).or_default() += 1;
+    }
+    if let Some(missing) = missing {
+        return Err(Failure::input(format!(
+            "{}: its depth frames are missing: no {}",
+            path.display(),
+            missing.display()
+        )));
+    }
+    let all: u64 = records.values().sum();
+    if as_json {
+        return out::json(&json!({ "recording": path.display().to_string(), "whole": true, "read": records }));
+    }
+    say(format!("{}: {all} records, each of them whole", path.display()));
+    lines(path, &info).iter().skip(1).for_each(say);
+    Ok(())
+}
+
+/// Recovers a recording, and the file of its depth frames where that is beside it.
+fn recover_all(from: &Path, to: &Path, as_json: bool) -> Result<(), Failure> {
+    let recovered = |from: &Path, to: &Path| {
+        recover(from, to).map_err(|error| match &error {
+            RecoverError::Read(error) => of_reading(error),
+            RecoverError::Write(error) => Failure::of_run(error),
+        })
+    };
+    let small = recovered(from, to)?;
+    let named = small.info.about.run.as_ref().is_some_and(|run| run.depth_file.is_some());
+    let beside: PathBuf = Part::Depth.path(from);
+    let depth = if named && beside.is_file() { Some(recovered(&beside, &Part::Depth.path(to))?) } else { None };
+    let all: Vec<&Recovered> = std::iter::once(&small).chain(&depth).collect();
+    if as_json {
+        return out::json(&json!({ "recovered": all }));
+    }
+    for part in all {
+        let cut = part.bytes - part.cut_at_byte;
+        say(format!("{} -> {}", part.from.display(), part.to.display()));
+        match &part.why {
+            Some(why) => say(format!("  cut at byte {}, {cut} bytes lost: {why}", part.cut_at_byte)),
+            None => say("  nothing but its end was missing"),
+        }
+        lines(&part.to, &part.info).iter().skip(1).for_each(say);
+    }
+    Ok(())
+}
+
+fn told(path: &Path, info: &Info) -> Result<Value, Failure> {
+    let mut value = serde_json::to_value(info).map_err(Failure::of_run)?;
+    value["recording"] = json!(path.display().to_string());
+    value["whole_run"] = json!(info.about.run.as_ref().is_some_and(recording::RunAbout::is_whole));
+    Ok(value)
+}
+
+fn lines(path: &Path, info: &Info) -> Vec<String> {
+    let about = &info.about;
+    let records: Vec<String> =
+        info.records.iter().filter(|(_, n)| **n > 0).map(|(topic, n)| format!("{topic} {n}")).collect();
+    let mut lines = vec![
+        format!("{}: {}, robot {}", path.display(), about.source, about.robot),
+        format!("  {:.2} s from {:.2} s", messages::s_from_ns(info.duration_ns), messages::s_from_ns(info.start_ns)),
+        format!("  records: {}", if records.is_empty() { "none".to_owned() } else { records.join(", ") }),
+    ];
+    if let Some(run) = &about.run {
+        let time = if run.stepped { "stepped" } else { "real" };
+        let whole = if run.is_whole() { ", from its first step to its last" } else { "" };
+        lines.push(format!("  run {} in {time} time{whole}, seed {}; {}", run.name, run.seed, run.ended));
+        let lost: Vec<String> = run.lost.iter().map(|(topic, n)| format!("{topic} {n}")).collect();
+        lines.push(format!("  lost: {}", if lost.is_empty() { "none".to_owned() } else { lost.join(", ") }));
+    }
+    lines
+}

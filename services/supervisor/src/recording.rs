@@ -1,0 +1,52 @@
+//! Recording on demand: the order goes into the run directory, and the recorder runs while it is wanted.
+
+use std::path::PathBuf;
+
+use messages::ServiceId;
+use serde_json::{Value, json};
+use transport::{Io, RecordingOrder, TransportError};
+
+use crate::Supervisor;
+use crate::machine::{Event, Phase};
+
+impl Supervisor {
+    /// Wants the run recorded in `path` from now on.
+    ///
+    /// # Errors
+    /// Where the order cannot be left in the run directory.
+    pub(crate) fn want_recording(&mut self, path: PathBuf, io: &Io) -> Result<(), TransportError> {
+        let lives_before = self.recorder(io).map_or(0, |(_, incarnation)| incarnation);
+        io.domain.dir.write_recording_order(&RecordingOrder { path, lives_before })?;
+        self.machine.handle(Event::Demand(ServiceId::Recorder), Self::now(io));
+        Ok(())
+    }
+
+    /// The operator wants the run recorded in `path`.
+    pub(crate) fn record(&mut self, path: PathBuf, io: &Io) -> Value {
+        if self.recorder(io).is_none_or(|(phase, _)| phase != Phase::Off) {
+            return json!({ "error": "the run is being recorded already" });
+        }
+        if !path.is_absolute() {
+            return json!({ "error": "the recording's path is not absolute" });
+        }
+        match self.want_recording(path, io) {
+            Ok(()) => json!({ "ok": true }),
+            Err(error) => json!({ "error": error.to_string() }),
+        }
+    }
+
+    /// The operator wants the recording ended.
+    pub(crate) fn end_recording(&mut self, io: &Io) -> Value {
+        if self.recorder(io).is_none_or(|(phase, _)| phase == Phase::Off) {
+            return json!({ "error": "the run is not being recorded" });
+        }
+        self.machine.handle(Event::Release(ServiceId::Recorder), Self::now(io));
+        json!({ "ok": true })
+    }
+
+    fn recorder(&self, io: &Io) -> Option<(Phase, u32)> {
+        let services = self.machine.status(io.now_ns());
+        let recorder = services.iter().find(|service| service.service == ServiceId::Recorder)?;
+        Some((recorder.phase, recorder.incarnation))
+    }
+}
