@@ -11,8 +11,8 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
-use messages::fault::Fault;
 use iceoryx2::service::header::payload_header::PayloadHeader;
+use messages::fault::Fault;
 use messages::{Frame, Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, TopicId};
 
 use crate::checked::{Mapped, Wire};
