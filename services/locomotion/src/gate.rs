@@ -151,8 +151,8 @@ impl Gate {
         }
     }
 
-    /// Whether a mode may follow another. An epoch rises by one at a time: one that leaps is no supervisor's. Of one that
-    /// falls the one before was never true, for the supervisor only counts up; motion then needs a greater one.
+    /// Whether a mode may follow another. An epoch rises by one at a time: one that leaps is no supervisor's. Of one
+    /// that falls the one before was never true, for the supervisor only counts up; motion then needs a greater one.
     fn may_follow(&mut self, old: &Mode, mode: &Mode) -> bool {
         if mode.epoch >= old.epoch {
             return mode.epoch - old.epoch <= EPOCHS_AT_ONCE;

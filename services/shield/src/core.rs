@@ -168,7 +168,7 @@ impl Core {
 
     /// The newest mode.
     pub fn take_mode(&mut self, mode: &Mode) {
-        // An epoch rises by one at a time: one that leaps is no supervisor's; of one that falls, the one before was none.
+        // An epoch rises by one at a time: one that leaps is no supervisor's, and one that falls unmasks that before.
         let follows = |old: Mode| {
             let falls_or_is_late = mode.epoch < old.epoch && mode.header.seq <= old.header.seq;
             !falls_or_is_late && mode.epoch <= old.epoch.saturating_add(EPOCHS_AT_ONCE)
