@@ -8,6 +8,9 @@ use messages::Odometry;
 
 const MS: u64 = 1_000_000;
 
+/// Whether what came shows the fault.
+type Oracle<'a> = &'a dyn Fn(&Came) -> bool;
+
 fn inject(place: &Place, run: &str, target: &str, fault: &str, more: &[&str]) {
     let mut args = vec!["inject", target, fault, "--run", run, "--json"];
     args.extend(more);
@@ -73,7 +76,7 @@ fn every_fault_of_a_stream_is_seen_by_its_readers() {
     run.wait_walking();
     let wire = Wire::on(run.dir());
     let equal_pose = |a: &Odometry, b: &Odometry| a.odom_from_robot == b.odom_from_robot;
-    let checks: [(&str, &dyn Fn(&Came) -> bool); 9] = [
+    let checks: [(&str, Oracle<'_>); 9] = [
         ("off", &|came| silence_ms(came) >= 900),
         ("stuck-seq", &|came| in_a_row(came, 10, |a, b| a.header.seq == b.header.seq && a != b)),
         ("stuck-stamp", &|came| in_a_row(came, 10, |a, b| a.header.stamp_ns == b.header.stamp_ns && a != b)),
@@ -117,7 +120,7 @@ fn every_fault_of_a_frame_is_seen_by_its_readers() {
     run.wait_walking();
     let wire = Wire::on(run.dir());
     let longest = |ranges: &[f32]| ranges.iter().copied().filter(|range| range.is_finite()).fold(0.0_f32, f32::max);
-    let checks: [(&str, &dyn Fn(&Came) -> bool); 5] = [
+    let checks: [(&str, Oracle<'_>); 5] = [
         ("off", &|came| came.scans.windows(2).any(|pair| pair[1].0 - pair[0].0 >= 900 * MS)),
         ("stuck-bytes", &|came| {
             let same = |pair: &[(u64, messages::ScanHeader, Vec<f32>)]| {

@@ -223,7 +223,9 @@ Examples:
 /// The table of faults as `guidedog inject --help` tells it.
 fn inject_help() -> String {
     let names = |topics: &[messages::TopicId]| topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
-    let mut help = format!("Streams: {}, health/SERVICE\nFaults:\n", names(&messages::fault::STREAMS));
+    let streams = names(&messages::fault::STREAMS);
+    let mut help = format!("Streams: {streams}, health/SERVICE\n");
+    help += "Processes: a service's name, or service/NAME where a stream is called so too\nFaults:\n";
     for row in messages::fault::FAULTS {
         help += &format!("  {:14} {}\n", row.name, row.what);
     }

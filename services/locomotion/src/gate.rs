@@ -8,7 +8,7 @@ use settings::{LinkKind, Settings};
 use crate::accord::Accord;
 
 /// Stops that a gate may have slept through.
-const EPOCHS_AT_ONCE: u64 = 1000;
+const EPOCHS_AT_ONCE: u64 = 100;
 
 /// What the gate holds a permit against.
 #[derive(Debug, Clone, PartialEq)]
@@ -132,8 +132,9 @@ impl Gate {
         if self.mode.is_none() && mode.class == ModeClass::Run {
             self.latch_at(mode.epoch, StopReason::of(StopKind::Boot));
         }
-        // An epoch rises by one at a time: one that leaps is no supervisor's, and would never be caught up with.
-        if self.mode.is_some_and(|old| old.epoch > mode.epoch || mode.epoch - old.epoch > EPOCHS_AT_ONCE) {
+        if let Some(old) = self.mode
+            && !self.may_follow(&old, mode)
+        {
             return;
         }
         self.mode = Some(*mode);
@@ -151,6 +152,21 @@ impl Gate {
         if mode.cue.valid && self.stop_cue.is_some_and(|stop| cue > stop) {
             self.stop_cue = None;
         }
+    }
+
+    /// Whether a mode may follow another. An epoch rises by one at a time: one that leaps is no supervisor's. Of one
+    /// that falls the one before was never true, for the supervisor only counts up; motion then needs a greater one.
+    fn may_follow(&mut self, old: &Mode, mode: &Mode) -> bool {
+        if mode.epoch >= old.epoch {
+            return mode.epoch - old.epoch <= EPOCHS_AT_ONCE;
+        }
+        let is_later = mode.header.seq > old.header.seq;
+        // A latch beyond the false epoch is of another kind: for good.
+        if is_later && self.latched_epoch.is_none_or(|latched| latched <= old.epoch) {
+            self.latched_epoch = Some(mode.epoch);
+            self.latch_reason = StopReason::of(StopKind::ModeStale);
+        }
+        is_later
     }
 
     /// A cue has come: only stop takes effect here, at once.

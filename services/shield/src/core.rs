@@ -30,7 +30,7 @@ const STANDBY_NS: u64 = NS_PER_S / 20;
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
 /// Stops that a shield may have slept through.
-const EPOCHS_AT_ONCE: u64 = 1000;
+const EPOCHS_AT_ONCE: u64 = 100;
 
 /// What the core needs to know.
 #[derive(Debug, Clone)]
@@ -173,8 +173,12 @@ impl Core {
 
     /// The newest mode.
     pub fn take_mode(&mut self, mode: &Mode) {
-        // An epoch rises by one at a time: one that leaps is no supervisor's, and would never be caught up with.
-        if self.mode.is_none_or(|old| (old.epoch..=old.epoch + EPOCHS_AT_ONCE).contains(&mode.epoch)) {
+        // An epoch rises by one at a time: one that leaps is no supervisor's, and one that falls unmasks that before.
+        let follows = |old: Mode| {
+            let falls_or_is_late = mode.epoch < old.epoch && mode.header.seq <= old.header.seq;
+            !falls_or_is_late && mode.epoch <= old.epoch.saturating_add(EPOCHS_AT_ONCE)
+        };
+        if self.mode.is_none_or(follows) {
             self.mode = Some(*mode);
         }
     }

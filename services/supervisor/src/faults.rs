@@ -78,7 +78,10 @@ impl Supervisor {
             Target::Service(service) => self.inject_service(service, &injection, io),
             Target::Host => self.inject_host(&injection, io),
         };
-        if let Err(why) = done {
+        // Whoever is down now is mended by that: the next life inherits nothing.
+        if let Err(why) = done
+            && kind.is_some()
+        {
             return refused(why);
         }
         self.faults.keep(injection, io.now_ns());
@@ -109,6 +112,9 @@ impl Supervisor {
             };
             return rustix::process::kill_process(rustix::process::getpid(), signal).map_err(|e| e.to_string());
         }
+        if injection.fault.is_none() {
+            self.children.doom(service, 0);
+        }
         if !self.machine.is_ready(service) {
             return Err(format!("{service} is not up in this run"));
         }
@@ -121,7 +127,6 @@ impl Supervisor {
             }
             fault => {
                 if fault.is_none() {
-                    self.children.doom(service, 0);
                     self.children.signal(service, Signal::CONT);
                 }
                 self.children.tell(service, &ToChild::Inject { injection: *injection });

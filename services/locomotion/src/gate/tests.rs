@@ -322,3 +322,22 @@ fn a_mode_whose_epoch_leaps_is_no_supervisors() {
     gate.take_mode(&mode(ModeClass::Fault, 3, 1010));
     assert_eq!(gate.epoch(), 3, "the supervisor's own is still heard");
 }
+
+#[test]
+fn an_epoch_that_falls_unmasks_the_one_before_and_motion_needs_a_greater_one() {
+    let mut gate = moving();
+    let seq = |seq: u64, mode: Mode| Mode { header: Header { seq, ..mode.header }, ..mode };
+    gate.take_mode(&seq(2, mode(ModeClass::Run, 40, 1000)));
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit, "the permit is of another epoch");
+    gate.take_mode(&seq(3, mode(ModeClass::Run, 2, 1010)));
+    gate.take_permit(&permit(1000, 1100));
+    assert_eq!((gate.epoch(), kind(&mut gate, 1010)), (2, StopKind::ModeStale));
+    gate.take_mode(&seq(4, mode(ModeClass::Run, 3, 1020)));
+    gate.take_permit(&Permit { epoch: 3, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1020), StopKind::None);
+    gate.stop_by(StopReason::of(StopKind::SupervisorLost), u64::MAX);
+    gate.take_mode(&seq(5, mode(ModeClass::Run, 50, 1030)));
+    gate.take_mode(&seq(6, mode(ModeClass::Run, 4, 1030)));
+    gate.take_permit(&Permit { epoch: 4, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1030), StopKind::SupervisorLost, "a stop for good is for good");
+}

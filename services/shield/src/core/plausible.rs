@@ -113,7 +113,8 @@ impl Succession {
         }
         match &mut self.last {
             Some((last, odom_from_then)) => {
-                last.clone_from(beams);
+                // Copied, into what is there already.
+                beams.seen_from(&Se2::identity(), last);
                 *odom_from_then = *odom_from_robot;
             }
             None => self.last = Some((beams.clone(), *odom_from_robot)),
