@@ -183,7 +183,7 @@ impl Watched {
             }
             if out.count != progress.out_count {
                 *progress = Progress { out_count: out.count, changed_at_ns: run_ns, in_then: input, ..*progress };
-            } else if input < progress.in_then + rule.inputs_per_output {
+            } else if input < progress.in_then.saturating_add(rule.inputs_per_output) {
                 // No input, no output: starved, which is nobody's fault here.
                 progress.changed_at_ns = run_ns;
             }

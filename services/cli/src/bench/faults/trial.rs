@@ -10,13 +10,15 @@ use transport::monotonic_ns;
 
 use super::rig::{LOOK, Rig};
 use super::table::{Cell, Expect};
-use super::tap::Seen;
-use crate::exit::Failure;
+use super::tap::{Seen, Truth};
+use crate::exit::{EXIT_REFUSED, Failure};
 
 /// A fault comes at any moment of a decision, its scans and its poses: within this of the robot's walking, nanoseconds.
 const PHASE_NS: u64 = 600_000_000;
 /// A robot that has walked for so long suffers nothing more from the fault before.
 const UNDISTURBED: Duration = Duration::from_millis(300);
+/// A fault that is refused is tried again so many times.
+const TRIES: u32 = 5;
 /// A fault that lasts is mended after this, or once the robot stands: three decisions, and four beams of a slow lidar.
 const SPAN: Duration = Duration::from_millis(2500);
 /// What should stop the robot is waited for at most so long.
@@ -46,19 +48,16 @@ pub struct Outcome {
 /// # Errors
 /// Where the robot cannot be made to walk, or the fault cannot be injected.
 pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Outcome, Failure> {
-    loop {
-        rig.walk()?;
-        let epoch = || rig.seen(|seen| seen.mode.map(|mode| mode.epoch));
-        let begun = epoch();
-        std::thread::sleep(UNDISTURBED + Duration::from_nanos(dice.between((0, PHASE_NS))));
-        if rig.seen(Seen::walks) && epoch() == begun {
-            break;
+    let mut tries = TRIES;
+    let (truth, epoch, struck_ns) = loop {
+        let (truth, epoch) = walking(rig, dice)?;
+        match strike(rig, cell, dice) {
+            Ok(struck_ns) => break (truth, epoch, struck_ns),
+            // Who was to suffer it has just died of something else.
+            Err(refused) if refused.code == EXIT_REFUSED && tries > 1 => tries -= 1,
+            Err(failure) => return Err(failure),
         }
-    }
-    rig.forget();
-    let before = rig.seen(|seen| (seen.truth, seen.mode.map_or(0, |mode| mode.epoch)));
-    let (Some(truth), epoch) = before else { return Err(Failure::run("the world is silent")) };
-    let struck_ns = strike(rig, cell, dice)?;
+    };
     let mut outcome = Outcome::default();
     watch(rig, cell, struck_ns, truth.distance_m, &mut outcome);
     let ended_ns = if cell.is_momentary() { struck_ns } else { mend(rig, cell) };
@@ -73,6 +72,21 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
         rig.end();
     }
     Ok(outcome)
+}
+
+/// Waits until the robot walks undisturbed, and then for a random moment more: the world and the epoch then.
+fn walking(rig: &mut Rig, dice: &mut Dice) -> Result<(Truth, u64), Failure> {
+    loop {
+        rig.walk()?;
+        let epoch = || rig.seen(|seen| seen.mode.map(|mode| mode.epoch));
+        let begun = epoch();
+        std::thread::sleep(UNDISTURBED + Duration::from_nanos(dice.between((0, PHASE_NS))));
+        let undisturbed = rig.seen(Seen::walks) && epoch() == begun;
+        if let (true, Some(truth), Some(epoch)) = (undisturbed, rig.seen(|seen| seen.truth), begun) {
+            rig.forget();
+            return Ok((truth, epoch));
+        }
+    }
 }
 
 impl Cell {
