@@ -15,7 +15,7 @@ use guidedog_brake::Watch;
 use guidedog_locomotion::{Gate, GateLimits};
 use guidedog_supervisor::machine::{Action, Event, Machine, Now, Phase};
 use guidedog_supervisor::plan::Plan;
-use messages::{Cue, CueKind, Header, LocomotionState, Mode, ModeClass, Odometry, Permit, ServiceId};
+use messages::{Cue, CueKind, Header, LocomotionState, Mode, ModeClass, Odometry, Permit, ServiceId, Twist2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use settings::Settings;
@@ -59,6 +59,8 @@ pub struct Simulation {
     gate_limits: GateLimits,
     watch: Watch,
     shield_mode: Option<Mode>,
+    /// The velocity of the action that it always permits.
+    forward: Twist2,
     /// The last decision of each policy, by its life.
     decisions: BTreeMap<u32, u64>,
     /// What the robot was last told, and by which life of locomotion; 0: the brake.
@@ -122,6 +124,8 @@ impl Simulation {
             gate_limits,
             watch: Watch::new(settings.supervision.brake_limit.ns()),
             shield_mode: None,
+            forward: settings.policy.actions.table().actions()[guidance::ActionTable::STOP + 1]
+                .velocity(settings.policy.dt.s()),
             decisions: BTreeMap::new(),
             robot: (false, 0),
             world_still_until_ms: 0,
@@ -374,7 +378,8 @@ impl Simulation {
             expiry_ns: (self.now_ms + 200) * MS,
             ..Permit::default()
         };
-        permit.velocity.vx_mps = 0.5;
+        let forward = guidance::ActionTable::STOP + 1;
+        (permit.action, permit.velocity) = (forward as u32, self.forward);
         self.topic_to_gate(ToGate::Permit(Box::new(permit)));
         self.topic_to_supervisor(ToSupervisor::Permit(Box::new(permit)));
     }
