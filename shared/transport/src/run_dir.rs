@@ -1,6 +1,6 @@
 //! The run directory: everything of one run that is a file, and the lock that says whether the run is alive.
 //!
-//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `recording.json`, `settings.toml`, `control.sock`,
+//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `recording.json`, `control.sock`,
 //! `logs/` and `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
