@@ -41,10 +41,12 @@ mod reader;
 mod record;
 mod recover;
 pub mod rplidar;
+mod viewer;
 mod writer;
 
 pub use info::{About, FORMAT_VERSION, Info, RunAbout};
 pub use reader::{ReadError, Reader};
 pub use record::{Order, Record};
 pub use recover::{RecoverError, Recovered, recover};
+pub use viewer::{Level, Viewer, log_json, time_json};
 pub use writer::{Existing, Part, Sink, WriteError, Writer};

@@ -14,7 +14,7 @@ use crate::file_reader::name_flaw;
 use crate::index::{Flaw, MAGIC, body, read_at, read_record};
 use crate::info::{BEGUN_NAME, METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::writer::{Part, Writer};
-use crate::{About, FORMAT_VERSION, Info, ReadError, Record, WriteError};
+use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError};
 
 /// What a recovered file says of its end.
 const ENDED: &str = "recovered";
@@ -53,6 +53,7 @@ struct Found {
     about: Option<About>,
     settings: String,
     channels: BTreeMap<u16, &'static Channel>,
+    viewers: BTreeMap<u16, Viewer>,
     /// The last seq of every life of every topic.
     seqs: BTreeMap<(TopicId, u32), u64>,
     /// Gaps between the seqs.
@@ -78,7 +79,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
                     Some(writer) => writer,
                     none => none.insert(found.begin(from, to, None)?),
                 };
-                records.iter().try_for_each(|record| writer.write(record)).and_then(|()| writer.flush())?;
+                records.iter().try_for_each(|kept| kept.write(writer)).and_then(|()| writer.flush())?;
             }
         }
     };
@@ -99,10 +100,26 @@ struct Torn {
     byte: u64,
 }
 
+/// What is taken over.
+enum Kept {
+    Record(Record),
+    /// For viewers: as it is.
+    Shown(Viewer, u64, Vec<u8>),
+}
+
+impl Kept {
+    fn write(&self, writer: &mut Writer) -> Result<(), WriteError> {
+        match self {
+            Self::Record(record) => writer.write(record),
+            Self::Shown(viewer, time_ns, json) => writer.show(*viewer, *time_ns, json),
+        }
+    }
+}
+
 /// What comes next.
 enum Step {
     /// Records, or none.
-    Records(Vec<Record>),
+    Records(Vec<Kept>),
     /// Something that cannot be read.
     Flaw(String),
     /// Nothing.
@@ -197,6 +214,8 @@ impl Found {
                     .iter()
                     .find(|known| known.topic.name() == channel.topic && known.encoding == channel.message_encoding);
                 self.channels.extend(known.map(|known| (channel.id, known)));
+                let viewer = Viewer::ALL.into_iter().find(|viewer| viewer.topic() == channel.topic);
+                self.viewers.extend(viewer.map(|viewer| (channel.id, viewer)));
             }
             records::Record::Metadata(mut metadata) => match metadata.name.as_str() {
                 BEGUN_NAME | METADATA_NAME => {
@@ -225,19 +244,25 @@ impl Found {
     }
 
     /// The records of a chunk, all of them or none.
-    fn read_chunk(&mut self, raw: &[u8]) -> Result<Vec<Record>, String> {
-        let mut records: Vec<Record> = Vec::new();
+    fn read_chunk(&mut self, raw: &[u8]) -> Result<Vec<Kept>, String> {
+        let mut records: Vec<Kept> = Vec::new();
         each_entry::<String>(raw, |entry| match entry {
             Entry::Other(opcode, body) => self.take(opcode, body),
             Entry::Message(header, data) => {
                 if let Some(channel) = self.channels.get(&header.channel_id) {
                     let record = (channel.decode)(data);
-                    records.push(record.map_err(|what| format!("{}: {what}", channel.topic))?);
+                    records.push(Kept::Record(record.map_err(|what| format!("{}: {what}", channel.topic))?));
+                } else if let Some(viewer) = self.viewers.get(&header.channel_id) {
+                    records.push(Kept::Shown(*viewer, header.log_time, data.to_vec()));
                 }
                 Ok(())
             }
         })?;
-        records.iter().for_each(|record| self.count_gap(record));
+        for kept in &records {
+            if let Kept::Record(record) = kept {
+                self.count_gap(record);
+            }
+        }
         Ok(records)
     }
 }
