@@ -1,5 +1,6 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
+pub mod supervision;
 mod tap;
 
 use std::cell::RefCell;

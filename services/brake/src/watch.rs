@@ -1,7 +1,9 @@
 //! When the brake engages and when it lets go: pure, times come in.
 
-/// A loop that slept this much longer than it meant to has no right to judge others.
-const OVERSLEPT_NS: u64 = 50_000_000;
+use transport::Oversleep;
+
+/// The brake looks this often.
+const PERIOD_NS: u64 = 20_000_000;
 
 /// The brake has to act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -21,7 +23,7 @@ pub struct Watch {
     watching: bool,
     /// Silence is counted from its first beat on: a process that still starts is the supervisor's to judge.
     last_beat_ns: Option<u64>,
-    last_tick_ns: Option<u64>,
+    oversleep: Oversleep,
     /// The last incarnation that the brake engaged for; zero is commanded until a newer one has written zero itself.
     engaged_for: Option<u32>,
     fenced: u32,
@@ -38,7 +40,7 @@ impl Watch {
             incarnation: 0,
             watching: false,
             last_beat_ns: None,
-            last_tick_ns: None,
+            oversleep: Oversleep::new(PERIOD_NS),
             // Whoever was there before may have died with the robot walking: zero until somebody has written zero.
             engaged_for: Some(0),
             fenced: 0,
@@ -71,10 +73,9 @@ impl Watch {
 
     /// Time passed: what to do, and whether this very loop overslept and starts its count again.
     pub fn tick(&mut self, now_ns: u64) -> (Option<Engagement>, bool) {
-        let slept = self.last_tick_ns.map_or(0, |last| now_ns.saturating_sub(last));
-        self.last_tick_ns = Some(now_ns);
+        let overslept = self.oversleep.slept_ns(now_ns).is_some();
         let Some(last) = self.last_beat_ns else { return (None, false) };
-        if slept > 20_000_000 + OVERSLEPT_NS {
+        if overslept {
             self.last_beat_ns = Some(now_ns);
             return (None, true);
         }

@@ -3,10 +3,11 @@
 use std::io::{self, BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::Value;
-use transport::{RunDir, live_runs, runs_root};
+use transport::{RunDir, TransportError, live_runs, runs_root};
 
 use crate::exit::Failure;
 
@@ -53,6 +54,7 @@ impl Client {
 /// # Errors
 /// Where there is no such run, it does not answer, or it refuses.
 pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
+    transport::check_runs_root().map_err(Failure::of_input)?;
     // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
     let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
     let name = choose(&live, run)?;
@@ -70,6 +72,7 @@ pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
     })?;
     let answer = client.ask(request).map_err(failed)?;
     match answer.get("error").and_then(Value::as_str) {
+        Some(why) if answer["refused"] == "not_permitted" => Err(Failure::not_permitted(format!("run {name}: {why}"))),
         Some(why) => Err(Failure::refused(format!("run {name}: {why}"))),
         None => Ok(answer),
     }
@@ -92,11 +95,49 @@ fn choose(live: &[String], named: Option<&str>) -> Result<String, Failure> {
     }
 }
 
-/// A name that no live run has: `base`, else `base-2` and so on.
+/// The run directory that this process has taken for the run that it is about to start.
+static TAKEN: Mutex<Option<RunDir>> = Mutex::new(None);
+
+/// A name that no live run has, `base`, else `base-2` and so on, taken at once: two commands that start together get
+/// two names. Where none can be taken, `base`; starting it says why.
 pub fn free_name(base: &str) -> String {
-    let live = live_runs();
-    let names = std::iter::once(base.to_owned()).chain((2..1000).map(|n| format!("{base}-{n}")));
-    names.into_iter().find(|name| !live.contains(name)).unwrap_or_else(|| base.to_owned())
+    transport::sweep();
+    for name in std::iter::once(base.to_owned()).chain((2..1000).map(|n| format!("{base}-{n}"))) {
+        match RunDir::create(&name) {
+            Ok(dir) => {
+                *TAKEN.lock().unwrap_or_else(PoisonError::into_inner) = Some(dir);
+                return name;
+            }
+            Err(TransportError::NameTaken { .. }) => {}
+            Err(_) => break,
+        }
+    }
+    base.to_owned()
+}
+
+/// The directory of a new run of that name: the one taken before, or taken now.
+///
+/// # Errors
+/// Where a run of that name is alive; where none can be made there, the place where runs live is at fault.
+pub fn take_name(name: &str) -> Result<RunDir, Failure> {
+    let taken = TAKEN.lock().unwrap_or_else(PoisonError::into_inner).take();
+    if let Some(dir) = taken.filter(|dir| dir.path().ends_with(name)) {
+        return Ok(dir);
+    }
+    transport::sweep();
+    RunDir::create(name).map_err(|error| match error {
+        TransportError::NameTaken { .. } => {
+            Failure::run(format!("a run {name} is alive already; give this one another --name"))
+        }
+        error => Failure::of_input(error),
+    })
+}
+
+/// Removes the directory that was taken for a run that cannot be started after all.
+pub fn let_name_go() {
+    if let Some(dir) = TAKEN.lock().unwrap_or_else(PoisonError::into_inner).take() {
+        dir.remove();
+    }
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use std::fs::File;
 use std::io::{BufReader, BufWriter};
 
-use fitting::fit::{Rmse, predict};
+use fitting::fit::{FitError, Rmse, predict};
 use fitting::picture::{Trace, svg};
 use fitting::table::{TableRow, by_subject, per_subject, simulated, table};
 use fitting::{Fit, ModelKind, Recording, data, walker};
@@ -41,18 +41,23 @@ pub fn fit(args: &FitArgs, as_json: bool) -> Result<(), Failure> {
     });
     match args.model {
         None => {
-            let rows = table(&recordings, dt_s).map_err(Failure::of_input)?;
-            report["rows"] = rows.iter().map(row_json).collect();
+            let table = table(&recordings, dt_s).map_err(Failure::of_input)?;
+            report["rows"] = table.rows.iter().map(row_json).collect();
+            report["unfittable"] = table.unfittable.iter().map(unfittable_json).collect();
         }
         Some(model) => {
             let kind = kind(model);
-            let fits = if args.pooled {
+            let (fits, unfittable) = if args.pooled {
                 let all: Vec<&Recording> = recordings.iter().collect();
                 let fit = fitting::fit::fit(kind, "all handlers", &all, dt_s).map_err(Failure::of_input)?;
-                vec![("all".to_owned(), fit)]
+                (vec![("all".to_owned(), fit)], Vec::new())
             } else {
-                per_subject(kind, &recordings, dt_s).map_err(Failure::of_input)?
+                per_subject(kind, &recordings, dt_s)
             };
+            if let (true, Some(error)) = (fits.is_empty(), unfittable.first()) {
+                return Err(Failure::of_input(error));
+            }
+            report["unfittable"] = unfittable.iter().map(unfittable_json).collect();
             report["fits"] = fits.iter().map(|(subject, fit)| fit_json(subject, fit)).collect();
         }
     }
@@ -74,7 +79,12 @@ fn kind(model: FitModel) -> ModelKind {
 fn recordings(args: &FitArgs) -> Result<Vec<Recording>, Failure> {
     if let Some(path) = &args.data {
         let name = path.display().to_string();
-        let file = File::open(path).map_err(|error| Failure::input(format!("{name}: {error}")))?;
+        let failed = |error: std::io::Error| Failure::input(format!("{name}: {error}"));
+        // Before it is opened: opening a pipe would wait for its writer.
+        if !path.metadata().map_err(failed)?.is_file() {
+            return Err(Failure::input(format!("{name} is not a file")));
+        }
+        let file = File::open(path).map_err(failed)?;
         return data::read(&name, BufReader::new(file)).map_err(Failure::of_input);
     }
     let recordings = walker::synthesize(args.seed);
@@ -92,6 +102,10 @@ fn rmse_json(rmse: Option<Rmse>) -> Value {
 
 fn row_json(row: &TableRow) -> Value {
     json!({ "name": row.name, "validation": rmse_json(row.validated), "paper_position_mm": row.paper_mm })
+}
+
+fn unfittable_json(error: &FitError) -> Value {
+    json!({ "subject": error.whom(), "why": error.to_string() })
 }
 
 fn fit_json(subject: &str, fit: &Fit) -> Value {
@@ -145,6 +159,9 @@ fn tell(report: &Value) {
     let subjects = out::elements(report, "/subjects").len();
     say(format!("{subjects} handlers, {simulated} of them simulated; {} walks", out::count(report, "/recordings")));
     let rmse = |value: &Value, part: &str, key: &str| format!("{:>8.1}", out::number(value, &format!("/{part}/{key}")));
+    for left_out in out::elements(report, "/unfittable") {
+        say(format!("left out: {}", out::text(left_out, "/why")));
+    }
     let rows: Vec<Vec<String>> = out::elements(report, "/rows")
         .iter()
         .map(|row| {

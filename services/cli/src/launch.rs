@@ -2,7 +2,7 @@
 //! ends: the supervisor holds the read end of a pipe whose other end only this process has.
 
 use std::io::Read;
-use std::os::fd::{AsRawFd, BorrowedFd, OwnedFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, OwnedFd};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::PathBuf;
 use std::process::{Child, Command, ExitStatus, Stdio};
@@ -14,8 +14,9 @@ use std::time::Duration;
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
 use settings::Settings;
-use transport::SupervisorArgs;
+use transport::{RunDir, SupervisorArgs};
 
+use crate::control::{let_name_go, take_name};
 use crate::exit::{EXIT_BAD_INPUT, Failure, one_line};
 
 /// The live view is drawn this often.
@@ -89,9 +90,13 @@ impl Launch<'_> {
 
     /// Becomes the supervisor; returns only where that fails.
     pub fn exec(&self, report: bool) -> Failure {
-        match self.command(report) {
-            Ok(mut command) => {
+        let run = self.command(report).and_then(|command| Ok((command, take_name(&self.name)?)));
+        let_name_go();
+        match run {
+            Ok((mut command, dir)) => {
+                hand_over(&mut command, SupervisorArgs::LOCK_FD, dir.lock());
                 let error = command.exec();
+                dir.remove();
                 Failure::run(format!("failed to start {}: {error}", command.get_program().display()))
             }
             Err(failure) => failure,
@@ -103,22 +108,18 @@ impl Launch<'_> {
     /// # Errors
     /// Where it cannot be started.
     pub fn spawn(&self) -> Result<Running, Failure> {
-        let mut command = self.command(true)?;
+        let run = self.command(true).and_then(|command| Ok((command, take_name(&self.name)?)));
+        let_name_go();
+        let (command, dir) = run?;
+        // Once it is started, the supervisor alone holds the lock.
+        self.start(command, &dir).inspect_err(|_| dir.remove())
+    }
+
+    fn start(&self, mut command: Command, dir: &RunDir) -> Result<Running, Failure> {
         let (read, write) = rustix::pipe::pipe_with(rustix::pipe::PipeFlags::CLOEXEC).map_err(Failure::of_run)?;
-        command
-            .env(SupervisorArgs::OWNER_FD, read.as_raw_fd().to_string())
-            .stdin(Stdio::null())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped());
-        let raw = read.as_raw_fd();
-        let keep = move || {
-            // SAFETY: the parent holds it open until the child is spawned.
-            let fd = unsafe { BorrowedFd::borrow_raw(raw) };
-            rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::empty())?;
-            Ok(())
-        };
-        // SAFETY: the closure makes one system call: it neither allocates nor takes a lock.
-        unsafe { command.pre_exec(keep) };
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        hand_over(&mut command, SupervisorArgs::OWNER_FD, Some(read.as_fd()));
+        hand_over(&mut command, SupervisorArgs::LOCK_FD, dir.lock());
         // Before there is anybody to pass them on to: a signal now must not leave a run behind.
         let signals = Signals::of_this_process()?;
         let mut child = command
@@ -132,6 +133,20 @@ impl Launch<'_> {
         let stderr = read_all(child.stderr.take());
         Ok(Running { name: self.name.clone(), child, _owner: write, stdout, stderr, signals })
     }
+}
+
+/// Leaves a descriptor open for the program that is started, and names it in the variable.
+fn hand_over(command: &mut Command, variable: &str, fd: Option<BorrowedFd<'_>>) {
+    let Some(raw) = fd.map(|fd| fd.as_raw_fd()) else { return };
+    command.env(variable, raw.to_string());
+    let keep = move || {
+        // SAFETY: the parent holds it open until the child is spawned.
+        let fd = unsafe { BorrowedFd::borrow_raw(raw) };
+        rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::empty())?;
+        Ok(())
+    };
+    // SAFETY: the closure makes one system call: it neither allocates nor takes a lock.
+    unsafe { command.pre_exec(keep) };
 }
 
 /// Signals to this process, which are passed on to the run that it waits for. Ctrl-C at a terminal reaches the
@@ -265,6 +280,8 @@ fn supervisor_died(signal: i32) -> Failure {
 }
 
 fn without_report(status: ExitStatus, words: &str) -> Failure {
+    // One that could not begin has not taken over its directory.
+    transport::sweep();
     let said = words.lines().rev().find_map(|line| line.trim().strip_prefix("guidedog-supervisor: "));
     let said = said.map_or_else(|| one_line(words), str::to_owned);
     let message = if said.is_empty() { format!("the supervisor ended without a report ({status})") } else { said };

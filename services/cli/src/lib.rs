@@ -26,6 +26,7 @@ mod runs;
 mod shield;
 mod summary;
 
+use std::io::Write;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -63,8 +64,11 @@ fn usage(error: &clap::Error) -> ExitCode {
         // Where nothing can be written there, stderr and the exit code say it.
         let _ = out::json(&json!({ "error": one_line(first).trim_start_matches("error: ") }));
     }
-    // The reader may be gone; the exit code says the rest.
-    let _ = error.print();
+    let printed = error.print().and_then(|()| std::io::stdout().flush());
+    if let Err(failure) = out::written(printed) {
+        out::say(format!("guidedog: {}", failure.message));
+        return ExitCode::from(failure.code);
+    }
     ExitCode::from(u8::try_from(error.exit_code()).unwrap_or(exit::EXIT_BAD_INPUT))
 }
 

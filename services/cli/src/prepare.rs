@@ -171,7 +171,9 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     if let Some(script) = &settings.cue.script {
-        world::Route::load(script).map_err(Failure::of_input)?;
+        world::Route::load(script).map_err(|error| {
+            Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error)))
+        })?;
     }
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());

@@ -1,7 +1,6 @@
 //! `up`, `walk`: runs from their start to their report.
 
 use serde_json::{Value, json};
-use transport::live_runs;
 use world::Route;
 
 use crate::args::{WalkArgs, WorldArgs};
@@ -20,9 +19,6 @@ pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
         Err(failure) => return failure,
     };
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("run"));
-    if live_runs().contains(&name) {
-        return Failure::run(format!("a run {name} is alive already; give this one another --name"));
-    }
     say(format!("run {name} starts as process {}; `guidedog status --run {name}`, Ctrl-C ends it", std::process::id()));
     Launch { settings: &prepared.settings, name, speed: args.pace.speed }.exec(as_json)
 }

@@ -18,7 +18,7 @@ use settings::Settings;
 use transport::{ChildArgs, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
 use transport::{inherited_fd, monotonic_ns};
 
-pub use gate::{Gate, GateLimits};
+pub use gate::{Gate, GateLimits, Verdict};
 use lines::Lines;
 
 /// Without a supervisor: zero for at most this long, then the process ends.
@@ -172,7 +172,7 @@ impl Service for Locomotion {
         // Not only the tick: a permit's expiry is a stop, and a stop is written at once.
         // One that has expired has been judged already.
         let expiry = self.gate.expiry_ns().filter(|expiry| *expiry >= self.judged_ns);
-        Some(expiry.map_or(self.next_tick_ns, |expiry| self.next_tick_ns.min(expiry + 1)))
+        Some(expiry.map_or(self.next_tick_ns, |expiry| self.next_tick_ns.min(expiry.saturating_add(1))))
     }
 
     fn on_control(&mut self, io: &mut Io, message: ToChild, fd: Option<OwnedFd>) -> Result<(), TransportError> {

@@ -187,7 +187,7 @@ fn about(settings: &Settings, path: &Path, with_depth: bool, io: &Io) -> About {
 
 /// Gaps that the ports of the recorder saw, by topic.
 fn gaps(io: &Io, part: Part) -> BTreeMap<String, u64> {
-    let counters = io.counters();
+    let counters = io.port_counters();
     let ports = counters.iter().filter(|port| port.role == PortRole::Subscriber && port.lost > 0);
     // Its clock is not recorded.
     let recorded = ports.filter(|port| part.topics().contains(&port.topic) && port.topic != TopicId::None);

@@ -462,10 +462,10 @@ impl Core {
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.
     /// Odometry is held to its own age by locomotion, at every tick.
     fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
-        let scan = self.surroundings.scan().map_or(0, |scan| scan.stamp_ns + self.config.scan_max_age_ns);
+        let scan = self.surroundings.scan().map_or(0, |scan| scan.stamp_ns.saturating_add(self.config.scan_max_age_ns));
         // A frame that was judged on, needed or not.
         let depth = self.surroundings.depth().filter(|_| self.surroundings.depth_is_fresh(now_ns));
-        let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns + self.config.depth_max_age_ns);
+        let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns.saturating_add(self.config.depth_max_age_ns));
         hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
     }
 

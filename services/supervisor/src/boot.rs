@@ -8,17 +8,17 @@ use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
 use settings::Settings;
-use transport::{ClockKind, Domain, Io, Janitor, RunDir, RunInfo, SupervisorArgs, TransportError};
+use transport::{ClockKind, Domain, Io, Janitor, Oversleep, RunDir, RunInfo, SupervisorArgs, TransportError};
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
-use crate::control::ControlServer;
+use crate::control::{ControlServer, Right};
 use crate::ending::Ending;
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
-use crate::{Supervisor, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
+use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
 pub const EXIT_BAD_SETTINGS: u8 = 2;
@@ -75,6 +75,7 @@ pub fn main() -> ExitCode {
             );
         }
     };
+    transport::keep_others_out();
     let dir = match new_run_dir(&arguments.name) {
         Ok(dir) => dir,
         Err(error) => return fail(EXIT_RUN_FAILED, error.to_string()),
@@ -140,6 +141,11 @@ fn signals() -> Result<OwnedFd, TransportError> {
     Ok(fd)
 }
 
+/// What members of the control socket's group may do.
+fn group_right(settings: &Settings) -> Right {
+    if settings.access.group_may_command { Right::Change } else { Right::Read }
+}
+
 /// How long a step may take, wall time: at a crawl the pace itself is slow.
 fn step_limit_ns(settings: &Settings, clock: ClockKind) -> u64 {
     let pace_ns = match clock {
@@ -162,7 +168,7 @@ impl Supervisor {
         let mut supervisor = Self {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
-            control: ControlServer::open(&io.domain.dir.control_socket(), io)?,
+            control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,
             health,
@@ -177,6 +183,7 @@ impl Supervisor {
             last_truth: None,
             last_locomotion: None,
             next_tick_ns: 0,
+            oversleep: Oversleep::new(TICK_NS),
             mode_due_ns: 0,
             steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),
             acks: io.quiet_subscriber()?,

@@ -8,7 +8,7 @@
 
 mod boot;
 mod children;
-mod control;
+pub mod control;
 mod ending;
 pub mod machine;
 pub mod plan;
@@ -24,7 +24,7 @@ use messages::{
     WorldTruth, s_from_ns,
 };
 use serde_json::{Value, json};
-use transport::{FromChild, Io, Janitor, Publisher, Received, RunDir, Service, Subscriber};
+use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
@@ -39,9 +39,7 @@ pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 /// The mode is published at every change and at least this often.
 const MODE_PERIOD_NS: u64 = 50_000_000;
 /// Beats are read and judged this often.
-const TICK_NS: u64 = 20_000_000;
-/// A loop that slept this much longer than it meant to has no right to judge others.
-const OVERSLEPT_NS: u64 = 50_000_000;
+pub(crate) const TICK_NS: u64 = 20_000_000;
 /// A restart waits for the janitor at most this long, wall time.
 const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -71,6 +69,7 @@ pub struct Supervisor {
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
+    oversleep: Oversleep,
     mode_due_ns: u64,
     steps: StepWatch,
     /// Stepped time: what the members acknowledge.
@@ -390,6 +389,7 @@ impl Supervisor {
             "stream_age_ms": ages,
             "world": truth,
             "locomotion": locomotion,
+            "invalid_messages": self.figures.invalid_messages(),
             "notes": self.figures.notes_json(),
         })
     }
@@ -468,10 +468,12 @@ impl Service for Supervisor {
         let now = io.now_ns();
         self.woken_ns = now;
         self.read_topics(io)?;
+        self.figures.own_ports(now, io.port_counters());
         if now >= self.next_tick_ns {
-            if now > self.next_tick_ns + OVERSLEPT_NS && !io.domain.clock.is_stepped() && self.next_tick_ns > 0 {
-                self.figures.note(now, "supervisor_stalled: its loop overslept; counts start again".to_owned());
-                self.machine.handle(Event::Overslept, Self::now(io));
+            if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
+                let ms = slept_ns / 1_000_000;
+                self.figures.note(now, format!("supervisor_stalled: its loop slept for {ms} ms; counts start again"));
+                self.machine.handle(Event::Overslept(slept_ns), Self::now(io));
             }
             self.next_tick_ns = now + TICK_NS;
             self.machine.tick_starts(Self::now(io));
@@ -538,8 +540,11 @@ fn drain(fd: &std::os::fd::OwnedFd) {
     while rustix::io::read(fd, &mut bytes).is_ok_and(|n| n == bytes.len()) {}
 }
 
-/// Makes the directory of a new run, after sweeping what dead runs left.
+/// The directory of a new run: made by who starts the run; else here, after sweeping what dead runs left.
 fn new_run_dir(name: &str) -> Result<RunDir, TransportError> {
+    if let Ok(lock) = transport::inherited_fd(transport::SupervisorArgs::LOCK_FD) {
+        return RunDir::adopt(name, lock);
+    }
     transport::sweep();
     RunDir::create(name)
 }

@@ -68,8 +68,8 @@ pub enum Event<'a> {
     OperatorResume,
     /// The run ends.
     ShutDown,
-    /// The supervisor's own loop overslept.
-    Overslept,
+    /// The supervisor's own loop slept for so long, nanoseconds: longer than it may.
+    Overslept(u64),
 }
 
 /// What is to be done about it.
@@ -240,7 +240,13 @@ impl Machine {
                 self.ending = true;
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now);
             }
-            Event::Overslept => {
+            Event::Overslept(slept_ns) => {
+                let limit_ns = self.limits.mode_max_age_ns;
+                if self.mode.class == ModeClass::Run && slept_ns > limit_ns {
+                    // Locomotion that saw this run stands for good; one that has not must not begin it now.
+                    let reason = StopReason::of(StopKind::SupervisorStalled);
+                    self.enter(ModeClass::Fault, StopReason { age_ns: slept_ns, limit_ns, ..reason }, now);
+                }
                 // A judge that slept condemns nobody: everything is counted from its wake-up on.
                 self.grace_until_ns = now.run_ns + self.limits.beat_ns;
                 self.services.iter_mut().for_each(|s| s.count_from(now.run_ns));

@@ -94,6 +94,8 @@ pub struct Limits {
     pub restart_time_ns: u64,
     /// What a critical service may use, and what depth and policy may.
     pub allowances: [Allowance; 2],
+    /// Locomotion stands without a younger mode.
+    pub mode_max_age_ns: u64,
     /// A cue must be younger to be accepted.
     pub cue_max_age_ns: u64,
     /// What a policy has to show to be swapped in.
@@ -135,6 +137,7 @@ impl Plan {
             restart_time_ns: supervision.restart_time.ns(),
             allowances: [supervision.memory_mib, supervision.large_memory_mib]
                 .map(|mib| Allowance { private_bytes: u64::from(mib) << 20, files: supervision.open_files }),
+            mode_max_age_ns: settings.max_age.mode.ns(),
             cue_max_age_ns: settings.max_age.cue.ns(),
             swap: swap_limits(settings),
         };

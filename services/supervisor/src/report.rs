@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use messages::{
-    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortRole, ServiceId, StopReason, TopicId, WorldTruth,
-    s_from_ns,
+    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortCounters, PortRole, ServiceId, StopReason,
+    TopicId, WorldTruth, s_from_ns,
 };
 use serde_json::{Map, Value, json};
 
@@ -15,6 +15,8 @@ use crate::stops::{Stop, StopLog};
 #[derive(Debug, Default)]
 pub struct Figures {
     lives: BTreeMap<(ServiceId, u32), Box<Health>>,
+    /// The supervisor's own ports, which it hears no beats of.
+    own: Vec<PortCounters>,
     /// What simulator or replay said when the run ended.
     pub world: Option<Value>,
     /// Notes for the operator, with run time.
@@ -30,6 +32,10 @@ impl Figures {
     /// Takes a beat.
     pub fn beat(&mut self, health: &Health) {
         let key = (health.service, health.header.incarnation);
+        let before = self.lives.get(&key).map_or(&[][..], |life| life.ports());
+        for topic in newly_invalid(before, health.ports()) {
+            self.note(health.header.stamp_ns, format!("{} dropped what is no message: {topic}", health.service));
+        }
         match self.lives.get_mut(&key) {
             Some(life) => **life = *health,
             None => {
@@ -55,11 +61,30 @@ impl Figures {
         self.notes.push_back((run_ns, text));
     }
 
+    /// Takes what the supervisor's own ports have done.
+    pub fn own_ports(&mut self, run_ns: u64, ports: Vec<PortCounters>) {
+        for topic in newly_invalid(&self.own, &ports) {
+            self.note(run_ns, format!("supervisor dropped what is no message: {topic}"));
+        }
+        self.own = ports;
+    }
+
+    /// What was found in shared memory that is no message, by topic and consumer; nothing where nothing was.
+    #[must_use]
+    pub fn invalid_messages(&self) -> Value {
+        let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
+        let own = self.own.iter().map(|port| (port, ServiceId::Supervisor));
+        for (port, consumer) in self.ports(PortRole::Subscriber).chain(own).filter(|(port, _)| port.invalid > 0) {
+            add(counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.invalid);
+        }
+        json!(counts)
+    }
+
     /// Messages published by topic.
     fn published(&self) -> Value {
         let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
         for port in self.ports(PortRole::Publisher) {
-            *counts.entry(port.0.topic.name()).or_default() += port.0.count;
+            add(counts.entry(port.0.topic.name()).or_default(), port.0.count);
         }
         json!(counts)
     }
@@ -68,7 +93,7 @@ impl Figures {
     fn taken(&self) -> Value {
         let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
         for (port, consumer) in self.ports(PortRole::Subscriber) {
-            *counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.count;
+            add(counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.count);
         }
         json!(counts)
     }
@@ -78,8 +103,8 @@ impl Figures {
         let mut by_topic: BTreeMap<&str, u64> = BTreeMap::new();
         let mut by_consumer: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
         for (port, consumer) in self.ports(PortRole::Subscriber) {
-            *by_topic.entry(port.topic.name()).or_default() += port.lost;
-            *by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default() += port.lost;
+            add(by_topic.entry(port.topic.name()).or_default(), port.lost);
+            add(by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.lost);
         }
         (json!(by_topic), json!(by_consumer))
     }
@@ -116,11 +141,10 @@ impl Figures {
 
     /// Decisions drawn and missed, scans judged and refused by reason, and the digest over actions and permits.
     fn shield(&self, map: &mut Map<String, Value>) {
-        let sum = |of: fn(&Health) -> u64| self.of(ServiceId::Shield).map(of).sum::<u64>();
+        let sum = |of: fn(&Health) -> u64| sum_of(self.of(ServiceId::Shield).map(of));
         map.insert("decisions".to_owned(), json!(sum(|life| life.decisions)));
         map.insert("missed_decisions".to_owned(), json!(sum(|life| life.missed_decisions)));
-        let count =
-            |outcome: Outcome| -> u64 { self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]).sum() };
+        let count = |outcome: Outcome| sum_of(self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]));
         let verdicts = Outcome::ALL.into_iter().filter(|o| o.is_verdict());
         let refusals = Outcome::ALL.into_iter().filter(|o| !o.is_verdict());
         let by_name = |outcomes: Vec<Outcome>| -> BTreeMap<&str, u64> {
@@ -131,7 +155,7 @@ impl Figures {
         // One for each life of the shield: a death in between does not hide what was before it.
         let hex = |life: &Health| life.digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
         let digest = self.of(ServiceId::Shield).map(hex).collect::<Vec<_>>().join("-");
-        map.insert("verdicts".to_owned(), json!(verdicts.values().sum::<u64>()));
+        map.insert("verdicts".to_owned(), json!(sum_of(verdicts.values().copied())));
         map.insert("verdicts_by_outcome".to_owned(), json!(verdicts));
         map.insert("refusals".to_owned(), json!(refusals));
         map.insert("digest".to_owned(), json!(digest));
@@ -158,8 +182,9 @@ impl Figures {
         let (lost, lost_by_consumer) = self.lost();
         map.insert("lost".to_owned(), lost);
         map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
-        map.insert("invalid_inputs".to_owned(), json!(self.lives.values().map(|l| l.invalid_inputs).sum::<u64>()));
-        map.insert("not_recorded".to_owned(), json!(self.lives.values().map(|l| l.not_recorded).sum::<u64>()));
+        map.insert("invalid_messages".to_owned(), self.invalid_messages());
+        map.insert("invalid_inputs".to_owned(), json!(sum_of(self.lives.values().map(|life| life.invalid_inputs))));
+        map.insert("not_recorded".to_owned(), json!(sum_of(self.lives.values().map(|life| life.not_recorded))));
         let restarts: BTreeMap<&str, u32> =
             services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
         map.insert("restarts".to_owned(), json!(restarts));
@@ -173,6 +198,25 @@ impl Figures {
     pub fn notes_json(&self) -> Value {
         self.notes.iter().map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
     }
+}
+
+/// Adds what a beat says: a number that another process wrote, and no more to be trusted than that.
+fn add(count: &mut u64, n: u64) {
+    *count = count.saturating_add(n);
+}
+
+fn sum_of(counts: impl Iterator<Item = u64>) -> u64 {
+    counts.fold(0, u64::saturating_add)
+}
+
+/// Topics of which something is no message that was none before.
+fn newly_invalid(before: &[PortCounters], ports: &[PortCounters]) -> Vec<String> {
+    let had = |i: usize| before.get(i).is_some_and(|port| port.invalid > 0);
+    let new = ports.iter().enumerate().filter(|(i, port)| port.invalid > 0 && !had(*i)).map(|(_, port)| port);
+    new.map(
+        |port| if port.of == ServiceId::None { port.topic.to_string() } else { format!("{}/{}", port.topic, port.of) },
+    )
+    .collect()
 }
 
 /// One stop as reported.

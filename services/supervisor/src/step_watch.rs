@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 
 use messages::{ClockAck, Member, QUANTUM_NS, ServiceId};
+use transport::Oversleep;
 
-/// A loop that slept this much longer than it meant to has no right to judge others.
-const OVERSLEPT_NS: u64 = 100_000_000;
+/// The supervisor looks this often.
+const PERIOD_NS: u64 = 50_000_000;
 
 /// What every member has acknowledged, and since when time stands.
 #[derive(Debug)]
@@ -15,14 +16,20 @@ pub struct StepWatch {
     step: u64,
     /// Wall time since which the step is the same.
     since_ns: u64,
-    looked_ns: u64,
+    oversleep: Oversleep,
 }
 
 impl StepWatch {
     /// A watch that lets a step take `limit_ns` of wall time.
     #[must_use]
     pub fn new(limit_ns: u64, now_ns: u64) -> Self {
-        Self { limit_ns, acknowledged: BTreeMap::new(), step: 0, since_ns: now_ns, looked_ns: now_ns }
+        Self {
+            limit_ns,
+            acknowledged: BTreeMap::new(),
+            step: 0,
+            since_ns: now_ns,
+            oversleep: Oversleep::new(PERIOD_NS),
+        }
     }
 
     /// Takes an acknowledgement.
@@ -35,15 +42,12 @@ impl StepWatch {
     /// The members that have not done the step, once it takes too long; none of them: the master gives no next one.
     /// Not while the supervisor itself holds time; and what this very loop overslept does not count.
     pub fn late(&mut self, step: u64, roster: &[Member], held: bool, now_ns: u64) -> Option<Vec<Member>> {
-        let slept_ns = now_ns.saturating_sub(self.looked_ns);
-        self.looked_ns = now_ns;
+        let slept_ns = self.oversleep.slept_ns(now_ns);
         if step != self.step || held {
             (self.step, self.since_ns) = (step, now_ns);
             return None;
         }
-        if slept_ns > OVERSLEPT_NS {
-            self.since_ns += slept_ns;
-        }
+        self.since_ns += slept_ns.unwrap_or(0);
         if now_ns.saturating_sub(self.since_ns) <= self.limit_ns {
             return None;
         }

@@ -41,6 +41,20 @@ pub struct Row {
     pub human_yaw_rad: f64,
 }
 
+/// The columns of the file: the fields of [`Row`].
+const COLUMNS: [&str; 10] = [
+    "subject",
+    "trajectory",
+    "repetition",
+    "t_s",
+    "robot_x_m",
+    "robot_y_m",
+    "robot_yaw_rad",
+    "human_x_m",
+    "human_y_m",
+    "human_yaw_rad",
+];
+
 /// A moment of a recording.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
@@ -115,6 +129,7 @@ pub fn read(file: &str, input: impl Read) -> Result<Vec<Recording>, DataError> {
     let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(input);
     let mut walks: BTreeMap<(String, String, u32), Vec<(u64, Sample)>> = BTreeMap::new();
     let headers = reader.headers().map_err(|error| of_csv(file, &error))?.clone();
+    check_heading(&headers).map_err(|what| DataError::Line { file: file.to_owned(), line: 1, what })?;
     for record in reader.records() {
         let record = record.map_err(|error| of_csv(file, &error))?;
         let line = record.position().map_or(1, csv::Position::line);
@@ -126,6 +141,21 @@ pub fn read(file: &str, input: impl Read) -> Result<Vec<Recording>, DataError> {
         return Err(DataError::File { file: file.to_owned(), what: "no row after the heading".to_owned() });
     }
     walks.into_iter().map(|(key, samples)| recording(file, key, samples)).collect()
+}
+
+/// Whether the heading names every column, and each once.
+fn check_heading(headers: &csv::StringRecord) -> Result<(), String> {
+    for column in COLUMNS {
+        match headers.iter().filter(|name| *name == column).count() {
+            1 => {}
+            0 => return Err(format!("the column {column} is missing")),
+            _ => return Err(format!("the column {column} is there twice")),
+        }
+    }
+    match headers.iter().find(|name| !COLUMNS.contains(name)) {
+        Some(name) => Err(format!("unknown column {name}")),
+        None => Ok(()),
+    }
 }
 
 fn of_csv(file: &str, error: &csv::Error) -> DataError {
@@ -167,17 +197,16 @@ fn recording(
     samples: Vec<(u64, Sample)>,
 ) -> Result<Recording, DataError> {
     let name = format!("subject {subject}, trajectory {trajectory}, repetition {repetition}");
-    for pair in samples.windows(2) {
-        let ((_, a), (line, b)) = (&pair[0], &pair[1]);
-        let refuse = |what: String| Err(DataError::Line { file: file.to_owned(), line: *line, what });
-        let step = b.t_s - a.t_s;
-        if step == 0.0 {
-            return refuse(format!("t_s: {} stands twice in {name}", b.t_s));
-        } else if step < 0.0 {
-            return refuse(format!("t_s: {} comes after {} in {name}", b.t_s, a.t_s));
-        } else if step > GAP_MAX_S {
-            return refuse(format!("t_s: a gap of {step:.3} s in {name}, over {GAP_MAX_S} s"));
-        }
+    let steps = || samples.windows(2).map(|pair| (pair[1].0, &pair[0].1, &pair[1].1));
+    let refuse = |line, what: String| Err(DataError::Line { file: file.to_owned(), line, what });
+    // Rows that are out of order look like gaps as well.
+    if let Some((line, a, b)) = steps().find(|(_, a, b)| b.t_s <= a.t_s) {
+        let how = if b.t_s == a.t_s { "stands twice".to_owned() } else { format!("comes after {}", a.t_s) };
+        return refuse(line, format!("t_s: {} {how} in {name}", b.t_s));
+    }
+    if let Some((line, a, b)) = steps().find(|(_, a, b)| b.t_s - a.t_s > GAP_MAX_S) {
+        let gap = b.t_s - a.t_s;
+        return refuse(line, format!("t_s: a gap of {gap:.3} s in {name}, over {GAP_MAX_S} s"));
     }
     let length_s =
         samples.last().map_or(0.0, |(_, last)| last.t_s) - samples.first().map_or(0.0, |(_, first)| first.t_s);
@@ -253,7 +282,10 @@ mod tests {
         assert!(wrong(&[0.0, 0.1]).contains("is 0.10 s long"));
         assert!(error(&format!("{HEADING}a,1,1,x,0,0,0,0,0,0\n")).starts_with("d.csv:2:"));
         assert!(error(&format!("{HEADING}a,1,1,0\n")).contains("4 cells"));
-        assert!(error("subject,t_s\na,1\n").contains("d.csv:"));
+        assert!(wrong(&[0.0, 0.6, 0.3]).starts_with("d.csv:4: t_s: 0.3 comes after 0.6"), "not as a gap");
+        assert!(error("subject,t_s\na,1\n").starts_with("d.csv:1: the column trajectory is missing"));
+        assert!(error(&HEADING.replace("t_s", "subject")).starts_with("d.csv:1: the column subject is there twice"));
+        assert!(error(&HEADING.replace('\n', ",mood\n")).starts_with("d.csv:1: unknown column mood"));
         assert!(error(HEADING).contains("no row"));
     }
 }

@@ -98,6 +98,16 @@ pub enum FitError {
     },
 }
 
+impl FitError {
+    /// Whom nothing was fitted to.
+    #[must_use]
+    pub fn whom(&self) -> &str {
+        match self {
+            Self::TooFew { whom, .. } | Self::NotFound { whom, .. } => whom,
+        }
+    }
+}
+
 /// Root mean square errors over all steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rmse {

@@ -33,7 +33,7 @@ impl PoseTrack {
         }
         self.poses.push_back((stamp_ns, se2(odometry.odom_from_robot)));
         self.newest = Some(*odometry);
-        while self.poses.front().is_some_and(|(at_ns, _)| at_ns + KEPT_NS < stamp_ns) {
+        while self.poses.front().is_some_and(|(at_ns, _)| at_ns.saturating_add(KEPT_NS) < stamp_ns) {
             self.poses.pop_front();
         }
     }

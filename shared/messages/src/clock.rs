@@ -4,6 +4,7 @@ use crate::header::message;
 use crate::{Header, ServiceId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use zerocopy::TryFromBytes;
 
 /// One step of stepped time, nanoseconds.
 pub const QUANTUM_NS: u64 = 10_000_000;
@@ -12,7 +13,7 @@ pub const QUANTUM_NS: u64 = 10_000_000;
 pub const MAX_MEMBERS: usize = 16;
 
 /// One process incarnation that takes part in every step.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Member/1"))]
 #[repr(C)]
@@ -24,7 +25,7 @@ pub struct Member {
 }
 
 /// Step `header.step` at run time `header.stamp_ns`, for its members.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ClockStep/1"))]
 #[repr(C)]
@@ -46,7 +47,7 @@ impl ClockStep {
 }
 
 /// A member has done step `header.step`. From the supervisor it also carries the members of the next step.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ClockAck/1"))]
 #[repr(C)]
@@ -71,4 +72,7 @@ impl ClockAck {
     }
 }
 
-message!(ClockStep => ClockStep, ClockAck => ClockAck);
+message!(
+    ClockStep => ClockStep { member_count <= MAX_MEMBERS },
+    ClockAck => ClockAck { roster_count <= MAX_MEMBERS },
+);

@@ -5,12 +5,13 @@ use crate::{Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+use zerocopy::TryFromBytes;
 
 /// The most actions that an action table may have.
 pub const MAX_ACTIONS: usize = 16;
 
 /// What the handler asks for (Kim et al. 2023, section 3).
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/CueKind/1"))]
 #[repr(C)]
@@ -53,7 +54,7 @@ impl CueKind {
 }
 
 /// Where a cue came from.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/CueSource/1"))]
 #[repr(C)]
@@ -71,7 +72,7 @@ pub enum CueSource {
 }
 
 /// A cue as recognised. The supervisor alone accepts it.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Cue/1"))]
 #[repr(C)]
@@ -94,7 +95,7 @@ pub struct Cue {
 }
 
 /// An operator's cue on its way to the cue service.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/CueRequest/1"))]
 #[repr(C)]
@@ -106,7 +107,7 @@ pub struct CueRequest {
 }
 
 /// Decision `n` of a policy.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/1"))]
 #[repr(C)]
@@ -160,7 +161,7 @@ impl Default for PolicyAction {
 }
 
 /// What the shield found. Only [`Outcome::Granted`] lets the robot move.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/1"))]
 #[repr(C)]
@@ -245,7 +246,7 @@ impl Outcome {
 }
 
 /// Why the shield published.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/PermitCause/1"))]
 #[repr(C)]
@@ -259,7 +260,7 @@ pub enum PermitCause {
 }
 
 /// What made a motion unsafe.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/1"))]
 #[repr(C)]
@@ -284,7 +285,7 @@ pub enum UnsafeCause {
 pub const NO_BEAM: u32 = u32::MAX;
 
 /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/1"))]
 #[repr(C)]
@@ -352,4 +353,9 @@ pub struct Permit {
     pub robot_from_handler: Pose2,
 }
 
-message!(Cue => Cue, CueRequest => CueRequest, PolicyAction => PolicyAction, Permit => ShieldPermit);
+message!(
+    Cue => Cue,
+    CueRequest => CueRequest,
+    PolicyAction => PolicyAction { action_count <= MAX_ACTIONS },
+    Permit => ShieldPermit,
+);

@@ -2,9 +2,10 @@
 
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use zerocopy::{FromBytes, TryFromBytes};
 
 /// The first field of every message.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Header/1"))]
 #[repr(C)]
@@ -34,10 +35,14 @@ pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
     if stamp_ns > now_ns.saturating_add(AHEAD_NS) { u64::MAX } else { now_ns.saturating_sub(stamp_ns) }
 }
 
-/// A message of fixed size.
-pub trait Message: Copy + core::fmt::Debug + Send + Sync + 'static {
+/// A message of fixed size. What lies in shared memory becomes one only where its bytes are a value of it.
+pub trait Message: Copy + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
     const TOPIC: crate::TopicId;
+    /// Whether every count in it is within the room that it counts; a message for which it is not is none.
+    fn counts_fit(&self) -> bool {
+        true
+    }
     /// The message's header.
     fn header(&self) -> &Header;
     /// The message's header, to be filled in by the publisher.
@@ -46,17 +51,21 @@ pub trait Message: Copy + core::fmt::Debug + Send + Sync + 'static {
 
 /// A message whose payload is a slice in shared memory, written in place.
 pub trait Frame: 'static {
-    /// One element of the slice. Any bit pattern must be valid: it is read as other processes left it.
-    type Element: Copy + core::fmt::Debug + Default + Send + Sync + bytemuck::AnyBitPattern + 'static;
-    /// What stands beside the slice.
-    type Meta: Message + Default;
+    /// One element of the slice. Any bytes are one: it is read as other processes left it.
+    type Element: Copy + core::fmt::Debug + Default + Send + Sync + FromBytes + 'static;
+    /// What stands beside the slice; any bytes are one.
+    type Meta: Message + Default + FromBytes;
+    /// Whether a slice of `len` elements is what `meta` says it is.
+    fn fits(meta: &Self::Meta, len: usize) -> bool;
 }
 
-/// Implements [`Message`] for types with a field `header`, and names the topic of each.
+/// Implements [`Message`] for types with a field `header`, names the topic of each, and says which fields are counts
+/// and how great each may be.
 macro_rules! message {
-    ($($name:ty => $topic:ident),+ $(,)?) => {$(
+    ($($name:ty => $topic:ident $({ $($count:ident <= $max:expr),+ })?),+ $(,)?) => {$(
         impl $crate::Message for $name {
             const TOPIC: $crate::TopicId = $crate::TopicId::$topic;
+            $(fn counts_fit(&self) -> bool { $(self.$count as usize <= $max)&&+ })?
             fn header(&self) -> &$crate::Header { &self.header }
             fn header_mut(&mut self) -> &mut $crate::Header { &mut self.header }
         }

@@ -4,6 +4,7 @@ use crate::header::message;
 use crate::{Header, Outcome, ServiceId, TopicId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use zerocopy::TryFromBytes;
 
 /// The most ports of one service.
 pub const MAX_PORTS: usize = 24;
@@ -12,7 +13,7 @@ pub const MAX_PORTS: usize = 24;
 pub const LATENCY_BUCKETS: usize = 192;
 
 /// How far a service is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ServiceState/1"))]
 #[repr(C)]
@@ -25,7 +26,7 @@ pub enum ServiceState {
 }
 
 /// Which end of a topic a port is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/PortRole/1"))]
 #[repr(C)]
@@ -38,9 +39,9 @@ pub enum PortRole {
 }
 
 /// What one port of a service has done.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/PortCounters/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/PortCounters/2"))]
 #[repr(C)]
 pub struct PortCounters {
     /// The topic.
@@ -53,6 +54,8 @@ pub struct PortCounters {
     pub count: u64,
     /// Messages that a reader missed (gaps in seq), or that a writer could not send.
     pub lost: u64,
+    /// What a reader found in shared memory that is no message of its topic, and dropped.
+    pub invalid: u64,
     /// Seq of the last one.
     pub last_seq: u64,
     /// Stamp of the last one.
@@ -60,7 +63,7 @@ pub struct PortCounters {
 }
 
 /// A latency that a service measures.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Latency/1"))]
 #[repr(C)]
@@ -93,7 +96,7 @@ impl Latency {
 }
 
 /// A histogram with logarithmic buckets, eight an octave (width 9 %), so that lives of a service can be added up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/LatencyHistogram/1"))]
 #[repr(C)]
@@ -126,7 +129,7 @@ impl LatencyHistogram {
 
     /// Adds what another life of the service counted.
     pub fn add(&mut self, other: &Self) {
-        self.n += other.n;
+        self.n = self.n.saturating_add(other.n);
         self.max_ns = self.max_ns.max(other.max_ns);
         for (mine, theirs) in self.buckets.iter_mut().zip(&other.buckets) {
             *mine = mine.saturating_add(*theirs);
@@ -154,7 +157,7 @@ impl LatencyHistogram {
 }
 
 /// A beat: published by the loop that waits and works, so that a stuck loop is silent.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Health/2"))]
 #[repr(C)]
@@ -203,7 +206,7 @@ impl Health {
     }
 }
 
-message!(Health => Health);
+message!(Health => Health { port_count <= MAX_PORTS });
 
 #[cfg(test)]
 mod tests {

@@ -5,9 +5,10 @@ use crate::{Cue, Header, ServiceId, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+use zerocopy::TryFromBytes;
 
 /// The class of the mode.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ModeClass/1"))]
 #[repr(C)]
@@ -35,7 +36,7 @@ impl ModeClass {
 }
 
 /// What kind of stop it is. Each is documented with who is at fault and what to do.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/StopKind/1"))]
 #[repr(C)]
@@ -60,6 +61,8 @@ pub enum StopKind {
     StreamSlow,
     /// Fault: a stream is over twice its max age.
     StreamStale,
+    /// Fault: the supervisor's own loop slept for longer than `mode` may be old; what happened meanwhile is not known.
+    SupervisorStalled,
     /// Fault: the brake engaged because locomotion was gone or silent.
     BrakeEngaged,
     /// Fault: the odometry pose jumped further than the robot can walk; cue frame and handler's estimate are void.
@@ -142,6 +145,7 @@ impl StopKind {
             Self::FilesExhausted => "files_exhausted",
             Self::StreamSlow => "stream_slow",
             Self::StreamStale => "stream_stale",
+            Self::SupervisorStalled => "supervisor_stalled",
             Self::BrakeEngaged => "brake_engaged",
             Self::PoseJump => "pose_jump",
             Self::Resumed => "resumed",
@@ -167,7 +171,7 @@ impl StopKind {
 }
 
 /// Why the robot stands, with evidence.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/1"))]
 #[repr(C)]
@@ -240,7 +244,7 @@ impl core::fmt::Display for StopReason {
 }
 
 /// The cue in force, as accepted by the supervisor.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/CueInForce/1"))]
 #[repr(C)]
@@ -252,7 +256,7 @@ pub struct CueInForce {
 }
 
 /// The supervisor's word on whether motion is possible.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Mode/1"))]
 #[repr(C)]
@@ -287,7 +291,7 @@ impl Mode {
 }
 
 /// What locomotion does.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/1"))]
 #[repr(C)]

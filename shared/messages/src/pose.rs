@@ -3,9 +3,10 @@
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+use zerocopy::FromBytes;
 
 /// A planar pose: where frame B is in frame A, for a value named `a_from_b`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Pose2/1"))]
 #[serde(deny_unknown_fields)]
@@ -20,7 +21,7 @@ pub struct Pose2 {
 }
 
 /// A planar velocity in the body frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Twist2/1"))]
 #[repr(C)]

@@ -5,6 +5,7 @@ use crate::{Frame, Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
+use zerocopy::FromBytes;
 
 /// The most beams that a scan may have; sizes the lidar pool.
 pub const MAX_BEAMS: usize = 4096;
@@ -19,10 +20,13 @@ pub struct LidarScan;
 impl Frame for LidarScan {
     type Element = f32;
     type Meta = ScanHeader;
+    fn fits(_: &ScanHeader, len: usize) -> bool {
+        len <= MAX_BEAMS
+    }
 }
 
 /// Stands beside the ranges of a scan. `header.stamp_ns` is the time of the last beam.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/ScanHeader/1"))]
 #[repr(C)]
@@ -51,11 +55,14 @@ pub struct DepthFrame;
 impl Frame for DepthFrame {
     type Element = u16;
     type Meta = DepthHeader;
+    fn fits(meta: &DepthHeader, len: usize) -> bool {
+        u64::from(meta.width) * u64::from(meta.height) == len as u64
+    }
 }
 
 /// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and
 /// then tilted down by `pitch_rad`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Pose3/1"))]
 #[serde(deny_unknown_fields)]
@@ -74,7 +81,7 @@ pub struct Pose3 {
 }
 
 /// Stands beside the pixels of a depth frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/DepthHeader/1"))]
 #[repr(C)]
@@ -99,7 +106,7 @@ pub struct DepthHeader {
 
 /// Where the robot believes it is. The incarnation names the odometry frame: a new one voids everything held in the
 /// old.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Odometry/1"))]
 #[repr(C)]

@@ -9,9 +9,10 @@ use crate::ServiceId;
 use crate::ServiceId::{
     Brake, Cue, Depth, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Supervisor,
 };
+use zerocopy::TryFromBytes;
 
 /// A topic of the table.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/TopicId/1"))]
 #[repr(C)]

@@ -4,12 +4,13 @@ use crate::header::message;
 use crate::{Header, Pose2, ServiceId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use zerocopy::{FromBytes, TryFromBytes};
 
 /// The most walking people in a world.
 pub const MAX_WALKERS: usize = 16;
 
 /// A walking person: a disc.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/Walker/1"))]
 #[repr(C)]
@@ -23,7 +24,7 @@ pub struct Walker {
 }
 
 /// The true state of the simulated world.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/1"))]
 #[repr(C)]
@@ -51,7 +52,7 @@ pub struct WorldTruth {
 }
 
 /// A velocity commanded to the simulated robot, which keeps the last one when the line goes quiet.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
 #[cfg_attr(feature = "ipc", type_name("guidedog/RobotCommand/1"))]
 #[repr(C)]
@@ -64,4 +65,4 @@ pub struct RobotCommand {
     pub velocity: Twist2,
 }
 
-message!(WorldTruth => WorldTruth, RobotCommand => WorldCommand);
+message!(WorldTruth => WorldTruth { walker_count <= MAX_WALKERS }, RobotCommand => WorldCommand);

@@ -111,7 +111,12 @@ pub fn load_resolved(path: &Path) -> Result<Settings, SettingsError> {
 
 fn read(path: &Path) -> Result<String, SettingsError> {
     let fail = |reason: String| SettingsError::Read { path: path.to_owned(), reason };
-    let size = std::fs::metadata(path).map_err(|error| fail(error.to_string()))?.len();
+    let found = std::fs::metadata(path).map_err(|error| fail(error.to_string()))?;
+    // Before it is opened: opening a pipe would wait for its writer.
+    if !found.is_file() {
+        return Err(fail("it is not a file".to_owned()));
+    }
+    let size = found.len();
     if size > MAX_FILE_BYTES {
         return Err(fail(format!("{size} bytes are no configuration file")));
     }

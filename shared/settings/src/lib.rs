@@ -11,8 +11,8 @@ mod units;
 pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
-    ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion, MaxAge,
-    MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Robot, Settings, ShieldSettings, Simulation,
-    Source, Supervision, SwapSettings, Walk, WalkErrors,
+    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
+    MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Robot, Settings, ShieldSettings,
+    Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

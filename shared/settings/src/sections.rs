@@ -35,6 +35,8 @@ pub struct Settings {
     pub max_age: MaxAge,
     /// The supervisor.
     pub supervision: Supervision,
+    /// Who may do what.
+    pub access: Access,
     /// The simulated world.
     pub simulation: Simulation,
     /// The walk, where the run is one.
@@ -490,6 +492,14 @@ impl Default for MaxAge {
             mode: Millis::of_ms(200),
         }
     }
+}
+
+/// Who may do what through the control socket, besides the run's own user and root, who may everything.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Access {
+    /// Members of the socket's group may command, not only read.
+    pub group_may_command: bool,
 }
 
 /// The supervisor.

@@ -2,8 +2,12 @@
 
 use std::cell::Cell;
 
+use messages::Header;
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
+
+/// What is stamped further ahead than this is no message; less is for the consumer to judge by the stamp's age.
+const FUTURE_NS: u64 = 1_000_000_000;
 
 /// How run time passes.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -81,6 +85,18 @@ impl Clock {
     #[must_use]
     pub(crate) fn may_see(&self, step: u64) -> bool {
         !self.is_stepped() || step < self.step.get()
+    }
+
+    /// Whether a message may say this of its time. Nobody is more than a step ahead of a member, for the next one waits
+    /// for its acknowledgement; and a stamp from far in the future would outlast every later one where only what is
+    /// newer is taken. Who is no member yet cannot tell.
+    #[must_use]
+    pub(crate) fn may_come(&self, header: &Header) -> bool {
+        if self.is_stepped() && self.step.get() == 0 {
+            return true;
+        }
+        let step_is_near = !self.is_stepped() || header.step <= self.step.get().saturating_add(1);
+        step_is_near && header.stamp_ns <= self.now_ns().saturating_add(FUTURE_NS)
     }
 
     /// Enters a step.

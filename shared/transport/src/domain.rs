@@ -8,6 +8,7 @@ use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::topic::{TOPICS, TopicSpec};
 use messages::{DepthFrame, Frame, LidarScan, MAX_BEAMS, Message, ServiceId, TopicId};
 
+use crate::checked::Wire;
 use crate::run_dir::{RunDir, RunInfo};
 use crate::{Clock, TransportError};
 
@@ -123,6 +124,7 @@ impl Domain {
                 topics.push(Box::new(self.event(spec.id, true)?));
             }
         }
+        self.dir.close_shared_memory();
         Ok(Holder { _topics: topics })
     }
 
@@ -136,14 +138,14 @@ impl Domain {
         &self,
         of: ServiceId,
         create: bool,
-    ) -> Result<publish_subscribe::PortFactory<ipc::Service, M, ()>, TransportError> {
+    ) -> Result<publish_subscribe::PortFactory<ipc::Service, Wire<M>, ()>, TransportError> {
         let spec = spec_of(M::TOPIC)?;
         let name = topic_name(spec, of);
         let service = ServiceName::new(&name).map_err(|e| open_error(&name, e))?;
         let builder = self
             .node
             .service_builder(&service)
-            .publish_subscribe::<M>()
+            .publish_subscribe::<Wire<M>>()
             .history_size(0)
             .subscriber_max_buffer_size(spec.buffer)
             .subscriber_max_borrowed_samples(spec.borrowed)

@@ -39,6 +39,12 @@ pub enum TransportError {
         /// What is wrong.
         reason: String,
     },
+    /// Another run of that name is alive.
+    #[error("run directory {path}: a run of that name is alive")]
+    NameTaken {
+        /// Its directory.
+        path: PathBuf,
+    },
     /// A call to the kernel failed.
     #[error("{call} failed: {errno}")]
     System {

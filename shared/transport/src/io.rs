@@ -165,9 +165,9 @@ impl Io {
         let _ = epoll::delete(&self.epoll, fd);
     }
 
-    /// Tells the supervisor something; `false` where it is gone.
+    /// Tells the supervisor something, cut to what the line takes; `false` where it is gone.
     pub fn tell(&self, message: &FromChild) -> bool {
-        self.control.as_ref().is_some_and(|line| line.send(message, None))
+        self.control.as_ref().is_some_and(|line| line.send(&message.clone().bounded(), None))
     }
 
     /// The next word of the supervisor; once it is gone, its line is let go.
@@ -181,8 +181,14 @@ impl Io {
         received
     }
 
-    /// What the ports have done, in the order in which they were opened.
-    pub fn counters(&self) -> std::cell::Ref<'_, Vec<PortCounters>> {
+    /// What the ports of this process have done, as its beats tell.
+    #[must_use]
+    pub fn port_counters(&self) -> Vec<PortCounters> {
+        self.counters().clone()
+    }
+
+    /// What the ports have done.
+    pub(crate) fn counters(&self) -> std::cell::Ref<'_, Vec<PortCounters>> {
         self.shared.counters.borrow()
     }
 

@@ -4,6 +4,7 @@
 //! table through [`Io`], and is woken with the run time when an input came or its timer is due. It is the same code in
 //! real and in stepped time; what differs is who decides when it is woken and which messages it may see yet.
 
+mod checked;
 mod clock;
 mod domain;
 mod error;
@@ -11,6 +12,7 @@ mod io;
 mod janitor;
 mod line;
 mod master;
+mod oversleep;
 mod port;
 mod recording_order;
 mod rhythm;
@@ -25,9 +27,10 @@ pub use error::TransportError;
 pub use io::Io;
 pub use janitor::Janitor;
 pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
+pub use oversleep::Oversleep;
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
 pub use recording_order::RecordingOrder;
 pub use rhythm::Rhythm;
-pub use run_dir::{RunDir, RunInfo, check_run_name, live_runs, runs_root, sweep};
+pub use run_dir::{RunDir, RunInfo, check_run_name, check_runs_root, keep_others_out, live_runs, runs_root, sweep};
 pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, SupervisorArgs};
 pub use service::{run, run_supervisor, service_main};

@@ -107,6 +107,33 @@ pub enum FromChild {
     },
 }
 
+/// What is beside the text of a message, bytes.
+const BESIDE_TEXT: usize = 128;
+/// So much of a text fits whatever is in it, bytes: each may take six as JSON.
+const MAX_TEXT: usize = (MAX_MESSAGE - BESIDE_TEXT) / 6 - 4;
+
+impl FromChild {
+    /// The message with its text, if it has one, cut to what a line takes: most of a reason is better than none of it.
+    #[must_use]
+    pub fn bounded(self) -> Self {
+        match self {
+            Self::Failed { why } => Self::Failed { why: cut(why) },
+            Self::Note { text } => Self::Note { text: cut(text) },
+            other => other,
+        }
+    }
+}
+
+fn cut(mut text: String) -> String {
+    let fits = serde_json::to_string(&text).is_ok_and(|json| json.len() + BESIDE_TEXT <= MAX_MESSAGE);
+    if !fits {
+        let end = (0..=MAX_TEXT).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+        text.truncate(end);
+        text.push_str(" ...");
+    }
+    text
+}
+
 impl Line {
     /// Two ends.
     ///
@@ -136,7 +163,8 @@ impl Line {
         rustix::net::send(&self.0, bytes, SendFlags::NOSIGNAL | SendFlags::DONTWAIT).is_ok()
     }
 
-    /// Sends a message, with a descriptor where one is given; `false` where the other end is gone or does not read.
+    /// Sends a message, with a descriptor where one is given; `false` where the other end is gone or does not read, or
+    /// the message is too long: whoever puts text into one cuts it with [`FromChild::bounded`].
     pub fn send<T: Serialize>(&self, message: &T, fd: Option<BorrowedFd<'_>>) -> bool {
         let Ok(bytes) = serde_json::to_vec(message) else { return false };
         if bytes.len() > MAX_MESSAGE {
@@ -226,8 +254,21 @@ pub fn inherited_fd(variable: &str) -> Result<OwnedFd, TransportError> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Line, Received, ToChild};
+    use super::{FromChild, Line, Received, ToChild};
     use std::os::fd::AsFd;
+
+    #[test]
+    fn a_reason_that_is_too_long_is_cut_and_not_lost() {
+        let (a, b) = Line::pair().expect("descriptors are left");
+        for long in ["x".repeat(100_000), "\u{1}".repeat(5_000), "\u{20ac}".repeat(5_000)] {
+            assert!(a.send(&FromChild::Failed { why: long.clone() }.bounded(), None));
+            let Received::Message(FromChild::Failed { why }, None) = b.receive() else { panic!("it arrives") };
+            let cut = why.strip_suffix(" ...").expect("it says that it was cut");
+            assert!(cut.len() > 600 && long.starts_with(cut));
+        }
+        let short = FromChild::Note { text: "x".repeat(3_900) };
+        assert_eq!(short.clone().bounded(), short);
+    }
 
     #[test]
     fn a_descriptor_travels_and_its_end_closes() {

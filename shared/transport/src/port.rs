@@ -11,8 +11,10 @@ use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
+use iceoryx2::service::header::payload_header::PayloadHeader;
 use messages::{Frame, Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, TopicId};
 
+use crate::checked::{Mapped, Wire};
 use crate::domain::{Domain, spec_of};
 use crate::{Clock, Identity, TransportError};
 
@@ -38,9 +40,14 @@ impl Shared {
         let mut counters = self.counters.borrow_mut();
         let port = &mut counters[slot];
         port.count += 1;
-        port.lost += lost;
+        port.lost = port.lost.saturating_add(lost);
         port.last_seq = header.seq;
         port.last_stamp_ns = header.stamp_ns;
+    }
+
+    /// What was read is no message.
+    fn count_invalid(&self, slot: usize) {
+        self.counters.borrow_mut()[slot].invalid += 1;
     }
 }
 
@@ -54,7 +61,7 @@ struct GapCounter {
 impl GapCounter {
     fn lost(&mut self, header: &Header) -> u64 {
         if let Some((_, last)) = self.last.iter_mut().find(|(incarnation, _)| *incarnation == header.incarnation) {
-            let lost = header.seq.saturating_sub(*last + 1);
+            let lost = header.seq.saturating_sub(last.saturating_add(1));
             *last = header.seq.max(*last);
             return lost;
         }
@@ -109,7 +116,7 @@ pub(crate) fn listener(domain: &Domain, topic: TopicId) -> Result<Listener<ipc::
 /// Writes messages of fixed size.
 #[derive(Debug)]
 pub struct Publisher<M: Message + ZeroCopySend> {
-    port: IoxPublisher<ipc::Service, M, ()>,
+    port: IoxPublisher<ipc::Service, Wire<M>, ()>,
     waker: Waker,
     shared: Rc<Shared>,
     slot: usize,
@@ -151,7 +158,7 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
 
     fn send(&mut self, header: Header, mut message: M) -> Result<M, TransportError> {
         *message.header_mut() = header;
-        self.port.send_copy(message).map_err(|e| publish_error(M::TOPIC, e))?;
+        self.port.send_copy(Wire::new(message)).map_err(|e| publish_error(M::TOPIC, e))?;
         self.shared.count(self.slot, message.header(), 0);
         self.waker.wake();
         Ok(message)
@@ -176,10 +183,13 @@ fn recorded_header(shared: &Shared, recorded: &Header) -> Header {
 /// Reads messages of fixed size.
 #[derive(Debug)]
 pub struct Subscriber<M: Message + ZeroCopySend> {
-    port: IoxSubscriber<ipc::Service, M, ()>,
+    port: IoxSubscriber<ipc::Service, Wire<M>, ()>,
     shared: Rc<Shared>,
     slot: usize,
     gaps: GapCounter,
+    mapped: Mapped,
+    /// So many messages may wait at once; who finds more that are none comes back later.
+    buffer: usize,
     /// In stepped time: what came but may not be seen yet, sorted by (step, stamp, seq, incarnation).
     pending: VecDeque<M>,
 }
@@ -194,10 +204,18 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
         let slot = shared.register(M::TOPIC, PortRole::Subscriber, of);
-        Ok(Self { port, shared: Rc::clone(shared), slot, gaps: GapCounter::default(), pending: VecDeque::new() })
+        Ok(Self {
+            port,
+            shared: Rc::clone(shared),
+            slot,
+            gaps: GapCounter::default(),
+            mapped: Mapped::default(),
+            buffer: spec.buffer,
+            pending: VecDeque::new(),
+        })
     }
 
-    /// The next message that may be seen.
+    /// The next message that may be seen. What is no message is dropped and counted.
     ///
     /// # Errors
     /// Where a connection is broken.
@@ -243,8 +261,15 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
 
     /// The next message whatever the step, for the clock itself.
     pub(crate) fn receive(&mut self) -> Result<Option<M>, TransportError> {
-        let sample = self.port.receive().map_err(|e| receive_error(M::TOPIC, e))?;
-        Ok(sample.map(|sample| *sample.payload()))
+        for _ in 0..self.buffer {
+            let sample = self.port.receive().map_err(|e| receive_error(M::TOPIC, e))?;
+            let Some(sample) = sample else { return Ok(None) };
+            match sample.payload().read(&mut self.mapped, sample.origin().value()) {
+                Some(message) if self.shared.clock.may_come(message.header()) => return Ok(Some(message)),
+                _ => self.shared.count_invalid(self.slot),
+            }
+        }
+        Ok(None)
     }
 
     fn refill(&mut self) -> Result<(), TransportError> {
@@ -328,7 +353,7 @@ where
         let mut loan = self.port.loan_slice_uninit(len).map_err(|e| publish_error(F::Meta::TOPIC, e))?;
         *loan.user_header_mut() = F::Meta::default();
         // SAFETY: the slice lies in a mapped file, whose bytes always hold a value (zero or what was written before),
-        // and any value is a valid `F::Element` (`AnyBitPattern`).
+        // and any value is a valid `F::Element` (`FromBytes`).
         Ok(FrameLoan(unsafe { loan.assume_init() }))
     }
 
@@ -362,10 +387,19 @@ where
 
 /// A frame in shared memory, held until it is dropped.
 #[derive(Debug)]
-pub struct FrameSample<F: Frame>(Sample<ipc::Service, [F::Element], F::Meta>)
+pub struct FrameSample<F: Frame>
 where
     F::Element: ZeroCopySend,
-    F::Meta: ZeroCopySend;
+    F::Meta: ZeroCopySend,
+{
+    /// A copy: what was checked stays as it was.
+    meta: F::Meta,
+    /// Elements, as checked.
+    len: usize,
+    data: *const F::Element,
+    /// Keeps the slice from being written again by its publisher.
+    _held: Sample<ipc::Service, [F::Element], F::Meta>,
+}
 
 impl<F: Frame> FrameSample<F>
 where
@@ -375,13 +409,31 @@ where
     /// What stands beside the slice.
     #[must_use]
     pub fn meta(&self) -> &F::Meta {
-        self.0.user_header()
+        &self.meta
     }
 
-    /// The slice.
+    /// The slice. A publisher that breaks its word can still write to it: any bytes are an element, but two looks at
+    /// the same one may differ.
     #[must_use]
     pub fn data(&self) -> &[F::Element] {
-        self.0.payload()
+        // SAFETY: so many elements were seen to be mapped and aligned, and stay so for as long as the sample is held.
+        unsafe { std::slice::from_raw_parts(self.data, self.len) }
+    }
+
+    /// The frame that a sample is, if it is one.
+    fn of(sample: Sample<ipc::Service, [F::Element], F::Meta>, mapped: &mut Mapped) -> Option<Self> {
+        let publisher = sample.origin().value();
+        // Nothing is read before it is known to be there; a reference to what is not read yet reads nothing.
+        let meta: F::Meta = mapped.copy(publisher, std::ptr::from_ref(sample.user_header()).cast())?;
+        let header = std::ptr::from_ref(sample.header()).cast();
+        let len = mapped.holds(publisher, header, size_of_val(sample.header())).then(|| sample.header())?;
+        let len = usize::try_from(len.number_of_elements()).ok()?;
+        if !F::fits(&meta, len) {
+            return None;
+        }
+        let data = sample.payload().as_ptr();
+        let is_there = mapped.holds(publisher, data.cast(), len.checked_mul(size_of::<F::Element>())?);
+        (is_there && data.is_aligned()).then_some(Self { meta, len, data, _held: sample })
     }
 }
 
@@ -396,6 +448,8 @@ where
     shared: Rc<Shared>,
     slot: usize,
     gaps: GapCounter,
+    mapped: Mapped,
+    buffer: usize,
     pending: VecDeque<FrameSample<F>>,
 }
 
@@ -413,7 +467,15 @@ where
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
         let slot = shared.register(F::Meta::TOPIC, PortRole::Subscriber, ServiceId::None);
-        Ok(Self { port, shared: Rc::clone(shared), slot, gaps: GapCounter::default(), pending: VecDeque::new() })
+        Ok(Self {
+            port,
+            shared: Rc::clone(shared),
+            slot,
+            gaps: GapCounter::default(),
+            mapped: Mapped::default(),
+            buffer: spec.buffer,
+            pending: VecDeque::new(),
+        })
     }
 
     /// The next frame whatever the step: for the last frames of a run whose time stands still.
@@ -427,7 +489,7 @@ where
         }
     }
 
-    /// The next frame that may be seen.
+    /// The next frame that may be seen. What is no frame is dropped and counted.
     ///
     /// # Errors
     /// Where a connection is broken, or the caller holds more frames than the topic table lets it.
@@ -455,7 +517,14 @@ where
     }
 
     fn receive(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
-        let sample = self.port.receive().map_err(|e| receive_error(F::Meta::TOPIC, e))?;
-        Ok(sample.map(FrameSample))
+        for _ in 0..self.buffer {
+            let sample = self.port.receive().map_err(|e| receive_error(F::Meta::TOPIC, e))?;
+            let Some(sample) = sample else { return Ok(None) };
+            match FrameSample::<F>::of(sample, &mut self.mapped) {
+                Some(frame) if self.shared.clock.may_come(frame.meta().header()) => return Ok(Some(frame)),
+                _ => self.shared.count_invalid(self.slot),
+            }
+        }
+        Ok(None)
     }
 }

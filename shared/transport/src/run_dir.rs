@@ -1,14 +1,20 @@
 //! The run directory: everything of one run that is a file, and the lock that says whether the run is alive.
 //!
-//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `recording.json`, `control.sock`,
-//! `logs/` and `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
+//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `recording.json`,
+//! `control.sock`, `logs/` and `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by
+//! side.
+//!
+//! The directory is the user's and open to its group, which may read and connect to the socket; `iox/` and `lock` are
+//! the user's alone. Nothing is made in, believed of, or removed from a place that another user may have made.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write;
-use std::os::unix::fs::DirBuilderExt;
+use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 
-use rustix::fs::FlockOperation;
+use rustix::fs::{FlockOperation, Mode, OFlags};
 use serde::{Deserialize, Serialize};
 
 use crate::{ClockKind, TransportError};
@@ -72,16 +78,59 @@ pub fn check_run_name(name: &str) -> Result<(), String> {
 /// Where runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
 #[must_use]
 pub fn runs_root() -> PathBuf {
-    std::env::var_os("GUIDEDOG_RUNS")
-        .filter(|root| !root.is_empty())
-        .map_or_else(|| PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())), PathBuf::from)
+    named_root().unwrap_or_else(|| PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())))
+}
+
+fn named_root() -> Option<PathBuf> {
+    std::env::var_os("GUIDEDOG_RUNS").filter(|root| !root.is_empty()).map(PathBuf::from)
+}
+
+/// Whether what is found where runs live may be believed. Anybody can make the default place in `/tmp` before its user
+/// does; whose runs are looked at by naming their place is the caller's own choice.
+///
+/// # Errors
+/// Says what is wrong with it. A place that is not there yet is none.
+pub fn check_runs_root() -> Result<(), TransportError> {
+    let root = runs_root();
+    match fs::symlink_metadata(&root) {
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Ok(_) if named_root().is_some() && root.is_dir() => Ok(()),
+        _ => check_own(&root),
+    }
+}
+
+/// Whether a directory is of this user (or root's) and nobody else may write to it.
+fn check_own(dir: &Path) -> Result<(), TransportError> {
+    const HINT: &str = "set GUIDEDOG_RUNS to a folder of your own";
+    let found = fs::symlink_metadata(dir).map_err(|error| fail(dir, error))?;
+    if !found.is_dir() {
+        return Err(fail(dir, format!("is no directory; {HINT}")));
+    }
+    if !is_mine(&found) && found.uid() != 0 {
+        return Err(fail(dir, format!("belongs to user {}, who may have made it first; {HINT}", found.uid())));
+    }
+    let mode = found.mode() & 0o7777;
+    if mode & 0o022 != 0 {
+        return Err(fail(dir, format!("may be written by others (mode {mode:03o}): chmod go-w it, or {HINT}")));
+    }
+    Ok(())
+}
+
+fn is_mine(found: &fs::Metadata) -> bool {
+    found.uid() == rustix::process::geteuid().as_raw()
+}
+
+/// What this process and its children make from now on is closed to others, and to the group but for reading.
+pub fn keep_others_out() {
+    rustix::process::umask(Mode::RWXO | Mode::WGRP);
 }
 
 impl RunDir {
     /// Makes the directory of a new run and takes its lock.
     ///
     /// # Errors
-    /// Where the name is not usable, a run of that name is alive, or the directory cannot be made.
+    /// Where the name is not usable, a run of that name is alive, the directory cannot be made, or the place where runs
+    /// live is not this user's alone.
     pub fn create(name: &str) -> Result<Self, TransportError> {
         let root = runs_root();
         let path = root.join(name);
@@ -90,6 +139,7 @@ impl RunDir {
             return Err(fail(&path, format!("longer than {MAX_DIR_BYTES} bytes: socket names below it would not fit")));
         }
         DirBuilder::new().recursive(true).mode(0o750).create(&root).map_err(|error| fail(&root, error))?;
+        check_own(&root)?;
         let mut last = String::new();
         // A sweep may remove the directory between our making it and our locking it; then it is made again.
         for _ in 0..16 {
@@ -109,11 +159,32 @@ impl RunDir {
                     return Ok(dir);
                 }
                 Ok(Some(_)) => {}
-                Ok(None) => return Err(fail(&path, "a run of that name is alive")),
+                Ok(None) => return Err(TransportError::NameTaken { path }),
                 Err(error) => last = error.to_string(),
             }
         }
         Err(fail(&path, last))
+    }
+
+    /// The directory of a new run whose lock another process has taken and handed over.
+    ///
+    /// # Errors
+    /// Where that is not the lock of the run of that name.
+    pub fn adopt(name: &str, lock: OwnedFd) -> Result<Self, TransportError> {
+        let path = runs_root().join(name);
+        let lock = File::from(lock);
+        let id = |found: std::io::Result<fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+        let is_its_lock = id(lock.metadata()).is_some_and(|of| Some(of) == id(fs::symlink_metadata(path.join("lock"))));
+        if !is_its_lock || rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+            return Err(fail(&path, "the lock that was handed over is not its own"));
+        }
+        Ok(Self { path, lock: Some(lock) })
+    }
+
+    /// The lock, to be handed over; none where this is somebody else's run.
+    #[must_use]
+    pub fn lock(&self) -> Option<BorrowedFd<'_>> {
+        self.lock.as_ref().map(AsFd::as_fd)
     }
 
     /// The directory of a run that exists.
@@ -137,13 +208,27 @@ impl RunDir {
             let path = self.path.join(name);
             DirBuilder::new().mode(mode).create(&path).map_err(|error| fail(&path, error))?;
         }
-        Ok(())
+        // Whatever the umask; who set its group to be inherited meant it.
+        let inherits = fs::metadata(&self.path).map_err(|error| fail(&self.path, error))?.mode() & 0o2000;
+        fs::set_permissions(&self.path, fs::Permissions::from_mode(0o750 | inherits))
+            .map_err(|error| fail(&self.path, error))
     }
 
     /// Removes the directory and the run's shared memory. Only the holder of the lock does.
     pub fn remove(&self) {
         if self.lock.is_some() {
             remove_run(&self.path);
+        }
+    }
+
+    /// Takes from others what iceoryx2 lets them have of the run's shared memory: it makes one file, a counter for its
+    /// numbers, that everybody may write, whatever the umask.
+    pub(crate) fn close_shared_memory(&self) {
+        for path in shared_memory(&self.prefix()) {
+            if fs::metadata(&path).is_ok_and(|found| found.mode() & 0o077 != 0) {
+                // Somebody who died may have taken it along, which is as good.
+                let _ = fs::set_permissions(&path, fs::Permissions::from_mode(0o600));
+            }
         }
     }
 
@@ -211,8 +296,12 @@ impl RunDir {
     }
 }
 
-/// Whether a directory is a run's: its lock says so, and nothing else lies there. Nothing else is ever removed.
+/// Whether a directory is a run's of this user: its lock says so, and nothing else lies there. Nothing else is ever
+/// removed.
 fn may_be_a_run(dir: &Path) -> bool {
+    if !fs::symlink_metadata(dir).is_ok_and(|found| found.is_dir() && is_mine(&found)) {
+        return false;
+    }
     let Ok(entries) = fs::read_dir(dir) else { return false };
     let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
     let ours = names.iter().all(|name| OURS.iter().any(|ours| name == ours));
@@ -225,7 +314,9 @@ fn may_be_a_run(dir: &Path) -> bool {
 fn take_lock(dir: &Path, to_own: bool) -> Result<Option<File>, TransportError> {
     let path = dir.join("lock");
     let mut options = OpenOptions::new();
-    options.read(true).write(to_own).create(to_own).truncate(false);
+    options.read(true).write(to_own).create(to_own).truncate(false).mode(0o600);
+    // A link could have anything written to.
+    options.custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
     let file = options.open(&path).map_err(|error| fail(&path, error))?;
     match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
         Ok(()) if !to_own => Ok(Some(file)),
@@ -246,13 +337,16 @@ fn prefix_of(path: &Path) -> String {
     format!("gd{digest:016x}_")
 }
 
+/// The files of a run's shared memory.
+fn shared_memory(prefix: &str) -> impl Iterator<Item = PathBuf> {
+    let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    entries.filter(move |entry| entry.file_name().to_string_lossy().starts_with(prefix)).map(|entry| entry.path())
+}
+
 fn remove_shared_memory(prefix: &str) {
-    let Ok(entries) = fs::read_dir("/dev/shm") else { return };
-    for entry in entries.flatten() {
-        if entry.file_name().to_string_lossy().starts_with(prefix) {
-            // Somebody else may have removed it first, which is as good.
-            let _ = fs::remove_file(entry.path());
-        }
+    for path in shared_memory(prefix) {
+        // Somebody else may have removed it first, which is as good.
+        let _ = fs::remove_file(path);
     }
 }
 
@@ -264,7 +358,10 @@ fn remove_run(path: &Path) {
 
 /// Removes what runs left behind that are no longer alive: every run directory whose lock is free.
 pub fn sweep() {
-    let Ok(entries) = fs::read_dir(runs_root()) else { return };
+    let root = runs_root();
+    let Ok(entries) = check_own(&root).and_then(|()| fs::read_dir(&root).map_err(|error| fail(&root, error))) else {
+        return;
+    };
     let dirs = entries.flatten().map(|entry| entry.path());
     for path in dirs.filter(|path| path.join("lock").is_file() && may_be_a_run(path)) {
         if let Ok(Some(_lock)) = take_lock(&path, false) {
@@ -273,13 +370,21 @@ pub fn sweep() {
     }
 }
 
+/// Whether the run in a directory is alive: its lock is held, or, for another user's, somebody listens.
+fn is_live(dir: &Path) -> bool {
+    if fs::symlink_metadata(dir).is_ok_and(|found| is_mine(&found)) {
+        return may_be_a_run(dir) && matches!(take_lock(dir, false), Ok(None));
+    }
+    UnixStream::connect(dir.join("control.sock")).is_ok()
+}
+
 /// Names of the runs that are alive.
 #[must_use]
 pub fn live_runs() -> Vec<String> {
     let Ok(entries) = fs::read_dir(runs_root()) else { return Vec::new() };
     let mut names: Vec<String> = entries
         .flatten()
-        .filter(|entry| may_be_a_run(&entry.path()) && matches!(take_lock(&entry.path(), false), Ok(None)))
+        .filter(|entry| is_live(&entry.path()))
         .map(|entry| entry.file_name().to_string_lossy().into_owned())
         .collect();
     names.sort();

@@ -45,6 +45,8 @@ impl SupervisorArgs {
     pub const SETTINGS: &'static str = "GUIDEDOG_SETTINGS";
     /// Environment variable that names a descriptor whose closing ends the run: its other end is the starter's.
     pub const OWNER_FD: &'static str = "GUIDEDOG_OWNER_FD";
+    /// Environment variable that names the descriptor of the run's lock, which the starter took to have the name.
+    pub const LOCK_FD: &'static str = "GUIDEDOG_LOCK_FD";
 }
 
 impl ChildArgs {
@@ -205,7 +207,7 @@ fn run_child<S: Service>(
     let mut io = match Domain::open(RunDir::open(&args.run), &name) {
         Ok(domain) => Io::new(domain, identity, Some(control), lifeline)?,
         Err(error) => {
-            control.send(&FromChild::Failed { why: error.to_string() }, None);
+            control.send(&FromChild::Failed { why: error.to_string() }.bounded(), None);
             return Err(error);
         }
     };

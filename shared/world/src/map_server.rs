@@ -3,7 +3,6 @@
 //! Unknown cells are not free, in whatever mode: a robot may not go there, and a lidar's beam ends there. Keys that
 //! map_server does not know are passed over, as it does.
 
-use std::fs::File;
 use std::io::{BufRead, BufReader, Seek};
 use std::path::Path;
 
@@ -138,7 +137,7 @@ impl Description {
 fn read_image(path: &Path) -> Result<(usize, Vec<Pixel>), WorldError> {
     let name = path.display().to_string();
     let failed = |source| WorldError::Read { file: name.clone(), source };
-    let file = BufReader::new(File::open(path).map_err(failed)?);
+    let file = BufReader::new(text_file::open(path).map_err(failed)?);
     let reader = ImageReader::new(file).with_guessed_format().map_err(failed)?;
     let refuse = |what: String| WorldError::Image { file: name.clone(), what };
     match reader.format() {

@@ -16,12 +16,20 @@ pub(crate) fn read(path: &Path) -> Result<String, WorldError> {
     let file = path.display().to_string();
     let failed = |source| WorldError::Read { file: file.clone(), source };
     let mut text = String::new();
-    let opened = std::fs::File::open(path).map_err(failed)?;
+    let opened = open(path).map_err(failed)?;
     opened.take(MAX_BYTES + 1).read_to_string(&mut text).map_err(failed)?;
     if text.len() as u64 > MAX_BYTES {
         return Err(WorldError::Parse { file, line: 1, what: format!("file is longer than {MAX_BYTES} bytes") });
     }
     Ok(text)
+}
+
+/// Opens a regular file, and nothing else: opening a pipe would wait for its writer.
+pub(crate) fn open(path: &Path) -> std::io::Result<std::fs::File> {
+    if !path.metadata()?.is_file() {
+        return Err(std::io::Error::other("it is not a file"));
+    }
+    std::fs::File::open(path)
 }
 
 /// A TOML text with its name, for errors.

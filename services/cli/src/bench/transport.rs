@@ -125,6 +125,7 @@ struct Sender {
 impl Sender {
     fn send_ours(&mut self, elements: usize, stamp_ns: Option<u64>) -> Result<u64, TransportError> {
         let mut loan = self.ours.loan(elements)?;
+        (loan.meta_mut().width, loan.meta_mut().height) = (elements as u32, 1);
         let value = self.slot as u16;
         loan.data_mut().fill(value);
         let stamp_ns = stamp_ns.unwrap_or_else(monotonic_ns);

@@ -72,7 +72,7 @@ impl Machine {
             if !s.armed {
                 return Some(format!("the line of {} is not armed", s.plan.service));
             }
-            if s.silence(now.run_ns).is_some() {
+            if !s.beats_on_time(now.run_ns) {
                 return Some(format!("{} is silent", s.plan.service));
             }
         }

@@ -317,6 +317,10 @@ impl Machine {
         let Some((stage, record)) = self.policies.swap() else { return };
         let told = format!("policy swap {} failed ({}): {why}", record.number, stage.name());
         if matches!(stage, Stage::Activating { .. } | Stage::Probation { .. }) {
+            if self.policy_slot(Role::Shadow).is_none_or(|s| s.phase != Phase::Ready) {
+                // Nobody is there to go back to: what is named stays, and is restarted as any other.
+                return self.end_swap("done", Some(format!("{why}; there is no way back")), now);
+            }
             self.exchange_policies();
         }
         self.mode.previous_policy = 0;
@@ -361,7 +365,7 @@ impl Machine {
                 self.fail_swap(why, now);
                 true
             }
-            Stage::Probation { .. } if incarnation == previous => {
+            Stage::Activating { .. } | Stage::Probation { .. } if incarnation == previous => {
                 let told = format!("the policy before ({incarnation}) is gone: {why}; there is no way back");
                 self.actions.push(Action::Note(told.clone()));
                 self.end_swap("done", Some(told), now);

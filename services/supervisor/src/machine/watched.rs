@@ -74,7 +74,7 @@ impl Window {
             *self = begin;
         } else if lasted_ns >= WINDOW_NS {
             let (out, fed) = (outputs - self.outputs, inputs - self.inputs);
-            let should = if rate.inputs > 0 { fed / rate.inputs } else { lasted_ns / rate.period_ns };
+            let should = fed.checked_div(rate.inputs).unwrap_or(lasted_ns / rate.period_ns);
             let is_slow = (out as f64) < RATE_SHARE * should.min(lasted_ns / rate.period_ns) as f64;
             *self = Self { too_slow_ns: is_slow.then(|| lasted_ns / out.max(1)), ..begin };
         }
@@ -107,6 +107,8 @@ pub(super) struct Watched {
     /// Wall times of the last deaths, for the budget.
     pub deaths_ns: VecDeque<u64>,
     last_beat_ns: u64,
+    /// Nothing before this is held against it, run time: its readiness, or the judge's own waking up.
+    judged_from_ns: u64,
     progress: Vec<Progress>,
     pose_jumps: u64,
     used: (u64, u32),
@@ -127,6 +129,7 @@ impl Watched {
             restarts: 0,
             deaths_ns: VecDeque::new(),
             last_beat_ns: 0,
+            judged_from_ns: 0,
             progress,
             pose_jumps: 0,
             used: (0, 0),
@@ -150,13 +153,14 @@ impl Watched {
         self.armed = !self.plan.has_line;
         self.joined = false;
         self.pose_jumps = 0;
+        self.last_beat_ns = 0;
         self.used = (0, 0);
         self.progress.iter_mut().for_each(|progress| *progress = Progress::default());
     }
 
     /// What it is judged by is counted from now on.
     pub fn count_from(&mut self, run_ns: u64) {
-        self.last_beat_ns = run_ns;
+        self.judged_from_ns = run_ns;
         for progress in &mut self.progress {
             (progress.changed_at_ns, progress.fed_at_ns) = (run_ns, run_ns);
             progress.window = Window::default();
@@ -190,9 +194,15 @@ impl Watched {
         jumped
     }
 
-    /// For how long it has not beaten, where that is too long, nanoseconds.
-    pub fn silence(&self, run_ns: u64) -> Option<u64> {
-        Some(age_ns(run_ns, self.last_beat_ns)).filter(|age| *age > self.plan.beat_limit_ns)
+    /// Whether it beats on time. What it did while nobody looked is not known, and so is not taken for well.
+    pub fn beats_on_time(&self, run_ns: u64) -> bool {
+        age_ns(run_ns, self.last_beat_ns) <= self.plan.beat_limit_ns
+    }
+
+    /// For how long it has not beaten, where that is too long to let it live, nanoseconds.
+    fn silence(&self, run_ns: u64) -> Option<u64> {
+        let since_ns = self.last_beat_ns.max(self.judged_from_ns);
+        Some(age_ns(run_ns, since_ns)).filter(|age| *age > self.plan.beat_limit_ns)
     }
 
     /// What it is to be ended for, if anything: silence, too much memory or too many descriptors, input without output,

@@ -1,0 +1,71 @@
+//! Writes the seeds that the targets begin with into `corpus/`: `cargo run --bin seeds`, in this folder.
+
+use std::path::Path;
+
+use guidedog_fuzz::recording;
+
+const SCAN: &str = r#"{"ranges":[1.5,null,3.4028235e38],"guidedog":{"stamp_ns":7,"seq":1,"step":0,"published_ns":0,
+"incarnation":1,"angle_min_rad":-1.5,"angle_increment_rad":0.1,"range_min_m":0.1,"range_max_m":12.0,"sigma_m":0.02,
+"robot_from_lidar":{"x_m":0.0,"y_m":0.0,"yaw_rad":0.0}}}"#;
+const ODOMETRY: &str = r#"{"guidedog":{"stamp_ns":7,"seq":1,"step":0,"published_ns":0,"incarnation":1,
+"odom_from_robot":{"x_m":0.0,"y_m":0.0,"yaw_rad":0.0},"twist":{"vx_mps":0.0,"vy_mps":0.0,"wz_radps":0.0},
+"sigma":[0.1,0.1,0.1]}}"#;
+const YAML: &str = "image: m\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\n\
+    free_thresh: 0.196\nmode: trinary\n";
+const LOG: &str = "# a log\nPARAM robot_name scout\nPARAM laser_frontlaser_offset 0.1\n\
+    ODOM 0 0 0 0 0 0 1.0 scout 1.0\nFLASER 3 1.0 2.0 81.9 0.1 0 0 0 0 0 1.1 scout 1.1\n\
+    FLASER 3 1.0 2.0 0.0 0.2 0 0.1 0.1 0 0.1 1.3 scout 1.3\n";
+
+fn seed(target: &str, name: &str, bytes: &[u8]) {
+    let folder = Path::new("corpus").join(target);
+    std::fs::create_dir_all(&folder).expect("a folder can be made");
+    std::fs::write(folder.join(name), bytes).expect("a file can be written");
+}
+
+/// An 8-bit grey PNG of four pixels, and a PGM.
+fn images() -> [Vec<u8>; 2] {
+    let png = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR\x00\x00\x00\x02\x00\x00\x00\x02\x08\x00\x00\x00\x00W\xddR\xf8\
+        \x00\x00\x00\x0eIDATx\x9cc`hpp`X\x00\x00\x04\x0f\x01\xc1Z\xd3\xf0\xd4\x00\x00\x00\x00IEND\xaeB`\x82";
+    [png.to_vec(), b"P5\n2 2\n255\n\x00\xff\x7f\xcd".to_vec()]
+}
+
+/// Two revolutions and a bit.
+fn capture() -> Vec<u8> {
+    let mut bytes = vec![0xa5, 0x5a, 0x05, 0x00, 0x00, 0x40, 0x81];
+    for i in 0..90u16 {
+        let (start, angle, distance) = (i % 40 == 0, (i % 40) * 9 * 64, 4000 + 100 * i);
+        let check = angle << 1 | 1;
+        bytes.push(if start { 0x3d } else { 0x3e });
+        bytes.extend(check.to_le_bytes());
+        bytes.extend(distance.to_le_bytes());
+    }
+    bytes
+}
+
+fn main() {
+    let mut parts = vec![0, 7, 0];
+    parts.extend(SCAN.replace('\n', "").bytes());
+    parts.extend([0, 1, 7, 0]);
+    parts.extend(ODOMETRY.replace('\n', "").bytes());
+    let whole = recording(&parts).expect("a recording can be written");
+    seed("recording", "messages", &[&[1], &parts[..]].concat());
+    seed("recording", "file", &[&[0], &whole[..]].concat());
+    for (name, image) in ["png", "pgm"].into_iter().zip(images()) {
+        seed("map", name, &[YAML.as_bytes(), &[0], &image].concat());
+    }
+    for folder in ["worlds", "scenarios"] {
+        for entry in std::fs::read_dir(Path::new("../config").join(folder)).expect("the project's worlds").flatten() {
+            let text = std::fs::read(entry.path()).expect("readable");
+            seed("world", &format!("{folder}-{}", entry.file_name().to_string_lossy()), &text);
+        }
+    }
+    seed("carmen", "log", LOG.as_bytes());
+    seed("rplidar", "capture", &capture());
+    for (name, text) in [("stop", "{\"verb\":\"stop\"}\n"), ("cue", "{\"verb\":\"cue\",\"cue\":\"left\"}\n")] {
+        seed("control", name, &[&[9], text.as_bytes(), text.as_bytes()].concat());
+    }
+    for name in ["guidedog.toml", "profiles/carmen.toml"] {
+        let text = std::fs::read(Path::new("../config").join(name)).expect("the project's configuration");
+        seed("settings", &name.replace('/', "-"), &text);
+    }
+}
