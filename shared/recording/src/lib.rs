@@ -1,10 +1,10 @@
 //! The recording file format, and importers of other people's logs into it.
 //!
-//! A recording is an MCAP file, `NAME.mcap`, and where depth was recorded another beside it, `NAME.depth.mcap`, so that
-//! the small topics are read without the pixels: chunks of at most 4 MiB compressed with zstd, one channel for each
-//! topic of ours and named like it, under Foxglove's well-known schemas where there is one, so that MCAP viewers open it
-//! as it is. A message's log time is its record's time of publication: run time in nanoseconds; an import, which does
-//! not know it, has the stamp there, and counts from 0 at its first record.
+//! A recording is an MCAP file, `NAME.mcap`, and where depth was recorded another beside it, `NAME.depth.mcap`, so
+//! that the small topics are read without the pixels: chunks of at most 4 MiB compressed with zstd, one channel for
+//! each topic of ours and named like it, under Foxglove's well-known schemas where there is one, so that MCAP
+//! viewers open it as it is. A message's log time is its record's time of publication: run time in nanoseconds; an
+//! import, which does not know it, has the stamp there, and counts from 0 at its first record.
 //!
 //! | topic | schema | |
 //! |---|---|---|
