@@ -1,6 +1,6 @@
 //! Live recordings: every topic comes back to the bit, and a file that was cut anywhere is recovered to its last chunk.
 
-#![allow(clippy::unwrap_used, reason = "helpers of tests are not seen as tests")]
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are not seen as tests")]
 
 mod common;
 
