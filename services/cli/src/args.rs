@@ -367,7 +367,7 @@ pub struct ReplayArgs {
     /// Play it N times; without N until Ctrl-C
     #[arg(long = "loop", value_name = "N", num_args = 0..=1, default_missing_value = "0")]
     pub times: Option<u32>,
-    /// Show where the policy and the shield that are configured now decide differently; exit code 8 if they do
+    /// Show where the policy and the shield that are configured now decide differently; exit code 7 if they do
     #[arg(long, conflicts_with_all = ["streams", "times"])]
     pub against: bool,
     /// Pace and name.

@@ -17,10 +17,9 @@ pub const EXIT_REFUSED: u8 = 5;
 /// A policy swap failed, and the policy before goes on.
 pub const EXIT_SWAP_FAILED: u8 = 6;
 /// A replay decides differently from its recording, where it was asked for (`--against`) or may not (`bench replay`).
-pub const EXIT_DIFFERENT: u8 = 8;
-
+pub const EXIT_DIFFERENT: u8 = 7;
 /// The caller may not do that to this run: its own user and root may, and the group may read.
-pub const EXIT_NOT_PERMITTED: u8 = 7;
+pub const EXIT_NOT_PERMITTED: u8 = 8;
 
 /// The codes as `guidedog --help` tells them.
 pub const EXIT_CODES_HELP: &str = "\
@@ -32,8 +31,8 @@ Exit codes:
   4  no such run is alive, or several are and none is named with --run
   5  the supervisor refused (a cue that cannot be taken now, a resume where nothing is locked)
   6  a policy swap failed; the policy before goes on
-  7  the caller may not do that to this run: its own user and root may, and the group may read
-  8  a replay decides differently from its recording (replay --against, bench replay)";
+  7  a replay decides differently from its recording (replay --against, bench replay)
+  8  the caller may not do that to this run: its own user and root may, and the group may read";
 
 /// Why the command could not do what it was asked, with its exit code.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -113,7 +112,7 @@ mod tests {
     fn the_help_lists_every_code() {
         let codes: Vec<u8> =
             EXIT_CODES_HELP.lines().skip(1).filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
-        assert_eq!(codes, [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        assert_eq!(codes, [0, 1, 2, 3, 4, 5, 6, 7]);
         assert_eq!(Failure::input("").code, 2);
         assert_eq!(Failure::run("").code, 3);
         assert_eq!(Failure::no_run("").code, 4);

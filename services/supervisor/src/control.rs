@@ -93,7 +93,7 @@ impl Request {
         match self {
             Self::Status | Self::Why | Self::PolicyShow => Right::Read,
             Self::Cue { .. } | Self::Stop | Self::Resume | Self::Quit => Right::Change,
-            // What makes the run start programs or write files is for who could do that anyway.
+            // They start programs, or write files, with the rights of the run.
             Self::PolicySwap { .. } | Self::PolicyRollback | Self::Record { .. } | Self::RecordStop => Right::Own,
         }
     }

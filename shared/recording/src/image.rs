@@ -112,6 +112,7 @@ pub fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> R
         cy_px: Real(header.cy_px),
         robot_from_camera: header.robot_from_camera.mirror(),
     };
+    // Protobuf's numbers and 16UC1's are little-endian, as every machine that this runs on.
     let stamp_ns = header.header.stamp_ns;
     let image = RawImage {
         timestamp: Some(Timestamp {
@@ -122,7 +123,7 @@ pub fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> R
         height: header.height,
         encoding: ENCODING.to_owned(),
         step: header.width * 2,
-        data: pixels_mm.iter().flat_map(|pixel| pixel.to_le_bytes()).collect(),
+        data: zerocopy::IntoBytes::as_bytes(pixels_mm).to_vec(),
         frame_id: "camera".to_owned(),
         guidedog: serde_json::to_string(&own).map_err(|error| error.to_string())?,
     };

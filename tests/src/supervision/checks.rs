@@ -28,6 +28,8 @@ pub struct Checks {
     /// Resumes asked for: each restores the budgets.
     pub resumes: u64,
     stopped_ms: Option<u64>,
+    /// When the brake was last away.
+    brake_away_ms: u64,
     wrong: Option<String>,
 }
 
@@ -148,17 +150,19 @@ impl Simulation {
         if let Some(wrong) = self.checks.wrong.take() {
             return Err(wrong);
         }
+        if self.running(ServiceId::Brake).is_none() {
+            self.checks.brake_away_ms = self.now_ms;
+        }
         if !self.robot.0 {
             return Ok(());
         }
         self.count("ticks walking");
-        let brake_is_well = self.running(ServiceId::Brake).is_some();
         let locomotion_is_well = self.running(ServiceId::Locomotion) == Some(self.robot.1);
         if !locomotion_is_well {
-            let lost = self.checks.lost_ms.get(&ServiceId::Locomotion).map(|lost| lost.1);
-            let for_ms = lost.map_or(0, |lost| self.now_ms.saturating_sub(lost));
-            // Two things at once that nobody is left to see: the robot keeps its last command until the brake is back.
-            let fine = !brake_is_well || for_ms <= BRAKE_MS + TICK_MS;
+            let lost = self.checks.lost_ms.get(&ServiceId::Locomotion).map_or(self.now_ms, |lost| lost.1);
+            // Without locomotion and brake nobody is left to stop the robot: it keeps its last command until one is back.
+            let for_ms = self.now_ms.saturating_sub(lost.max(self.checks.brake_away_ms));
+            let fine = for_ms <= BRAKE_MS + TICK_MS;
             return if fine { Ok(()) } else { Err(format!("walks {for_ms} ms after locomotion was lost")) };
         }
         let late = stopped_ms.map_or(0, |at| self.now_ms - at);
