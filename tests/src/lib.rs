@@ -2,6 +2,7 @@
 
 pub mod supervision;
 mod tap;
+mod wire;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -16,6 +17,7 @@ use transport::RunDir;
 
 pub use tap::{Seen, Tap};
 pub use transport::monotonic_ns;
+pub use wire::{Came, Wire};
 
 /// No wait of a test takes longer on any machine.
 pub const WATCHDOG: Duration = Duration::from_secs(120);
@@ -148,6 +150,23 @@ impl<'a> Live<'a> {
         all.extend(args);
         let child = place.command(&all).spawn().expect("guidedog starts");
         Self { place, name: name.to_owned(), child }
+    }
+
+    /// The same in a mount namespace of its own, with a `/dev/shm` of that size; none where none can be had.
+    #[must_use]
+    pub fn up_in_shm_of(place: &'a Place, name: &str, size: &str, args: &[&str]) -> Option<Self> {
+        let may = Command::new("unshare").args(["--mount", "true"]).stderr(Stdio::null()).status();
+        if !may.is_ok_and(|status| status.success()) {
+            return None;
+        }
+        let up = place.command(&[]);
+        let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm && exec \"$0\" \"$@\"");
+        let mut command = Command::new("unshare");
+        command.args(["--mount", "sh", "-c", &mount]).arg(up.get_program()).args(["up", "--json", "--name", name]);
+        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", place.path().join("r"));
+        command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+        let child = command.spawn().expect("unshare starts");
+        Some(Self { place, name: name.to_owned(), child })
     }
 
     /// What `guidedog status --json` says; null while it says nothing.

@@ -114,7 +114,7 @@ fn the_group_reads_and_strangers_are_kept_out() {
     }
     for args in [&["stop"][..], &["cue", "forward"], &["resume"], &["policy", "swap", "--exe", "/bin/true"]] {
         let output = member(args);
-        assert_eq!(output.status.code(), Some(7), "{args:?}: {}", said(&output));
+        assert_eq!(output.status.code(), Some(8), "{args:?}: {}", said(&output));
     }
     let output = as_user(&place, STRANGER, STRANGER, &["status", "--run", "group"]);
     assert_eq!(output.status.code(), Some(4), "{}", said(&output));
@@ -135,7 +135,7 @@ fn the_group_commands_where_the_settings_say_so_but_runs_no_program() {
     let mut run = Live::up(&place, "cmd", &["--scenario", "corridor", "--config", &config]);
     run.wait_walking();
     let output = as_user(&place, STRANGER, GROUP, &["policy", "swap", "--exe", "/bin/true"]);
-    assert_eq!(output.status.code(), Some(7), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(8), "{}", said(&output));
     let output = as_user(&place, STRANGER, GROUP, &["stop"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
     run.wait("it is locked", |status| status["mode"]["class"] == "lock");

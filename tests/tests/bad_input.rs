@@ -1,6 +1,7 @@
 //! Wrong files and arguments: a clear error that names file, line or key, a documented exit code, and nothing started.
 
 use std::fs;
+use std::process::Command;
 
 use guidedog_tests::{Place, data, project};
 
@@ -84,6 +85,97 @@ fn a_log_or_recording_that_is_none_is_refused() {
         let cut = fs::read(log).expect("readable");
         let cut = file(&place, "cut.clf.bz2", &cut[..cut.len() / 2]);
         refused(&place, &["import", "carmen", &cut, "-o", &out], &["cut.clf.bz2"]);
+    }
+}
+
+/// A named pipe that nobody writes to: whoever opened it would wait for ever.
+fn fifo(place: &Place, name: &str) -> String {
+    let path = place.path().join(name);
+    let made = Command::new("mkfifo").arg(&path).status().expect("mkfifo is there");
+    assert!(made.success());
+    path.to_string_lossy().into_owned()
+}
+
+#[test]
+fn a_folder_and_a_pipe_are_no_files() {
+    let place = Place::new();
+    let out = place.path().join("o.mcap").to_string_lossy().into_owned();
+    let folder = place.path().join("folder");
+    fs::create_dir(&folder).expect("made");
+    for (path, name) in [(folder.to_string_lossy().into_owned(), "folder"), (fifo(&place, "pipe"), "pipe")] {
+        refused(&place, &["walk", "--config", &path], &[name]);
+        refused(&place, &["walk", "--scenario", &path], &[name]);
+        refused(&place, &["walk", "--cues", &path], &[name]);
+        refused(&place, &["walk", "--map", &path, "--start", "1,1,0"], &[name]);
+        refused(&place, &["replay", &path], &[name]);
+        refused(&place, &["import", "carmen", &path, "-o", &out], &[name]);
+        refused(&place, &["import", "rplidar", &path, "-o", &out], &[name]);
+        refused(&place, &["fit", &path], &[name, "not a file"]);
+        refused(&place, &["shield", "--recording", &path], &[name]);
+        let yaml = format!(
+            "image: {name}\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+        );
+        let map = file(&place, "m.yaml", yaml);
+        refused(&place, &["walk", "--map", &map, "--start", "1,1,0"], &[name]);
+    }
+    assert!(!fs::exists(&out).expect("readable"), "nothing is left of a refused import");
+}
+
+#[test]
+fn a_hostile_recording_is_refused_by_every_command_that_reads_one() {
+    let place = Place::new();
+    let mcap = b"\x89MCAP0\r\n";
+    // A footer that names a summary before the file, one of all the memory there is, and one that is none.
+    for (name, middle) in [("a.mcap", &[2u8, 20, 0, 0, 0, 0, 0, 0, 0][..]), ("b.mcap", &[0xff; 64]), ("c.mcap", &[])] {
+        let bytes = [mcap.as_slice(), middle, &[0xff; 20], mcap].concat();
+        let path = file(&place, name, bytes);
+        refused(&place, &["replay", &path], &[name]);
+        refused(&place, &["shield", "--recording", &path], &[name]);
+        let cut = file(&place, "cut.mcap", mcap);
+        refused(&place, &["replay", &cut], &["cut.mcap", "torn"]);
+    }
+}
+
+#[test]
+fn walks_to_fit_that_are_none_name_file_and_line() {
+    let place = Place::new();
+    let heading =
+        "subject,trajectory,repetition,t_s,robot_x_m,robot_y_m,robot_yaw_rad,human_x_m,human_y_m,human_yaw_rad\n";
+    let row = |t: f64| format!("a,1,1,{t},0,0,0,-0.7,0,0\n");
+    let data = file(&place, "d.csv", format!("{heading}{}{}{}", row(0.0), row(0.9), row(0.5)));
+    refused(&place, &["fit", &data], &["d.csv:4", "comes after"]);
+    let data = file(&place, "d.csv", format!("{heading}{}{}", row(0.0), row(0.9)));
+    refused(&place, &["fit", &data], &["d.csv:3", "gap"]);
+    let data = file(&place, "d.csv", "subject,trajectory\na,1\n");
+    refused(&place, &["fit", &data], &["d.csv:1", "repetition", "missing"]);
+    refused(&place, &["fit", "/nowhere.csv"], &["/nowhere.csv"]);
+}
+
+#[test]
+fn a_script_that_is_not_there_names_the_key_that_names_it() {
+    let place = Place::new();
+    let config = file(&place, "c.toml", "[cue]\nscript = \"gone.toml\"\n");
+    refused(&place, &["walk", "--config", &config], &["cue.script", "gone.toml"]);
+}
+
+#[test]
+fn what_cannot_be_written_is_told() {
+    let place = Place::new();
+    let full = || fs::File::options().write(true).open("/dev/full").expect("Linux has it");
+    for args in [&["--help"][..], &["walk", "--help"], &["--version"], &["doctor", "--json"]] {
+        let output = place.command(args).stdout(full()).output().expect("it starts");
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(3), "{args:?}: {text}");
+        assert!(text.contains("standard output"), "{args:?}: {text}");
+    }
+    place.assert_empty();
+}
+
+#[test]
+fn scripts_refuse_what_they_do_not_know() {
+    for args in [&["properties", "extra"][..], &["fuzz", "soon"], &["nothing"]] {
+        let output = Command::new(project().join("scripts/nightly")).args(args).output().expect("it starts");
+        assert_eq!(output.status.code(), Some(2), "{args:?}");
     }
 }
 

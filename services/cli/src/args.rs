@@ -43,6 +43,9 @@ pub enum Verb {
     /// Swap the policy of a live run for another, go back, or show which is in force
     #[command(after_help = POLICY_HELP)]
     Policy(PolicyArgs),
+    /// Break something in a run that was started with --faults, to see what comes of it
+    #[command(after_help = inject_help())]
+    Inject(InjectArgs),
     /// Check what a run needs of this machine, and say how to mend what is missing
     Doctor(DoctorArgs),
     /// Record a live run until Ctrl-C, or for so long
@@ -193,6 +196,42 @@ pub struct CueArgs {
     pub run: RunArg,
 }
 
+/// `guidedog inject`.
+#[derive(Debug, Args)]
+pub struct InjectArgs {
+    /// A stream, a service or `host`
+    pub target: String,
+    /// Which fault; `none` mends the target
+    pub fault: String,
+    /// How long, such as 2s; without it, until `none`
+    #[arg(long = "for", value_name = "TIME", value_parser = duration)]
+    pub lasts: Option<Millis>,
+    /// Seed of what is random about it
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
+
+const INJECT_EXAMPLES: &str = "\
+Examples:
+  guidedog inject lidar/scan off --for 2s
+  guidedog inject policy kill
+  guidedog inject odometry none";
+
+/// The table of faults as `guidedog inject --help` tells it.
+fn inject_help() -> String {
+    let names = |topics: &[messages::TopicId]| topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
+    let streams = names(&messages::fault::STREAMS);
+    let mut help = format!("Streams: {streams}, health/SERVICE\n");
+    help += "Processes: a service's name, or service/NAME where a stream is called so too\nFaults:\n";
+    for row in messages::fault::FAULTS {
+        help += &format!("  {:14} {}\n", row.name, row.what);
+    }
+    help + INJECT_EXAMPLES
+}
+
 /// How run time passes and what the run is called.
 #[derive(Debug, Default, Args)]
 pub struct PaceArgs {
@@ -208,6 +247,9 @@ pub struct PaceArgs {
     /// Record the whole run, from its first step on (.mcap; depth frames in .depth.mcap beside it)
     #[arg(long, value_name = "RECORDING")]
     pub record: Option<PathBuf>,
+    /// Let `guidedog inject` break things in the run
+    #[arg(long)]
+    pub faults: bool,
 }
 
 /// Where the robot walks.
@@ -478,12 +520,61 @@ pub enum Bench {
         #[arg(long, value_name = "FILE")]
         config: Option<PathBuf>,
     },
+    /// Every fault of every service and stream against the matrix (config/faults.toml), at random moments of a walk
+    #[command(after_help = FAULTS_EXAMPLES)]
+    Faults(FaultsArgs),
+    /// What a thousand deaths leave behind, and how often a robot stops for no reason
+    Soak(SoakArgs),
     /// CPU and memory of the whole stack standing still, by service
     Idle {
         /// How long, seconds
         #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=3600))]
         seconds: u32,
     },
+}
+
+const FAULTS_EXAMPLES: &str = "\
+Examples:
+  guidedog bench faults --cells 'lidar/scan:*'          every fault of one stream
+  guidedog bench faults --cells '*:kill' --repeat 250   2,000 deaths of small services
+  guidedog bench faults --repeat 20 --budget-s 3600 --json
+
+Ends with exit code 1 where a cell that was tried is not as the matrix wants it.";
+
+/// `guidedog bench faults`.
+#[derive(Debug, Clone, Args)]
+pub struct FaultsArgs {
+    /// Which cells, as TARGET:FAULT with `*` for anything, several with commas between; without it, all but the host's
+    #[arg(long, value_name = "PATTERN")]
+    pub cells: Option<String>,
+    /// Trials of each cell
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// No trial begins after so many seconds
+    #[arg(long, value_name = "S")]
+    pub budget_s: Option<u64>,
+    /// Limits count so many times, for machines that are shared
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]
+    pub slack: f64,
+    /// Seed of the moments at which faults come
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// `guidedog bench soak`.
+#[derive(Debug, Clone, Args)]
+pub struct SoakArgs {
+    /// Kills of random services under load; 0 = none
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    pub kills: u32,
+    /// Also simulated walks without a fault, for so much run time, such as 1h
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub quiet: Option<Millis>,
+}
+
+fn slack(text: &str) -> Result<f64, String> {
+    let factor = text.parse::<f64>().ok().filter(|factor| (1.0..=1000.0).contains(factor));
+    factor.ok_or_else(|| "a factor is 1 to 1000".to_owned())
 }
 
 /// Which program of `bench transport`.

@@ -4,7 +4,7 @@ use std::error::Error;
 
 /// All is well; a walk reached its goal, a replay came to its end.
 pub const EXIT_OK: u8 = 0;
-/// A walk ended without reaching its goal, or a replay before its end.
+/// A walk ended without reaching its goal, a replay before its end, or a bench found what must not be.
 pub const EXIT_NOT_REACHED: u8 = 1;
 /// Arguments, the configuration or an input file cannot be used; nothing was started.
 pub const EXIT_BAD_INPUT: u8 = 2;
@@ -25,7 +25,7 @@ pub const EXIT_NOT_PERMITTED: u8 = 8;
 pub const EXIT_CODES_HELP: &str = "\
 Exit codes:
   0  all is well; a walk reached its goal, a replay came to its end
-  1  a walk ended without reaching its goal, or a replay before its end
+  1  a walk ended without reaching its goal, a replay before its end, or a bench found what must not be
   2  arguments, configuration or an input file cannot be used; nothing was started
   3  the run failed (a service could not start, the supervisor died), or the machine lacks something (doctor)
   4  no such run is alive, or several are and none is named with --run

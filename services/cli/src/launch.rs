@@ -218,6 +218,11 @@ impl Running {
         &self.name
     }
 
+    /// Process id of the supervisor.
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     /// Asks the run to end.
     pub fn end(&mut self) {
         let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);

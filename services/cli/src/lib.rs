@@ -87,6 +87,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Stop(run) => done(operate::stop(&run, json)),
         Verb::Resume(run) => done(operate::resume(&run, json)),
         Verb::Policy(args) => policy::policy(&args, json),
+        Verb::Inject(args) => done(operate::inject(&args, json)),
         Verb::Doctor(args) => doctor::doctor(&args, json),
         Verb::Import(args) => done(import::import(&args, json)),
         Verb::Bench(args) => match args.what {
@@ -95,6 +96,8 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Replay { recording, repeat, config } => {
                 bench::replay::bench(&recording, repeat, config.as_deref(), json)
             }
+            Bench::Faults(args) => bench::faults::bench(&args, json),
+            Bench::Soak(args) => bench::soak::bench(&args, json),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),

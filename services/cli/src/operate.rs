@@ -2,7 +2,9 @@
 
 use serde_json::{Value, json};
 
-use crate::args::{CueArgs, RunArg};
+use messages::fault::{FAULTS, Fault, Target};
+
+use crate::args::{CueArgs, InjectArgs, RunArg};
 use crate::control::ask;
 use crate::exit::Failure;
 use crate::out::{self, count, elements, entries, number, say, table, text};
@@ -58,6 +60,29 @@ pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// As [`ask`].
 pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     tell(run, &json!({ "verb": "resume" }), "lock ended; the robot waits for a cue", as_json)
+}
+
+/// `guidedog inject`
+///
+/// # Errors
+/// As [`ask`], and where target or fault is none.
+pub fn inject(args: &InjectArgs, as_json: bool) -> Result<(), Failure> {
+    let fault = Fault::from_name(&args.fault);
+    if fault.is_none() && args.fault != "none" {
+        let known: Vec<&str> = FAULTS.iter().map(|row| row.name).collect();
+        return Err(Failure::input(format!("there is no fault {}; known: {}, none", args.fault, known.join(", "))));
+    }
+    let Some(target) = Target::from_name(&args.target, fault) else {
+        return Err(Failure::input(format!("there is no stream and no service {}", args.target)));
+    };
+    if let Some(fault) = fault.filter(|fault| !target.faults().contains(fault)) {
+        let can: Vec<&str> = target.faults().iter().map(|fault| fault.name()).collect();
+        return Err(Failure::input(format!("{target} can be {}, not {}", can.join(", "), fault.name())));
+    }
+    let for_ms = args.lasts.map(|lasts| lasts.ns() / 1_000_000);
+    let request =
+        json!({ "verb": "inject", "target": args.target, "fault": args.fault, "for_ms": for_ms, "seed": args.seed });
+    tell(&args.run, &request, &format!("{target}: {}", args.fault), as_json)
 }
 
 fn tell(run: &RunArg, request: &Value, done: &str, as_json: bool) -> Result<(), Failure> {

@@ -132,6 +132,7 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     if let Some(path) = record_path(&args.pace)? {
         settings.record.path = Some(path);
     }
+    settings.faults.allowed |= args.pace.faults;
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
         *walk = settings::Walk {

@@ -3,7 +3,12 @@
 use messages::{
     Cue, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason, TopicId, Twist2, age_ns,
 };
-use settings::Settings;
+use settings::{LinkKind, Settings};
+
+use crate::accord::Accord;
+
+/// Stops that a gate may have slept through.
+const EPOCHS_AT_ONCE: u64 = 100;
 
 /// What the gate holds a permit against.
 #[derive(Debug, Clone, PartialEq)]
@@ -18,6 +23,10 @@ pub struct GateLimits {
     pub speed_mps: f64,
     /// Largest turn, radians per second.
     pub turn_radps: f64,
+    /// The velocity of each action of the run's table, by its index: no other is ever permitted.
+    pub actions: Vec<Twist2>,
+    /// Whether the robot whose odometry comes is the one that is commanded; a recorded one is not.
+    pub obeyed: bool,
     /// Largest planned change of each component of the speed, metres per second squared.
     pub acceleration_mps2: f64,
     /// Largest planned change of the turn, radians per second squared.
@@ -29,7 +38,10 @@ impl GateLimits {
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let limits = &settings.locomotion.limits;
+        let table = settings.policy.actions.table();
         Self {
+            actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
+            obeyed: settings.locomotion.link != LinkKind::Null,
             permit_life_ns: settings.locomotion.permit_life.ns(),
             mode_max_age_ns: settings.max_age.mode.ns(),
             odometry_max_age_ns: settings.max_age.odometry.ns(),
@@ -66,6 +78,7 @@ pub struct Gate {
     mode: Option<Mode>,
     permit: Option<Permit>,
     odometry: Option<(u64, u32)>,
+    accord: Accord,
     /// The stop cue in force: (incarnation, seq).
     stop_cue: Option<(u32, u64)>,
     /// Motion needs an epoch greater than this.
@@ -86,6 +99,7 @@ impl Gate {
             mode: None,
             permit: None,
             odometry: None,
+            accord: Accord::default(),
             stop_cue: None,
             latched_epoch: None,
             latch_reason: StopReason::of(StopKind::Boot),
@@ -118,7 +132,9 @@ impl Gate {
         if self.mode.is_none() && mode.class == ModeClass::Run {
             self.latch_at(mode.epoch, StopReason::of(StopKind::Boot));
         }
-        if self.mode.is_some_and(|old| old.epoch > mode.epoch) {
+        if let Some(old) = self.mode
+            && !self.may_follow(&old, mode)
+        {
             return;
         }
         self.mode = Some(*mode);
@@ -138,6 +154,21 @@ impl Gate {
         }
     }
 
+    /// Whether a mode may follow another. An epoch rises by one at a time: one that leaps is no supervisor's. Of one
+    /// that falls the one before was never true, for the supervisor only counts up; motion then needs a greater one.
+    fn may_follow(&mut self, old: &Mode, mode: &Mode) -> bool {
+        if mode.epoch >= old.epoch {
+            return mode.epoch - old.epoch <= EPOCHS_AT_ONCE;
+        }
+        let is_later = mode.header.seq > old.header.seq;
+        // A latch beyond the false epoch is of another kind: for good.
+        if is_later && self.latched_epoch.is_none_or(|latched| latched <= old.epoch) {
+            self.latched_epoch = Some(mode.epoch);
+            self.latch_reason = StopReason::of(StopKind::ModeStale);
+        }
+        is_later
+    }
+
     /// A cue has come: only stop takes effect here, at once.
     pub fn take_cue(&mut self, cue: &Cue) {
         if !cue.kind.is_moving() {
@@ -145,8 +176,22 @@ impl Gate {
         }
     }
 
-    /// Odometry has come.
+    /// That velocity is in force at the robot from now on.
+    pub fn commanded(&mut self, now_ns: u64, velocity: Twist2) {
+        self.accord.commanded(now_ns, velocity);
+    }
+
+    /// Odometry has come. One that contradicts what was commanded stops the robot until the epoch is greater: nobody
+    /// knows which of the two lies.
     pub fn take_odometry(&mut self, odometry: &Odometry) {
+        if self.accord.contradicts(odometry)
+            && self.limits.obeyed
+            && let Some(mode) = self.mode.filter(|mode| mode.class == ModeClass::Run)
+        {
+            let reason =
+                StopReason::service(StopKind::OdometryContradicts, ServiceId::Odometry, odometry.header.incarnation);
+            self.latch_at(mode.epoch, reason);
+        }
         self.odometry = Some((odometry.header.stamp_ns, odometry.header.incarnation));
     }
 
@@ -251,6 +296,7 @@ impl Gate {
     fn check_permit(&self, now_ns: u64, mode: &Mode) -> Result<Twist2, (StopReason, bool)> {
         let sudden = |kind| Err((StopReason::of(kind), false));
         let unusable = |topic| Err((StopReason { topic, ..StopReason::of(StopKind::InputUnusable) }, false));
+        let stuck = |topic| Err((StopReason { topic, ..StopReason::of(StopKind::StreamStuck) }, false));
         let Some(permit) = self.permit else { return sudden(StopKind::NoPermit) };
         // The shield that gave it must be the one whose line is watched here.
         if !self.has_open_line(ServiceId::Shield, permit.header.incarnation) {
@@ -274,6 +320,14 @@ impl Gate {
             Outcome::InvalidScan | Outcome::StaleScan => return unusable(TopicId::LidarScan),
             Outcome::StaleOdometry => return unusable(TopicId::Odometry),
             Outcome::StaleDepth => return unusable(TopicId::DepthFrame),
+            Outcome::StuckScan => return stuck(TopicId::LidarScan),
+            Outcome::StuckDepth => return stuck(TopicId::DepthFrame),
+            Outcome::ScanContradicts => {
+                return Err((
+                    StopReason { topic: TopicId::LidarScan, ..StopReason::of(StopKind::ScanContradicts) },
+                    false,
+                ));
+            }
             Outcome::InvalidAction => return unusable(TopicId::PolicyAction),
         }
         if now_ns > permit.expiry_ns {
@@ -288,6 +342,7 @@ impl Gate {
             || !velocity.is_finite()
             || velocity.speed_mps() > self.limits.speed_mps
             || velocity.wz_radps.abs() > self.limits.turn_radps
+            || self.limits.actions.get(permit.action as usize) != Some(&velocity)
         {
             return sudden(StopKind::PermitInvalid);
         }

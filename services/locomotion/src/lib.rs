@@ -4,6 +4,7 @@
 //! stands at once when a lifeline closes, a stop cue comes or the supervisor says so. It must never wait, allocate or
 //! log on the way to zero, and never start motion by itself.
 
+mod accord;
 mod gate;
 mod lines;
 
@@ -110,6 +111,7 @@ impl Locomotion {
                 self.latency.record(now.saturating_sub(stamp));
             }
         }
+        self.gate.commanded(now, self.applied);
         if tick {
             self.next_tick_ns = (now / self.period_ns + 1) * self.period_ns;
         }

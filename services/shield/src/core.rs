@@ -1,5 +1,6 @@
 //! What the shield decides: pure, times come in with the inputs.
 
+mod plausible;
 mod surroundings;
 
 use guidance::handler::{HandlerLimits, Sighting};
@@ -27,6 +28,9 @@ const JUMP_RAD: f64 = 0.60;
 const STANDBY_NS: u64 = NS_PER_S / 20;
 /// After a jump the poses must go on without one for this long.
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
+
+/// Stops that a shield may have slept through.
+const EPOCHS_AT_ONCE: u64 = 100;
 
 /// What the core needs to know.
 #[derive(Debug, Clone)]
@@ -169,7 +173,12 @@ impl Core {
 
     /// The newest mode.
     pub fn take_mode(&mut self, mode: &Mode) {
-        if self.mode.is_none_or(|old| mode.epoch >= old.epoch) {
+        // An epoch rises by one at a time: one that leaps is no supervisor's, and one that falls unmasks that before.
+        let follows = |old: Mode| {
+            let falls_or_is_late = mode.epoch < old.epoch && mode.header.seq <= old.header.seq;
+            !falls_or_is_late && mode.epoch <= old.epoch.saturating_add(EPOCHS_AT_ONCE)
+        };
+        if self.mode.is_none_or(follows) {
             self.mode = Some(*mode);
         }
     }
@@ -209,7 +218,7 @@ impl Core {
 
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
-        let usable = self.surroundings.take_depth(header, pixels_mm);
+        let usable = self.surroundings.take_depth(header, pixels_mm, &self.track);
         self.invalid_inputs += u64::from(!usable);
     }
 
@@ -223,11 +232,12 @@ impl Core {
                 self.scan_period_ns = period.max(self.config.scan_period_ns / 2).min(self.config.scan_max_age_ns);
             }
         }
-        let usable = self.surroundings.take_scan(header, ranges_m);
+        let usable = self.surroundings.take_scan(header, ranges_m, &self.track);
         self.invalid_inputs += u64::from(!usable);
         self.come_to(now_ns);
         let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.config.scan_max_age_ns;
-        if fresh && self.surroundings.usable_scan().is_some() {
+        let plausible = self.surroundings.implausible_scan().is_none();
+        if fresh && plausible && self.surroundings.usable_scan().is_some() {
             let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
             let handler = self.handler.body(self.surroundings.beams().sigma_m());
             self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, &handler);
@@ -314,6 +324,8 @@ impl Core {
     fn is_of_now(&self, now_ns: u64, action: &PolicyAction) -> bool {
         action.decision.abs_diff(now_ns / self.config.dt_ns) <= 1
             && age_ns(now_ns, action.header.stamp_ns) <= self.config.dt_ns * 3 / 2
+            // A decision is stamped when it is due.
+            && action.header.stamp_ns.abs_diff(action.decision * self.config.dt_ns) < self.config.dt_ns / 2
     }
 
     fn draw(&mut self, now_ns: u64, action: &PolicyAction) -> Running {
@@ -396,8 +408,12 @@ impl Core {
         if age(odometry.header.stamp_ns) > self.config.odometry_max_age_ns || jumped {
             return Some(Outcome::StaleOdometry);
         }
+        if let Some(why) = self.surroundings.implausible_scan() {
+            return Some(why);
+        }
         if self.config.depth_needed && !self.surroundings.depth_is_fresh(now_ns) {
-            return Some(Outcome::StaleDepth);
+            let stuck = self.surroundings.depth_is_stuck();
+            return Some(if stuck { Outcome::StuckDepth } else { Outcome::StaleDepth });
         }
         self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
     }

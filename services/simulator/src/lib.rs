@@ -28,6 +28,8 @@ pub struct Simulator {
     truths: Publisher<WorldTruth>,
     brake: UnixDatagram,
     command: Twist2,
+    /// Run time since which it is in force.
+    command_since_ns: u64,
     /// Locomotion up to this incarnation is worth nothing: the brake said so.
     fenced: u32,
     next_tick_ns: u64,
@@ -60,6 +62,7 @@ impl Simulator {
             truths: io.publisher()?,
             brake,
             command: Twist2::ZERO,
+            command_since_ns: 0,
             fenced: 0,
             next_tick_ns: 0,
             skipped_ticks: 0,
@@ -69,28 +72,36 @@ impl Simulator {
         })
     }
 
-    fn take_commands(&mut self) -> Result<(), TransportError> {
+    fn obey(&mut self, velocity: Twist2, now_ns: u64) {
+        if velocity != self.command {
+            (self.command, self.command_since_ns) = (velocity, now_ns);
+        }
+    }
+
+    fn take_commands(&mut self, now_ns: u64) -> Result<(), TransportError> {
         while let Some(command) = self.commands.take()? {
             if command.header.incarnation > self.fenced && command.velocity.is_finite() {
-                self.command = command.velocity;
+                self.obey(command.velocity, now_ns);
             }
         }
         Ok(())
     }
 
-    fn take_brake(&mut self) {
+    fn take_brake(&mut self, now_ns: u64) {
         let mut bytes = [0u8; BRAKE_MESSAGE_LEN];
         while let Ok(n) = self.brake.recv(&mut bytes) {
             if let Some(message) = BrakeMessage::decode(&bytes[..n]) {
                 self.fenced = self.fenced.max(message.fenced);
-                self.command = Twist2::ZERO;
+                self.obey(Twist2::ZERO, now_ns);
             }
         }
     }
 
     fn tick(&mut self, stamp_ns: u64) -> Result<(), TransportError> {
         self.physics.step(self.command);
-        let truth = self.truths.publish(stamp_ns, self.physics.truth())?;
+        let (command, command_since_ns) = (self.command, self.command_since_ns);
+        let truth = WorldTruth { command, command_since_ns, ..self.physics.truth() };
+        let truth = self.truths.publish(stamp_ns, truth)?;
         self.reached |= self.goal.is_some_and(|goal| goal.reached(truth.world_from_robot));
         self.over |= self.reached || stamp_ns >= self.ends_at_ns;
         Ok(())
@@ -105,8 +116,8 @@ fn time_limit_ns(settings: &Settings, scenario_s: Option<f64>) -> u64 {
 impl Service for Simulator {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
-        self.take_commands()?;
-        self.take_brake();
+        self.take_commands(now)?;
+        self.take_brake(now);
         if self.next_tick_ns == 0 {
             self.next_tick_ns = now.max(QUANTUM_NS);
         }
@@ -128,8 +139,8 @@ impl Service for Simulator {
         Some(self.next_tick_ns)
     }
 
-    fn on_fd(&mut self, _io: &mut Io, _token: u64) -> Result<(), TransportError> {
-        self.take_brake();
+    fn on_fd(&mut self, io: &mut Io, _token: u64) -> Result<(), TransportError> {
+        self.take_brake(io.now_ns());
         Ok(())
     }
 

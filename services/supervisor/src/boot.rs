@@ -14,6 +14,7 @@ use transport::{inherited_fd, monotonic_ns, run_supervisor};
 use crate::children::Children;
 use crate::control::{ControlServer, Right};
 use crate::ending::Ending;
+use crate::faults::Faults;
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::report::Figures;
@@ -110,6 +111,7 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
         supervisor_pid: std::process::id(),
         started_monotonic_ns: monotonic_ns(),
         clock: arguments.clock,
+        faults: settings.faults.allowed,
     })?;
     let signals = signals()?;
     let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
@@ -171,6 +173,7 @@ impl Supervisor {
             control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,
+            faults: Faults::new(settings.faults.allowed),
             health,
             cues: io.subscriber()?,
             locomotion: io.subscriber()?,

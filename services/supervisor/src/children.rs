@@ -46,6 +46,8 @@ pub struct Children {
     executables: PathBuf,
     run: PathBuf,
     next_token: u64,
+    /// Services whose next starts are to fail, one entry for each: an injected fault.
+    doomed: Vec<ServiceId>,
 }
 
 impl Drop for Children {
@@ -82,7 +84,7 @@ impl Children {
     pub fn new(run: &Path) -> Result<Self, TransportError> {
         let own = std::env::current_exe().map_err(TransportError::service)?;
         let executables = own.parent().map(Path::to_owned).unwrap_or_default();
-        Ok(Self { running: Vec::new(), executables, run: run.to_owned(), next_token: 100 })
+        Ok(Self { running: Vec::new(), executables, run: run.to_owned(), next_token: 100, doomed: Vec::new() })
     }
 
     /// The children that have not been reaped.
@@ -137,6 +139,10 @@ impl Children {
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
         if let Some(model) = &spec.model {
             command.env(ChildArgs::MODEL, model);
+        }
+        if let Some(i) = self.doomed.iter().position(|doomed| *doomed == service) {
+            self.doomed.swap_remove(i);
+            command.env(ChildArgs::EXIT_ON_START, "1");
         }
         prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
         close_all_on_exec();
@@ -204,6 +210,20 @@ impl Children {
         if let Some(line) = life.and_then(|child| child.control.as_ref()) {
             // Where it is gone, its end is on the way to us.
             line.send(message, None);
+        }
+    }
+
+    /// Lets so many next starts of a service fail: an injected fault.
+    pub fn doom(&mut self, service: ServiceId, times: u32) {
+        self.doomed.retain(|doomed| *doomed != service);
+        self.doomed.extend((0..times).map(|_| service));
+    }
+
+    /// Signals the newest life of a service: an injected fault.
+    pub fn signal(&self, service: ServiceId, signal: Signal) {
+        if let Some(child) = self.newest(service) {
+            // It may have ended by itself.
+            let _ = rustix::process::pidfd_send_signal(&child.pidfd, signal);
         }
     }
 

@@ -63,6 +63,19 @@ pub enum Request {
     PolicyRollback,
     /// The policy in force, and the last swaps.
     PolicyShow,
+    /// A fault is injected, or mended, in a run that allows it.
+    Inject {
+        /// A stream, a service, or the host, by name.
+        target: String,
+        /// Which fault, by name; "none" mends the target.
+        fault: String,
+        /// How long it lasts, milliseconds of run time; without it, until it is mended.
+        #[serde(default)]
+        for_ms: Option<u64>,
+        /// Seed of what is random about it.
+        #[serde(default)]
+        seed: Option<u64>,
+    },
     /// The run is to end.
     Quit,
 }
@@ -94,7 +107,11 @@ impl Request {
             Self::Status | Self::Why | Self::PolicyShow => Right::Read,
             Self::Cue { .. } | Self::Stop | Self::Resume | Self::Quit => Right::Change,
             // They start programs, or write files, with the rights of the run.
-            Self::PolicySwap { .. } | Self::PolicyRollback | Self::Record { .. } | Self::RecordStop => Right::Own,
+            Self::PolicySwap { .. }
+            | Self::PolicyRollback
+            | Self::Record { .. }
+            | Self::RecordStop
+            | Self::Inject { .. } => Right::Own,
         }
     }
 }

@@ -10,6 +10,7 @@ mod boot;
 mod children;
 pub mod control;
 mod ending;
+mod faults;
 pub mod machine;
 pub mod plan;
 mod recording;
@@ -30,6 +31,7 @@ use transport::{ToChild, TransportError, monotonic_ns};
 use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
+use faults::Faults;
 use machine::{Action, Event, Machine, Now, PolicySpec};
 use report::Figures;
 use step_watch::StepWatch;
@@ -40,6 +42,8 @@ pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 const MODE_PERIOD_NS: u64 = 50_000_000;
 /// Beats are read and judged this often.
 pub(crate) const TICK_NS: u64 = 20_000_000;
+/// Logs of so many lives of a service are kept.
+const LOGS_KEPT: u32 = 8;
 /// A restart waits for the janitor at most this long, wall time.
 const JANITOR_LIMIT_NS: u64 = 1_000_000_000;
 
@@ -56,6 +60,7 @@ pub struct Supervisor {
     /// Incarnations that wait for the janitor, and until which wall time.
     waiting: Vec<(ServiceId, u32, u64)>,
     ending: Ending,
+    faults: Faults,
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
     locomotion: Subscriber<LocomotionState>,
@@ -153,13 +158,18 @@ impl Supervisor {
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
         let log = io.domain.dir.log(service, incarnation);
+        // A service that dies again and again does not fill the disk; there may be no log that old.
+        let _ = std::fs::remove_file(io.domain.dir.log(service, incarnation.saturating_sub(LOGS_KEPT)));
         let spec = match service {
             ServiceId::Policy => self.machine.policy_spec(incarnation).clone(),
             _ => PolicySpec::default(),
         };
         let has_line = self.machine.has_line(service);
         match self.children.spawn((service, incarnation), has_line, &spec, &log, io) {
-            Ok(pid) => self.machine.started(service, incarnation, pid),
+            Ok(pid) => {
+                self.machine.started(service, incarnation, pid);
+                self.pass_faults_on(service, io);
+            }
             Err(error) => {
                 self.figures.note(io.now_ns(), error.to_string());
                 let died = Event::Died(service, incarnation, error.to_string());
@@ -327,6 +337,9 @@ impl Supervisor {
             Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
             Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
             Request::PolicyShow => self.show_policy(),
+            Request::Inject { target, fault, for_ms, seed } => {
+                self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io)
+            }
             Request::Quit => {
                 self.begin_end(io);
                 json!({ "ok": true })
@@ -516,6 +529,7 @@ impl Service for Supervisor {
         self.watch_steps(io, now)?;
         self.machine.tick_starts(now);
         self.children.hand_out_lines();
+        self.end_faults(io);
         self.act(io)?;
         self.go_on_ending(io)
     }

@@ -335,7 +335,7 @@ impl Machine {
     fn on_locomotion(&mut self, state: &LocomotionState, now: Now) {
         self.stops.locomotion(&self.mode, state, now.run_ns);
         // Locomotion latched itself in the epoch in force: only a greater one lets it go on.
-        let latched = matches!(state.limited_by.kind, StopKind::ModeStale | StopKind::LifelineClosed | StopKind::Boot);
+        let latched = state.limited_by.kind.is_latched();
         let stuck = self.mode.class == ModeClass::Run && state.epoch == self.mode.epoch && latched;
         self.stuck_states = if stuck { self.stuck_states + 1 } else { 0 };
         if self.stuck_states >= 3 {

@@ -25,6 +25,8 @@ pub struct Figures {
     pub notes_not_kept: u64,
 }
 
+/// So many lives of a service are told apart.
+const LIVES_KEPT: usize = 8;
 /// So many notes are kept, the newest.
 const MAX_NOTES: usize = 400;
 
@@ -40,7 +42,20 @@ impl Figures {
             Some(life) => **life = *health,
             None => {
                 self.lives.insert(key, Box::new(*health));
+                self.fold_lives(health.service);
             }
+        }
+    }
+
+    /// Of many lives of a service the oldest are told as one: a run may last for long.
+    fn fold_lives(&mut self, service: ServiceId) {
+        let keys: Vec<_> = self.lives.keys().filter(|(s, _)| *s == service).copied().collect();
+        if let [first, second, rest @ ..] = &keys[..]
+            && rest.len() + 2 > LIVES_KEPT
+            && let Some(second) = self.lives.remove(second)
+            && let Some(first) = self.lives.get_mut(first)
+        {
+            first.absorb(&second);
         }
     }
 

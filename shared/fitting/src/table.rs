@@ -101,7 +101,8 @@ mod tests {
         let mut extra = recordings[0].clone();
         extra.subject = "only-once".to_owned();
         recordings.push(extra);
-        for mut still in recordings[..15].to_vec() {
+        let somebody: Vec<_> = recordings[..15].to_vec();
+        for mut still in somebody {
             let first = still.samples[0];
             for sample in &mut still.samples {
                 sample.world_from_robot = first.world_from_robot;

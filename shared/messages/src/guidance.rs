@@ -94,6 +94,14 @@ pub struct Cue {
     pub request_seq: u64,
 }
 
+impl Cue {
+    /// Whether its numbers are numbers, so that it can be followed.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        self.odom_from_start.is_finite() && (0.0..=1.0).contains(&self.confidence)
+    }
+}
+
 /// An operator's cue on its way to the cue service.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -196,6 +204,12 @@ pub enum Outcome {
     InvalidAction,
     /// Judged: the action ran to its end and the next decision has not come.
     ActionEnded,
+    /// Refused: scans are the same bytes again and again while odometry says that the robot moves.
+    StuckScan,
+    /// Refused: depth frames likewise, where depth is needed.
+    StuckDepth,
+    /// Refused: the scan contradicts the last one that was judged on, wholesale.
+    ScanContradicts,
 }
 
 impl Outcome {
@@ -206,7 +220,7 @@ impl Outcome {
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 17] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -221,6 +235,9 @@ impl Outcome {
         Self::StaleDepth,
         Self::InvalidAction,
         Self::ActionEnded,
+        Self::StuckScan,
+        Self::StuckDepth,
+        Self::ScanContradicts,
     ];
 
     /// The name, as in reports.
@@ -241,6 +258,9 @@ impl Outcome {
             Self::StaleDepth => "stale_depth",
             Self::InvalidAction => "invalid_action",
             Self::ActionEnded => "action_ended",
+            Self::StuckScan => "stuck_scan",
+            Self::StuckDepth => "stuck_depth",
+            Self::ScanContradicts => "scan_contradicts",
         }
     }
 }

@@ -4,6 +4,8 @@
 use iceoryx2::prelude::ZeroCopySend;
 use zerocopy::{FromBytes, TryFromBytes};
 
+use crate::fault::{Corrupt, Dice};
+
 /// The first field of every message.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -36,7 +38,7 @@ pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
 }
 
 /// A message of fixed size. What lies in shared memory becomes one only where its bytes are a value of it.
-pub trait Message: Copy + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
+pub trait Message: Copy + Corrupt + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
     const TOPIC: crate::TopicId;
     /// Whether every count in it is within the room that it counts; a message for which it is not is none.
@@ -57,6 +59,12 @@ pub trait Frame: 'static {
     type Meta: Message + Default + FromBytes;
     /// Whether a slice of `len` elements is what `meta` says it is.
     fn fits(meta: &Self::Meta, len: usize) -> bool;
+
+    /// Fault injection: random numbers, beside the slice and in it.
+    fn garble(meta: &mut Self::Meta, data: &mut [Self::Element], dice: &mut Dice);
+
+    /// Fault injection: a plausible wrong slice.
+    fn falsify(data: &mut [Self::Element]);
 }
 
 /// Implements [`Message`] for types with a field `header`, names the topic of each, and says which fields are counts

@@ -123,7 +123,7 @@ impl LatencyHistogram {
         let octaves = (ns.max(1) as f64 / 1000.0).log2();
         let bucket = ((octaves * 8.0).floor().max(0.0) as usize).min(LATENCY_BUCKETS - 1);
         self.buckets[bucket] = self.buckets[bucket].saturating_add(1);
-        self.n += 1;
+        self.n = self.n.saturating_add(1);
         self.max_ns = self.max_ns.max(ns);
     }
 
@@ -204,13 +204,34 @@ impl Health {
     pub fn ports(&self) -> &[PortCounters] {
         &self.ports[..(self.port_count as usize).min(MAX_PORTS)]
     }
+
+    /// Adds what a later life of the service did, so that many lives take no more room than one. Counts stay at their
+    /// greatest; the digests are joined bit by bit.
+    pub fn absorb(&mut self, later: &Self) {
+        self.decisions = self.decisions.saturating_add(later.decisions);
+        self.missed_decisions = self.missed_decisions.saturating_add(later.missed_decisions);
+        self.invalid_inputs = self.invalid_inputs.saturating_add(later.invalid_inputs);
+        self.pose_jumps = self.pose_jumps.saturating_add(later.pose_jumps);
+        self.outcomes.iter_mut().zip(later.outcomes).for_each(|(n, more)| *n = n.saturating_add(more));
+        self.digest.iter_mut().zip(later.digest).for_each(|(byte, other)| *byte ^= other);
+        self.latencies.iter_mut().zip(&later.latencies).for_each(|(mine, theirs)| mine.add(theirs));
+        let count = (self.port_count as usize).min(MAX_PORTS);
+        for port in &mut self.ports[..count] {
+            let same = |other: &&PortCounters| (other.topic, other.role, other.of) == (port.topic, port.role, port.of);
+            if let Some(other) = later.ports().iter().find(same) {
+                port.count = port.count.saturating_add(other.count);
+                port.lost = port.lost.saturating_add(other.lost);
+            }
+        }
+    }
 }
 
 message!(Health => Health { port_count <= MAX_PORTS });
 
 #[cfg(test)]
 mod tests {
-    use super::LatencyHistogram;
+    use super::{Health, LatencyHistogram, PortCounters};
+    use crate::TopicId;
 
     #[test]
     fn a_quantile_is_within_five_percent_of_the_value() {
@@ -224,6 +245,17 @@ mod tests {
             assert!((p50 / value_us - 1.0).abs() < 0.05, "{p50} for {value_us}");
             assert!(histogram.quantile_us(1.0).expect("values were recorded") <= 3_000_000.0);
         }
+    }
+
+    #[test]
+    fn a_life_absorbs_those_after_it() {
+        let port = PortCounters { topic: TopicId::Odometry, count: 5, ..PortCounters::default() };
+        let mut life = Health { decisions: 2, port_count: 1, ..Health::default() };
+        life.ports[0] = port;
+        let mut later = Health { decisions: u64::MAX, port_count: 1, ..life };
+        later.ports[0].count = 7;
+        life.absorb(&later);
+        assert_eq!((life.decisions, life.ports[0].count), (u64::MAX, 12));
     }
 
     #[test]

@@ -103,6 +103,15 @@ pub enum StopKind {
     LifelineClosed,
     /// Fault: the supervisor is gone; the robot stops and the run ends.
     SupervisorLost,
+    /// Hold: a sensor sends the same bytes again and again while odometry says that the robot moves. Its driver or the
+    /// device is at fault: restart it.
+    StreamStuck,
+    /// Hold: a scan contradicts the last one that was judged on, wholesale. The lidar measures wrongly, or the robot
+    /// was carried elsewhere: look at the lidar and restart its driver.
+    ScanContradicts,
+    /// Fault: odometry contradicts what the robot was commanded. Odometry is frozen or out of scale, or the robot does
+    /// not obey (blocked, slipping, pushed): look which, and give a new cue.
+    OdometryContradicts,
 }
 
 impl StopKind {
@@ -123,7 +132,16 @@ impl StopKind {
                 | Self::OdometryStale
                 | Self::ModeStale
                 | Self::LifelineClosed
+                | Self::StreamStuck
+                | Self::ScanContradicts
+                | Self::OdometryContradicts
         )
+    }
+
+    /// Whether locomotion holds until the epoch is greater, so that only a fault and a new cue let it go on.
+    #[must_use]
+    pub const fn is_latched(self) -> bool {
+        matches!(self, Self::ModeStale | Self::LifelineClosed | Self::Boot | Self::OdometryContradicts)
     }
 
     /// Whether a person or the run's end stops the robot, not a fault.
@@ -166,6 +184,9 @@ impl StopKind {
             Self::ModeStale => "mode_stale",
             Self::LifelineClosed => "lifeline_closed",
             Self::SupervisorLost => "supervisor_lost",
+            Self::StreamStuck => "stream_stuck",
+            Self::ScanContradicts => "scan_contradicts",
+            Self::OdometryContradicts => "odometry_contradicts",
         }
     }
 }

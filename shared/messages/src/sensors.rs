@@ -1,5 +1,6 @@
 //! What the drivers publish.
 
+use crate::fault::{Corrupt, Dice, falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
 use crate::header::message;
 use crate::{Frame, Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
@@ -22,6 +23,18 @@ impl Frame for LidarScan {
     type Meta = ScanHeader;
     fn fits(_: &ScanHeader, len: usize) -> bool {
         len <= MAX_BEAMS
+    }
+
+    fn garble(meta: &mut ScanHeader, ranges_m: &mut [f32], dice: &mut Dice) {
+        // Every other header stays as it is, so that what lies behind its checks is met too.
+        if dice.bits().is_multiple_of(2) {
+            meta.garble(dice);
+        }
+        garble_ranges(ranges_m, dice);
+    }
+
+    fn falsify(ranges_m: &mut [f32]) {
+        falsify_ranges(ranges_m);
     }
 }
 
@@ -57,6 +70,17 @@ impl Frame for DepthFrame {
     type Meta = DepthHeader;
     fn fits(meta: &DepthHeader, len: usize) -> bool {
         u64::from(meta.width) * u64::from(meta.height) == len as u64
+    }
+
+    fn garble(meta: &mut DepthHeader, pixels_mm: &mut [u16], dice: &mut Dice) {
+        if dice.bits().is_multiple_of(2) {
+            meta.garble(dice);
+        }
+        garble_pixels(pixels_mm, dice);
+    }
+
+    fn falsify(pixels_mm: &mut [u16]) {
+        falsify_pixels(pixels_mm);
     }
 }
 

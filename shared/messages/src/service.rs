@@ -78,6 +78,12 @@ impl ServiceId {
         }
     }
 
+    /// The service as a list of one, as the topic table has its publishers; nobody for [`ServiceId::None`].
+    #[must_use]
+    pub fn alone(self) -> &'static [Self] {
+        Self::ALL.iter().position(|service| *service == self).map_or(&[], |i| &Self::ALL[i..=i])
+    }
+
     /// The service of that name, if there is one.
     #[must_use]
     pub fn from_name(name: &str) -> Option<Self> {

@@ -26,7 +26,7 @@ pub struct Walker {
 /// The true state of the simulated world.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/2"))]
 #[repr(C)]
 pub struct WorldTruth {
     /// Stamp, seq, incarnation.
@@ -37,6 +37,10 @@ pub struct WorldTruth {
     pub robot_twist: Twist2,
     /// The handler in the world.
     pub world_from_handler: Pose2,
+    /// Velocity in force at the robot, whoever commanded it.
+    pub command: Twist2,
+    /// Run time since which it has been.
+    pub command_since_ns: u64,
     /// Way walked by the robot, metres.
     pub distance_m: f64,
     /// Collisions that the robot ran into so far.

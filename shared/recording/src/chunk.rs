@@ -3,7 +3,8 @@
 use mcap::records::{MessageHeader, op};
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 
-use crate::index::RECORD_BYTES_MAX;
+use crate::index::{RECORD_BYTES_MAX, body};
+use crate::lengths;
 
 /// What an MCAP record within a chunk is.
 #[derive(Debug)]
@@ -20,6 +21,9 @@ pub enum Entry<'a> {
 /// Where the chunk is damaged, in words; or the error of `take`.
 pub fn each_entry<E: From<String>>(chunk: &[u8], mut take: impl FnMut(Entry<'_>) -> Result<(), E>) -> Result<(), E> {
     let damaged = |error: mcap::McapError| E::from(error.to_string());
+    if !lengths::fit(op::CHUNK, body(chunk)) {
+        return Err(E::from(lengths::BEYOND.to_owned()));
+    }
     let mut records = LinearReader::new_with_options(
         LinearReaderOptions::default()
             .with_skip_start_magic(true)

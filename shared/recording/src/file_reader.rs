@@ -13,7 +13,7 @@ use crate::chunk::{Entry, each_entry};
 use crate::index::{Flaw, Index, body, read_index, read_record};
 use crate::info::{METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::record::Order;
-use crate::{FORMAT_VERSION, Info, ReadError, Record};
+use crate::{FORMAT_VERSION, Info, ReadError, Record, lengths};
 
 /// Chunks that overlap in time wait together; so much of them, and no more.
 const WAITING_BYTES_MAX: usize = 512 << 20;
@@ -210,6 +210,9 @@ fn read_metadata(path: &Path, file: &mut File, bytes: u64, byte: u64) -> Result<
     let raw = read_record(file, byte, bytes).map_err(|flaw| name_flaw(path, bytes, flaw))?;
     if raw.first() != Some(&op::METADATA) {
         return Err(damaged("the index says metadata, and there is none".to_owned()));
+    }
+    if !lengths::fit(op::METADATA, body(&raw)) {
+        return Err(damaged(lengths::BEYOND.to_owned()));
     }
     let parsed = mcap::parse_record(op::METADATA, body(&raw)).map_err(|error| damaged(error.to_string()))?;
     match parsed {

@@ -9,6 +9,8 @@ use std::io::{self, Read, Seek, SeekFrom};
 
 use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
 
+use crate::lengths;
+
 /// MCAP's first and last bytes.
 pub const MAGIC: &[u8; 8] = b"\x89MCAP0\r\n";
 
@@ -92,6 +94,9 @@ pub fn read_index(file: &mut File, len: u64) -> Result<Index, Flaw> {
         let byte = footer_at - rest.len() as u64;
         let (opcode, body, after) =
             split_record(rest).ok_or_else(|| Flaw::damaged(byte, "a record that reaches past the summary"))?;
+        if !lengths::fit(opcode, body) {
+            return Err(Flaw::damaged(byte, lengths::BEYOND));
+        }
         index.take(opcode, body).map_err(|error| Flaw::damaged(byte, error))?;
         rest = after;
     }

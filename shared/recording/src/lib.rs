@@ -36,6 +36,7 @@ mod image;
 mod index;
 mod info;
 mod json;
+mod lengths;
 mod mirror;
 mod reader;
 mod record;

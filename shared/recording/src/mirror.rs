@@ -160,7 +160,8 @@ mirror! {
         permit_seq: u64, decision: u64, epoch: u64,
     }
     WorldTruthMirror = WorldTruth {
-        header: Header, world_from_robot: Pose2, robot_twist: Twist2, world_from_handler: Pose2, distance_m: f64,
+        header: Header, world_from_robot: Pose2, robot_twist: Twist2, command: Twist2, command_since_ns: u64,
+        world_from_handler: Pose2, distance_m: f64,
         robot_collisions: u32, handler_collisions: u32, hit_by_others: u32, walker_count: u32,
         walkers: [Walker; messages::MAX_WALKERS],
     }

@@ -14,7 +14,7 @@ use crate::file_reader::name_flaw;
 use crate::index::{Flaw, MAGIC, body, read_at, read_record};
 use crate::info::{BEGUN_NAME, METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::writer::{Part, Writer};
-use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError};
+use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError, lengths};
 
 /// What a recovered file says of its end.
 const ENDED: &str = "recovered";
@@ -207,6 +207,9 @@ impl Found {
     fn take(&mut self, opcode: u8, body: &[u8]) -> Result<(), String> {
         if !matches!(opcode, op::CHANNEL | op::METADATA) {
             return Ok(());
+        }
+        if !lengths::fit(opcode, body) {
+            return Err(lengths::BEYOND.to_owned());
         }
         match mcap::parse_record(opcode, body).map_err(|error| error.to_string())? {
             records::Record::Channel(channel) => {

@@ -104,6 +104,12 @@ pub enum ImportError {
         /// Why.
         source: std::io::Error,
     },
+    /// It is a folder, a pipe or a device.
+    #[error("{} is not a file", path.display())]
+    NotAFile {
+        /// The path.
+        path: PathBuf,
+    },
     /// The recording would replace a capture.
     #[error("{} is to be read and written at once", path.display())]
     SameFile {
@@ -215,7 +221,12 @@ pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Resul
 
 fn read(path: &Path) -> Result<Capture, ImportError> {
     let failed = |source| ImportError::Read { path: path.to_owned(), source };
-    let bytes = std::fs::metadata(path).map_err(failed)?.len();
+    let found = std::fs::metadata(path).map_err(failed)?;
+    // Before it is opened: opening a pipe would wait for its writer.
+    if !found.is_file() {
+        return Err(ImportError::NotAFile { path: path.to_owned() });
+    }
+    let bytes = found.len();
     if bytes > CAPTURE_MAX {
         return Err(ImportError::TooLong { path: path.to_owned(), bytes });
     }

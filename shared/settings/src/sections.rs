@@ -37,6 +37,8 @@ pub struct Settings {
     pub supervision: Supervision,
     /// Who may do what.
     pub access: Access,
+    /// Fault injection.
+    pub faults: Faults,
     /// The simulated world.
     pub simulation: Simulation,
     /// The walk, where the run is one.
@@ -549,6 +551,14 @@ impl Default for Supervision {
             restart_time: Millis::of_ms(500),
         }
     }
+}
+
+/// Fault injection.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Faults {
+    /// Whether `guidedog inject` may break things in the run.
+    pub allowed: bool,
 }
 
 /// The simulated world.

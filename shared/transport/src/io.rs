@@ -6,11 +6,12 @@ use std::rc::Rc;
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
-use messages::{Frame, Health, Message, PortCounters, ServiceId, TopicId};
+use messages::{Frame, Health, Injection, Message, PortCounters, ServiceId, TopicId};
 use rustix::event::{Timespec, epoll};
 
 use crate::TransportError;
 use crate::domain::{Domain, spec_of};
+use crate::fault::Faults;
 use crate::line::{FromChild, Line, Received, ToChild};
 use crate::port::{FramePublisher, FrameSubscriber, Publisher, Shared, Subscriber, listener};
 use crate::service::Identity;
@@ -56,7 +57,12 @@ impl Io {
         if let Some(line) = &control {
             watch_fd(&epoll, line, TOKEN_CONTROL)?;
         }
-        let shared = Rc::new(Shared { identity, clock: Rc::clone(&domain.clock), counters: RefCell::new(Vec::new()) });
+        let shared = Rc::new(Shared {
+            identity,
+            clock: Rc::clone(&domain.clock),
+            counters: RefCell::new(Vec::new()),
+            faults: Faults::default(),
+        });
         Ok(Self { domain, shared, epoll, listeners: Vec::new(), control, _lifeline: lifeline })
     }
 
@@ -133,6 +139,25 @@ impl Io {
         let subscriber = FrameSubscriber::open(&self.domain, &self.shared)?;
         self.listen(F::Meta::TOPIC)?;
         Ok(subscriber)
+    }
+
+    /// Applies an injected fault to what this process publishes, or mends it; `false` in a run without faults.
+    pub fn inject(&self, injection: &Injection) -> bool {
+        if self.domain.info.faults {
+            self.shared.faults.take(injection, self.now_ns());
+        }
+        self.domain.info.faults
+    }
+
+    /// Whether whoever writes files in this process finds the disk full: an injected fault.
+    #[must_use]
+    pub fn disk_is_full(&self) -> bool {
+        self.shared.faults.disk_is_full()
+    }
+
+    /// What this process suffers.
+    pub(crate) fn faults(&self) -> &Faults {
+        &self.shared.faults
     }
 
     fn listen(&mut self, topic: TopicId) -> Result<(), TransportError> {

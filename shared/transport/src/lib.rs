@@ -8,6 +8,7 @@ mod checked;
 mod clock;
 mod domain;
 mod error;
+mod fault;
 mod io;
 mod janitor;
 mod line;

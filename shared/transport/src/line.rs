@@ -2,7 +2,7 @@
 
 use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 
-use messages::{ServiceId, StopReason};
+use messages::{Injection, ServiceId, StopReason};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
@@ -60,6 +60,11 @@ pub enum ToChild {
         incarnation: u32,
         /// Its process id; the brake opens a pidfd of its own.
         pid: u32,
+    },
+    /// A fault is injected into this process, or mended; refused in a run without faults.
+    Inject {
+        /// Which.
+        injection: Injection,
     },
 }
 

@@ -12,10 +12,12 @@ use iceoryx2::prelude::*;
 use iceoryx2::sample::Sample;
 use iceoryx2::sample_mut::SampleMut;
 use iceoryx2::service::header::payload_header::PayloadHeader;
+use messages::fault::Fault;
 use messages::{Frame, Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, TopicId};
 
 use crate::checked::{Mapped, Wire};
 use crate::domain::{Domain, spec_of};
+use crate::fault::{Faults, Filter, Passage, StreamFault};
 use crate::{Clock, Identity, TransportError};
 
 /// What all ports of a process share.
@@ -24,6 +26,7 @@ pub(crate) struct Shared {
     pub identity: Identity,
     pub clock: Rc<Clock>,
     pub counters: RefCell<Vec<PortCounters>>,
+    pub faults: Faults,
 }
 
 impl Shared {
@@ -59,6 +62,11 @@ struct GapCounter {
 }
 
 impl GapCounter {
+    /// Whether the seq goes on. One that does not is of a writer that is stuck, or came late: news it is not.
+    fn goes_on(&self, header: &Header) -> bool {
+        !self.last.iter().any(|(incarnation, last)| *incarnation == header.incarnation && header.seq <= *last)
+    }
+
     fn lost(&mut self, header: &Header) -> u64 {
         if let Some((_, last)) = self.last.iter_mut().find(|(incarnation, _)| *incarnation == header.incarnation) {
             let lost = header.seq.saturating_sub(last.saturating_add(1));
@@ -113,14 +121,36 @@ pub(crate) fn listener(domain: &Domain, topic: TopicId) -> Result<Listener<ipc::
         .map_err(|e| TransportError::Open { topic: topic.name().to_owned(), reason: format!("{e:?}") })
 }
 
-/// Writes messages of fixed size.
+/// The far side of a writer: what is sent here is on its way.
 #[derive(Debug)]
-pub struct Publisher<M: Message + ZeroCopySend> {
-    port: IoxPublisher<ipc::Service, Wire<M>, ()>,
+struct Outlet<P> {
+    port: P,
     waker: Waker,
     shared: Rc<Shared>,
     slot: usize,
+}
+
+impl<M: Message + ZeroCopySend> Outlet<IoxPublisher<ipc::Service, Wire<M>, ()>> {
+    fn send(&self, message: M) -> Result<(), TransportError> {
+        self.send_uncounted(message)?;
+        self.shared.count(self.slot, message.header(), 0);
+        Ok(())
+    }
+
+    fn send_uncounted(&self, message: M) -> Result<(), TransportError> {
+        self.port.send_copy(Wire::new(message)).map_err(|e| publish_error(M::TOPIC, e))?;
+        self.waker.wake();
+        Ok(())
+    }
+}
+
+/// Writes messages of fixed size.
+#[derive(Debug)]
+pub struct Publisher<M: Message + ZeroCopySend> {
+    outlet: Rc<Outlet<IoxPublisher<ipc::Service, Wire<M>, ()>>>,
+    of: ServiceId,
     seq: u64,
+    filter: Filter<M>,
 }
 
 impl<M: Message + ZeroCopySend> Publisher<M> {
@@ -134,7 +164,8 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
         let slot = shared.register(M::TOPIC, PortRole::Publisher, of);
-        Ok(Self { port, waker: Waker::open(domain, M::TOPIC)?, shared: Rc::clone(shared), slot, seq: 0 })
+        let outlet = Outlet { port, waker: Waker::open(domain, M::TOPIC)?, shared: Rc::clone(shared), slot };
+        Ok(Self { outlet: Rc::new(outlet), of, seq: 0, filter: Filter::default() })
     }
 
     /// Publishes a message measured at `stamp_ns` of run time, wakes its readers, and gives it back as sent.
@@ -143,7 +174,7 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
     /// Where no memory of the pool is free, or a connection is broken.
     pub fn publish(&mut self, stamp_ns: u64, message: M) -> Result<M, TransportError> {
         self.seq += 1;
-        let header = next_header(&self.shared, stamp_ns, self.seq);
+        let header = next_header(&self.outlet.shared, stamp_ns, self.seq);
         self.send(header, message)
     }
 
@@ -153,14 +184,46 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
     /// # Errors
     /// As [`Publisher::publish`].
     pub fn republish(&mut self, message: M) -> Result<M, TransportError> {
-        self.send(recorded_header(&self.shared, message.header()), message)
+        self.send(recorded_header(&self.outlet.shared, message.header()), message)
     }
 
     fn send(&mut self, header: Header, mut message: M) -> Result<M, TransportError> {
         *message.header_mut() = header;
-        self.port.send_copy(Wire::new(message)).map_err(|e| publish_error(M::TOPIC, e))?;
-        self.shared.count(self.slot, message.header(), 0);
-        self.waker.wake();
+        if let Some(fault) = self.outlet.shared.faults.of(M::TOPIC, self.of, header.published_ns) {
+            return self.publish_at_fault(&fault, message);
+        }
+        self.outlet.send(message)?;
+        Ok(message)
+    }
+
+    fn publish_at_fault(&mut self, fault: &StreamFault, mut message: M) -> Result<M, TransportError> {
+        let shared = &self.outlet.shared;
+        match self.filter.passage(fault, message.header().published_ns) {
+            Passage::Now => {}
+            Passage::Never => return Ok(message),
+            Passage::At(due_ns) => {
+                let outlet = Rc::clone(&self.outlet);
+                let send = move || {
+                    message.header_mut().step = outlet.shared.clock.step();
+                    outlet.send_uncounted(message)
+                };
+                // It is late on its way: the process has done its part.
+                shared.count(self.outlet.slot, message.header(), 0);
+                shared.faults.later(fault, due_ns, Box::new(send));
+                return Ok(message);
+            }
+        }
+        let (header, first) = (*message.header(), *self.filter.first.get_or_insert(message));
+        match fault.fault {
+            Fault::StuckBytes => message = first,
+            Fault::Garbage => message.garble(&mut self.filter.dice),
+            Fault::Wrong => message.falsify(&first),
+            _ => {}
+        }
+        if fault.fault != Fault::Garbage {
+            *message.header_mut() = Filter::<M>::header(fault.fault, header, first.header());
+        }
+        self.outlet.send(message)?;
         Ok(message)
     }
 }
@@ -215,25 +278,31 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
         })
     }
 
-    /// The next message that may be seen. What is no message is dropped and counted.
+    /// The next message that may be seen. What is no message is dropped and counted; one whose seq does not go on is
+    /// no news, and is let go.
     ///
     /// # Errors
     /// Where a connection is broken.
     pub fn take(&mut self) -> Result<Option<M>, TransportError> {
-        let message = if self.shared.clock.is_stepped() {
-            self.refill()?;
-            match self.pending.front() {
-                Some(first) if self.shared.clock.may_see(first.header().step) => self.pending.pop_front(),
-                _ => None,
+        while let Some(message) = self.next_visible()? {
+            if self.gaps.goes_on(message.header()) {
+                let lost = self.gaps.lost(message.header());
+                self.shared.count(self.slot, message.header(), lost);
+                return Ok(Some(message));
             }
-        } else {
-            self.receive()?
-        };
-        if let Some(message) = &message {
-            let lost = self.gaps.lost(message.header());
-            self.shared.count(self.slot, message.header(), lost);
         }
-        Ok(message)
+        Ok(None)
+    }
+
+    fn next_visible(&mut self) -> Result<Option<M>, TransportError> {
+        if !self.shared.clock.is_stepped() {
+            return self.receive();
+        }
+        self.refill()?;
+        match self.pending.front() {
+            Some(first) if self.shared.clock.may_see(first.header().step) => Ok(self.pending.pop_front()),
+            _ => Ok(None),
+        }
     }
 
     /// The newest message that may be seen; those before it are taken and let go.
@@ -288,6 +357,44 @@ fn sort_key(header: &Header) -> (u64, u64, u64, u32) {
     (header.step, header.stamp_ns, header.seq, header.incarnation)
 }
 
+/// The far side of a writer of frames.
+#[derive(Debug)]
+struct FrameOutlet<F: Frame>(Outlet<FramePort<F>>)
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend;
+
+impl<F: Frame> FrameOutlet<F>
+where
+    F::Element: ZeroCopySend,
+    F::Meta: ZeroCopySend,
+{
+    fn loan(&self, len: usize) -> Result<FrameLoan<F>, TransportError> {
+        let mut loan = self.0.port.loan_slice_uninit(len).map_err(|e| publish_error(F::Meta::TOPIC, e))?;
+        *loan.user_header_mut() = F::Meta::default();
+        // SAFETY: the slice lies in a mapped file, whose bytes always hold a value (zero or what was written before),
+        // and any value is a valid `F::Element` (`FromBytes`).
+        Ok(FrameLoan(unsafe { loan.assume_init() }))
+    }
+
+    fn send(&self, loan: FrameLoan<F>) -> Result<(), TransportError> {
+        let header = *loan.0.user_header().header();
+        self.send_uncounted(loan)?;
+        self.0.shared.count(self.0.slot, &header, 0);
+        Ok(())
+    }
+
+    fn send_uncounted(&self, loan: FrameLoan<F>) -> Result<(), TransportError> {
+        loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
+        self.0.waker.wake();
+        Ok(())
+    }
+}
+
+type FramePort<F> = IoxPublisher<ipc::Service, [<F as Frame>::Element], <F as Frame>::Meta>;
+/// A frame as it was before a fault touched it.
+type Copied<F> = (<F as Frame>::Meta, Vec<<F as Frame>::Element>);
+
 /// Writes frames in place.
 #[derive(Debug)]
 pub struct FramePublisher<F: Frame>
@@ -295,11 +402,9 @@ where
     F::Element: ZeroCopySend,
     F::Meta: ZeroCopySend,
 {
-    port: IoxPublisher<ipc::Service, [F::Element], F::Meta>,
-    waker: Waker,
-    shared: Rc<Shared>,
-    slot: usize,
+    outlet: Rc<FrameOutlet<F>>,
     seq: u64,
+    filter: Filter<Copied<F>>,
 }
 
 /// A frame being written, in shared memory.
@@ -342,7 +447,8 @@ where
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
         let slot = shared.register(F::Meta::TOPIC, PortRole::Publisher, ServiceId::None);
-        Ok(Self { port, waker: Waker::open(domain, F::Meta::TOPIC)?, shared: Rc::clone(shared), slot, seq: 0 })
+        let outlet = Outlet { port, waker: Waker::open(domain, F::Meta::TOPIC)?, shared: Rc::clone(shared), slot };
+        Ok(Self { outlet: Rc::new(FrameOutlet(outlet)), seq: 0, filter: Filter::default() })
     }
 
     /// Loans a frame of `len` elements, to be written in place.
@@ -350,11 +456,7 @@ where
     /// # Errors
     /// Where `len` is over the length that the port was opened for, or no memory of the pool is free.
     pub fn loan(&mut self, len: usize) -> Result<FrameLoan<F>, TransportError> {
-        let mut loan = self.port.loan_slice_uninit(len).map_err(|e| publish_error(F::Meta::TOPIC, e))?;
-        *loan.user_header_mut() = F::Meta::default();
-        // SAFETY: the slice lies in a mapped file, whose bytes always hold a value (zero or what was written before),
-        // and any value is a valid `F::Element` (`FromBytes`).
-        Ok(FrameLoan(unsafe { loan.assume_init() }))
+        self.outlet.loan(len)
     }
 
     /// Publishes a frame measured at `stamp_ns` of run time and wakes its readers.
@@ -363,7 +465,7 @@ where
     /// Where a connection is broken.
     pub fn publish(&mut self, stamp_ns: u64, loan: FrameLoan<F>) -> Result<Header, TransportError> {
         self.seq += 1;
-        let header = next_header(&self.shared, stamp_ns, self.seq);
+        let header = next_header(&self.outlet.0.shared, stamp_ns, self.seq);
         self.send(header, loan)
     }
 
@@ -372,16 +474,56 @@ where
     /// # Errors
     /// Where a connection is broken.
     pub fn republish(&mut self, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
-        let header = recorded_header(&self.shared, loan.meta_mut().header());
+        let header = recorded_header(&self.outlet.0.shared, loan.meta_mut().header());
         self.send(header, loan)
     }
 
     fn send(&mut self, header: Header, mut loan: FrameLoan<F>) -> Result<Header, TransportError> {
-        *loan.0.user_header_mut().header_mut() = header;
-        loan.0.send().map_err(|e| publish_error(F::Meta::TOPIC, e))?;
-        self.shared.count(self.slot, &header, 0);
-        self.waker.wake();
+        *loan.meta_mut().header_mut() = header;
+        if let Some(fault) = self.outlet.0.shared.faults.of(F::Meta::TOPIC, ServiceId::None, header.published_ns) {
+            return self.publish_at_fault(&fault, loan).map(|()| header);
+        }
+        self.outlet.send(loan)?;
         Ok(header)
+    }
+
+    fn publish_at_fault(&mut self, fault: &StreamFault, mut loan: FrameLoan<F>) -> Result<(), TransportError> {
+        let header = *loan.meta_mut().header();
+        match self.filter.passage(fault, header.published_ns) {
+            Passage::Now => {}
+            Passage::Never => return Ok(()),
+            Passage::At(due_ns) => {
+                let outlet = Rc::clone(&self.outlet);
+                let (mut meta, data) = (*loan.meta_mut(), loan.data_mut().to_vec());
+                let send = move || {
+                    let mut loan = outlet.loan(data.len())?;
+                    meta.header_mut().step = outlet.0.shared.clock.step();
+                    *loan.meta_mut() = meta;
+                    loan.data_mut().copy_from_slice(&data);
+                    outlet.send_uncounted(loan)
+                };
+                // It is late on its way: the process has done its part.
+                self.outlet.0.shared.count(self.outlet.0.slot, &header, 0);
+                self.outlet.0.shared.faults.later(fault, due_ns, Box::new(send));
+                return Ok(());
+            }
+        }
+        let first = self.filter.first.get_or_insert_with(|| (*loan.meta_mut(), loan.data_mut().to_vec()));
+        let (meta, data) = (loan.0.user_header().to_owned(), &first.1);
+        match fault.fault {
+            Fault::StuckBytes if data.len() == loan.data_mut().len() => loan.data_mut().copy_from_slice(data),
+            Fault::Wrong => F::falsify(loan.data_mut()),
+            Fault::Garbage => {
+                let mut garbled = meta;
+                F::garble(&mut garbled, loan.data_mut(), &mut self.filter.dice);
+                *loan.meta_mut() = garbled;
+            }
+            _ => {}
+        }
+        if fault.fault != Fault::Garbage {
+            *loan.meta_mut().header_mut() = Filter::<Copied<F>>::header(fault.fault, header, first.0.header());
+        }
+        self.outlet.send(loan)
     }
 }
 
@@ -489,31 +631,37 @@ where
         }
     }
 
-    /// The next frame that may be seen. What is no frame is dropped and counted.
+    /// The next frame that may be seen. What is no frame is dropped and counted; one whose seq does not go on is no
+    /// news, and is let go.
     ///
     /// # Errors
     /// Where a connection is broken, or the caller holds more frames than the topic table lets it.
     pub fn take(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
-        let sample = if self.shared.clock.is_stepped() {
-            // One frame a step is the most that a driver sends: one that may be seen, and an early one.
-            if self.pending.len() < 2
-                && let Some(sample) = self.receive()?
-            {
-                self.pending.push_back(sample);
-                self.pending.make_contiguous().sort_by_key(|sample| sort_key(sample.meta().header()));
+        while let Some(sample) = self.next_visible()? {
+            if self.gaps.goes_on(sample.meta().header()) {
+                let lost = self.gaps.lost(sample.meta().header());
+                self.shared.count(self.slot, sample.meta().header(), lost);
+                return Ok(Some(sample));
             }
-            match self.pending.front() {
-                Some(first) if self.shared.clock.may_see(first.meta().header().step) => self.pending.pop_front(),
-                _ => None,
-            }
-        } else {
-            self.receive()?
-        };
-        if let Some(sample) = &sample {
-            let lost = self.gaps.lost(sample.meta().header());
-            self.shared.count(self.slot, sample.meta().header(), lost);
         }
-        Ok(sample)
+        Ok(None)
+    }
+
+    fn next_visible(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
+        if !self.shared.clock.is_stepped() {
+            return self.receive();
+        }
+        // One frame a step is the most that a driver sends: one that may be seen, and an early one.
+        if self.pending.len() < 2
+            && let Some(sample) = self.receive()?
+        {
+            self.pending.push_back(sample);
+            self.pending.make_contiguous().sort_by_key(|sample| sort_key(sample.meta().header()));
+        }
+        match self.pending.front() {
+            Some(first) if self.shared.clock.may_see(first.meta().header().step) => Ok(self.pending.pop_front()),
+            _ => Ok(None),
+        }
     }
 
     fn receive(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {

@@ -52,6 +52,8 @@ pub struct RunInfo {
     pub started_monotonic_ns: u64,
     /// How run time passes.
     pub clock: ClockKind,
+    /// Whether faults may be injected.
+    pub faults: bool,
 }
 
 /// The directory of a run.
@@ -146,19 +148,18 @@ impl RunDir {
             match DirBuilder::new().mode(0o750).create(&path) {
                 Ok(()) => {}
                 Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
-                    if !may_be_a_run(&path) {
+                    if !may_be_a_run(&path) && fs::symlink_metadata(&path).is_ok() {
                         return Err(fail(&path, "holds files that are no run's; it is left as it is"));
                     }
                 }
                 Err(error) => return Err(fail(&path, error)),
             }
             match take_lock(&path, true) {
-                Ok(Some(lock)) if path.join("lock").exists() => {
+                Ok(Some(lock)) => {
                     let dir = Self { path, lock: Some(lock) };
                     dir.wipe()?;
                     return Ok(dir);
                 }
-                Ok(Some(_)) => {}
                 Ok(None) => return Err(TransportError::NameTaken { path }),
                 Err(error) => last = error.to_string(),
             }
@@ -173,9 +174,9 @@ impl RunDir {
     pub fn adopt(name: &str, lock: OwnedFd) -> Result<Self, TransportError> {
         let path = runs_root().join(name);
         let lock = File::from(lock);
-        let id = |found: std::io::Result<fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
-        let is_its_lock = id(lock.metadata()).is_some_and(|of| Some(of) == id(fs::symlink_metadata(path.join("lock"))));
-        if !is_its_lock || rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+        if !is_at(&lock, &path.join("lock"))
+            || rustix::fs::flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err()
+        {
             return Err(fail(&path, "the lock that was handed over is not its own"));
         }
         Ok(Self { path, lock: Some(lock) })
@@ -305,9 +306,15 @@ fn may_be_a_run(dir: &Path) -> bool {
     let Ok(entries) = fs::read_dir(dir) else { return false };
     let names: Vec<_> = entries.flatten().map(|entry| entry.file_name()).collect();
     let ours = names.iter().all(|name| OURS.iter().any(|ours| name == ours));
-    let marked = fs::read_to_string(dir.join("lock")).is_ok_and(|text| text == MARK);
-    // One that was killed between its first two steps has not been marked yet.
-    names.is_empty() || (ours && marked)
+    let mark = fs::read_to_string(dir.join("lock")).unwrap_or_else(|_| "none".to_owned());
+    // One that is between its first steps, or was killed there, is empty, or has not marked its lock yet.
+    names.is_empty() || (ours && mark == MARK) || (names.len() == 1 && mark.is_empty())
+}
+
+/// Whether a file that was opened is still the one at a path.
+fn is_at(file: &File, path: &Path) -> bool {
+    let id = |found: std::io::Result<fs::Metadata>| found.map(|found| (found.dev(), found.ino())).ok();
+    id(file.metadata()).is_some_and(|of| Some(of) == id(fs::symlink_metadata(path)))
 }
 
 /// Takes the lock of a run directory; `None` while another process holds it. Only `to_own` it is anything written.
@@ -319,6 +326,8 @@ fn take_lock(dir: &Path, to_own: bool) -> Result<Option<File>, TransportError> {
     options.custom_flags(OFlags::NOFOLLOW.bits().cast_signed());
     let file = options.open(&path).map_err(|error| fail(&path, error))?;
     match rustix::fs::flock(&file, FlockOperation::NonBlockingLockExclusive) {
+        // Whoever held it before may have removed it with its directory, and another have made both anew since.
+        Ok(()) if !is_at(&file, &path) => Err(fail(&path, "was replaced while it was taken")),
         Ok(()) if !to_own => Ok(Some(file)),
         Ok(()) => {
             (&file).write_all(MARK.as_bytes()).map_err(|error| fail(&path, error))?;
@@ -350,9 +359,14 @@ fn remove_shared_memory(prefix: &str) {
     }
 }
 
+/// Removes a run whose lock is held here. The lock goes last: until then the directory is seen to be a run's.
 fn remove_run(path: &Path) {
     remove_shared_memory(&prefix_of(path));
-    // What cannot be removed now is swept at the next boot.
+    for entry in fs::read_dir(path).into_iter().flatten().flatten().filter(|entry| entry.file_name() != "lock") {
+        let path = entry.path();
+        // What cannot be removed now is swept at the next boot.
+        let _ = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+    }
     let _ = fs::remove_dir_all(path);
 }
 
@@ -409,6 +423,9 @@ mod tests {
         std::fs::write(dir.path().join("lock"), super::MARK).expect("written");
         std::fs::create_dir(dir.path().join("logs")).expect("made");
         assert!(may_be_a_run(dir.path()));
+        let begun = tempfile::tempdir().expect("a folder");
+        std::fs::write(begun.path().join("lock"), "").expect("written");
+        assert!(may_be_a_run(begun.path()), "one that has only just begun");
         std::fs::write(dir.path().join("thesis.tex"), "").expect("written");
         assert!(!may_be_a_run(dir.path()));
     }

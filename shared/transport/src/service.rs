@@ -18,6 +18,9 @@ pub const EXIT_BAD_ARGUMENTS: u8 = 2;
 /// Exit code of a service that could not go on; it told the supervisor why.
 pub const EXIT_FAILED: u8 = 1;
 
+/// What a service says that exits as it starts.
+const EXITS: &str = "exits as it starts: an injected fault";
+
 /// Which service a process is, and which life of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Identity {
@@ -54,6 +57,8 @@ impl ChildArgs {
     pub const CONTROL_FD: &'static str = "GUIDEDOG_CONTROL_FD";
     /// Environment variable that names the descriptor of the lifeline.
     pub const LIFELINE_FD: &'static str = "GUIDEDOG_LIFELINE_FD";
+    /// Environment variable that lets the service exit as it starts: an injected fault.
+    pub const EXIT_ON_START: &'static str = "GUIDEDOG_EXIT_ON_START";
     /// Environment variable that names the descriptor of locomotion's line to the brake.
     pub const BRAKE_FD: &'static str = "GUIDEDOG_BRAKE_FD";
 
@@ -211,7 +216,9 @@ fn run_child<S: Service>(
             return Err(error);
         }
     };
-    let outcome = build(&mut io).and_then(|mut service| run(&mut io, &mut service));
+    let doomed = io.domain.info.faults && std::env::var_os(ChildArgs::EXIT_ON_START).is_some();
+    let built = if doomed { Err(TransportError::Service(EXITS.to_owned())) } else { build(&mut io) };
+    let outcome = built.and_then(|mut service| run(&mut io, &mut service));
     if let Err(error) = &outcome {
         io.tell(&FromChild::Failed { why: error.to_string() });
     }

@@ -76,7 +76,8 @@ impl WaitLoop {
     pub fn run_real<S: Service>(&mut self, io: &mut Io, service: &mut S) -> Result<(), TransportError> {
         loop {
             let now = io.now_ns();
-            let due = [service.next_timer_ns(), Some(self.next_beat_ns)].into_iter().flatten().min();
+            let late = io.faults().next_late_ns();
+            let due = [service.next_timer_ns(), Some(self.next_beat_ns), late].into_iter().flatten().min();
             let mut timeout = due.map(|due| due.saturating_sub(now));
             if service.wants_wall_ticks() {
                 timeout = earlier(timeout, self.next_wall_tick_ns.saturating_sub(monotonic_ns()));
@@ -86,7 +87,9 @@ impl WaitLoop {
             if self.serve_lines(io, service)? == Flow::End {
                 return Ok(());
             }
+            io.faults().drag(io.now_ns());
             service.on_wake(io)?;
+            io.faults().send_late(io.now_ns())?;
             self.beat(io, service)?;
             self.tell_time_over(io, service)?;
             if service.is_done() {
@@ -130,7 +133,9 @@ impl WaitLoop {
                 continue;
             }
             io.domain.clock.enter(step.header.step, step.header.stamp_ns);
+            io.faults().drag(io.now_ns());
             service.on_wake(io)?;
+            io.faults().send_late(io.now_ns())?;
             self.beat(io, service)?;
             self.unacknowledged = true;
         }
@@ -212,7 +217,9 @@ impl WaitLoop {
         if let Some(out) = self.step_out.as_mut() {
             out.publish(step * QUANTUM_NS, message)?;
         }
+        io.faults().drag(io.now_ns());
         service.on_wake(io)?;
+        io.faults().send_late(io.now_ns())?;
         self.beat(io, service)
     }
 
@@ -256,6 +263,9 @@ impl WaitLoop {
                     io.tell(&FromChild::Left);
                 }
                 Received::Message(ToChild::Exit, _) => return Ok(Flow::End),
+                Received::Message(ToChild::Inject { injection }, _) => {
+                    io.inject(&injection);
+                }
                 Received::Message(message, fd) => service.on_control(io, message, fd)?,
             }
         }
@@ -269,6 +279,7 @@ impl WaitLoop {
             return Ok(());
         }
         self.next_beat_ns = now + self.beat_ns;
+        io.faults().leak(now);
         let identity = io.identity();
         self.usage.refresh();
         let mut health = Health {

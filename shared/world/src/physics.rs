@@ -237,7 +237,7 @@ impl Physics {
         self.ticks
     }
 
-    /// The truth; its header is left for the publisher.
+    /// The truth; header and the command in force are left for the publisher.
     #[must_use]
     pub fn truth(&self) -> WorldTruth {
         WorldTruth {
@@ -245,6 +245,8 @@ impl Physics {
             world_from_robot: pose2(&self.world_from_robot),
             robot_twist: self.twist,
             world_from_handler: pose2(&self.world_from_handler),
+            command: Twist2::ZERO,
+            command_since_ns: 0,
             distance_m: self.distance_m,
             robot_collisions: self.bodies[ROBOT].collisions,
             handler_collisions: self.bodies[HANDLER].collisions,

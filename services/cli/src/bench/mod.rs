@@ -1,10 +1,12 @@
 //! `bench`: figures of this machine.
 
+pub mod faults;
 pub mod idle;
 mod plain;
 pub mod receiver;
 pub mod replay;
 pub mod shield;
+pub mod soak;
 pub mod transport;
 
 /// Percentiles of latencies.

@@ -77,6 +77,7 @@ fn run(dir: &RunDir, rows: Vec<Row>) -> Result<(Vec<Row>, Taken, Taken), Failure
         supervisor_pid: std::process::id(),
         started_monotonic_ns: monotonic_ns(),
         clock: ClockKind::Real,
+        faults: false,
     })
     .map_err(Failure::of_run)?;
     let domain = Domain::open(RunDir::open(dir.path()), "bench.publisher").map_err(Failure::of_run)?;

@@ -33,7 +33,8 @@ fn permit(stamp_ms: u64, expiry_ms: u64) -> Permit {
         odometry_incarnation: 1,
         cue_incarnation: 1,
         cue_seq: 4,
-        velocity: Twist2 { vx_mps: 0.5, ..Twist2::ZERO },
+        action: 1,
+        velocity: GateLimits::of(&Settings::default()).actions[1],
         expiry_ns: expiry_ms * MS,
         ..Permit::default()
     }
@@ -117,6 +118,9 @@ fn a_permit_of_another_life_epoch_cue_or_policy_moves_nothing() {
 #[test]
 fn a_permit_out_of_bounds_is_refused() {
     for spoil in [
+        |p: &mut Permit| p.action = 4,
+        |p: &mut Permit| p.action = u32::MAX,
+        |p: &mut Permit| p.velocity.vx_mps += 0.01,
         |p: &mut Permit| p.velocity.vx_mps = f64::NAN,
         |p: &mut Permit| p.velocity.vy_mps = 0.9,
         |p: &mut Permit| p.velocity.wz_radps = -2.0,
@@ -271,4 +275,69 @@ fn a_stop_down_the_line_ends_with_the_run_that_comes_after_it() {
     fresh.epoch = 3;
     gate.take_permit(&fresh);
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn odometry_that_contradicts_the_commands_stops_until_a_greater_epoch() {
+    let mut gate = moving();
+    let frozen = |ms: u64| Odometry { header: header(ms, ms, 1), ..Odometry::default() };
+    let mut stopped_ms = None;
+    for ms in (1000..2000).step_by(20) {
+        gate.commanded(ms * MS, permit(0, 0).velocity);
+        gate.take_odometry(&frozen(ms));
+        gate.take_mode(&mode(ModeClass::Run, 2, ms));
+        gate.take_permit(&permit(ms, ms + 100));
+        if kind(&mut gate, ms) != StopKind::None {
+            assert_eq!(kind(&mut gate, ms), StopKind::OdometryContradicts);
+            stopped_ms.get_or_insert(ms);
+        } else {
+            assert!(stopped_ms.is_none(), "the same epoch does not do");
+        }
+    }
+    assert!(stopped_ms.is_some_and(|ms| ms <= 1700), "{stopped_ms:?}");
+    gate.take_mode(&mode(ModeClass::Run, 3, 2000));
+    gate.take_permit(&Permit { epoch: 3, ..permit(2000, 2100) });
+    assert_eq!(kind(&mut gate, 2000), StopKind::None);
+}
+
+#[test]
+fn a_recorded_robot_need_not_obey() {
+    let settings = Settings::default();
+    let mut gate = moving();
+    gate.limits = GateLimits { obeyed: false, ..GateLimits::of(&settings) };
+    for ms in (1000..2000).step_by(20) {
+        gate.commanded(ms * MS, permit(0, 0).velocity);
+        gate.take_odometry(&Odometry { header: header(ms, ms, 1), ..Odometry::default() });
+    }
+    gate.take_mode(&mode(ModeClass::Run, 2, 1980));
+    gate.take_permit(&permit(1980, 2100));
+    assert_eq!(kind(&mut gate, 1980), StopKind::None);
+}
+
+#[test]
+fn a_mode_whose_epoch_leaps_is_no_supervisors() {
+    let mut gate = moving();
+    gate.take_mode(&mode(ModeClass::Run, u64::MAX, 1000));
+    assert_eq!(gate.epoch(), 2);
+    gate.take_mode(&mode(ModeClass::Fault, 3, 1010));
+    assert_eq!(gate.epoch(), 3, "the supervisor's own is still heard");
+}
+
+#[test]
+fn an_epoch_that_falls_unmasks_the_one_before_and_motion_needs_a_greater_one() {
+    let mut gate = moving();
+    let seq = |seq: u64, mode: Mode| Mode { header: Header { seq, ..mode.header }, ..mode };
+    gate.take_mode(&seq(2, mode(ModeClass::Run, 40, 1000)));
+    assert_eq!(kind(&mut gate, 1000), StopKind::NoPermit, "the permit is of another epoch");
+    gate.take_mode(&seq(3, mode(ModeClass::Run, 2, 1010)));
+    gate.take_permit(&permit(1000, 1100));
+    assert_eq!((gate.epoch(), kind(&mut gate, 1010)), (2, StopKind::ModeStale));
+    gate.take_mode(&seq(4, mode(ModeClass::Run, 3, 1020)));
+    gate.take_permit(&Permit { epoch: 3, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1020), StopKind::None);
+    gate.stop_by(StopReason::of(StopKind::SupervisorLost), u64::MAX);
+    gate.take_mode(&seq(5, mode(ModeClass::Run, 50, 1030)));
+    gate.take_mode(&seq(6, mode(ModeClass::Run, 4, 1030)));
+    gate.take_permit(&Permit { epoch: 4, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1030), StopKind::SupervisorLost, "a stop for good is for good");
 }

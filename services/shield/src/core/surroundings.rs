@@ -1,8 +1,9 @@
 //! What the shield knows of its surroundings: the newest scan and depth frame, each brought from where the robot was
 //! then to where it is now, and the memory of what was before.
 
+use super::plausible::{Repeats, Succession};
 use guidance::{Beams, DepthView, Evidence, HandlerBody, Memory, MemoryConfig, PoseTrack, Se2};
-use messages::{DepthHeader, Header, ScanHeader, age_ns};
+use messages::{DepthHeader, Header, Outcome, ScanHeader, age_ns};
 
 /// See the module.
 #[derive(Debug)]
@@ -17,6 +18,11 @@ pub struct Surroundings {
     depth_usable: bool,
     depth_max_age_ns: u64,
     memory: Option<Memory>,
+    scan_repeats: Repeats,
+    depth_repeats: Repeats,
+    succession: Succession,
+    /// The newest scan contradicts what was seen before.
+    contradicts: bool,
 }
 
 impl Surroundings {
@@ -32,18 +38,32 @@ impl Surroundings {
             depth_usable: false,
             depth_max_age_ns,
             memory: memory.map(Memory::new),
+            scan_repeats: Repeats::default(),
+            depth_repeats: Repeats::default(),
+            succession: Succession::default(),
+            contradicts: false,
         }
     }
 
-    /// Takes in a scan: whether it can be used.
-    pub fn take_scan(&mut self, header: &ScanHeader, ranges_m: &[f32]) -> bool {
+    /// Takes in a scan: whether it can be used. The robot was on that track.
+    pub fn take_scan(&mut self, header: &ScanHeader, ranges_m: &[f32], track: &PoseTrack) -> bool {
         self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok();
+        if self.scan.is_none_or(|last| last.incarnation != header.header.incarnation) {
+            self.succession.lose_place();
+        }
+        if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
+            self.scan_repeats.take_scan(ranges_m, &odom_from_robot);
+            self.contradicts = self.scan_usable && self.succession.contradicts(&self.stamped_beams, &odom_from_robot);
+        }
         self.scan = Some(header.header);
         self.scan_usable
     }
 
-    /// Takes in a depth frame: whether it can be used.
-    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) -> bool {
+    /// Takes in a depth frame: whether it can be used. The robot was on that track.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) -> bool {
+        if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
+            self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
+        }
         self.depth_usable = self.depth.fill(header, pixels_mm).is_ok();
         self.depth_header = Some(header.header);
         self.depth_usable
@@ -51,6 +71,10 @@ impl Surroundings {
 
     /// The odometry frame is a new one: what was remembered has no place in it.
     pub fn lose_place(&mut self) {
+        self.scan_repeats.lose_place();
+        self.depth_repeats.lose_place();
+        self.succession.lose_place();
+        self.contradicts = false;
         if let Some(memory) = &mut self.memory {
             memory.clear();
         }
@@ -111,9 +135,23 @@ impl Surroundings {
         self.depth_header
     }
 
+    /// What is implausible about the newest scan, if anything.
+    pub fn implausible_scan(&self) -> Option<Outcome> {
+        match (self.scan_repeats.is_stuck(), self.contradicts) {
+            (true, _) => Some(Outcome::StuckScan),
+            (_, true) => Some(Outcome::ScanContradicts),
+            _ => None,
+        }
+    }
+
+    /// Whether depth frames are the same again and again.
+    pub fn depth_is_stuck(&self) -> bool {
+        self.depth_repeats.is_stuck()
+    }
+
     /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
     pub fn depth_is_fresh(&self, now_ns: u64) -> bool {
         let fresh = |header: Header| age_ns(now_ns, header.stamp_ns) <= self.depth_max_age_ns;
-        self.depth_usable && self.depth_header.is_some_and(fresh)
+        self.depth_usable && !self.depth_is_stuck() && self.depth_header.is_some_and(fresh)
     }
 }

@@ -120,8 +120,10 @@ fn a_decision_gets_a_permit_that_every_scan_renews_until_the_action_ends() {
     assert_eq!(renewed.expiry_ns, 1290 * MS);
     core.take_mode(&mode(ModeClass::Run, 1690));
     core.take_odometry(&odometry(1690, 0.25));
-    core.take_depth(&depth_header(1690), &[5000; PIXELS]);
-    let ended = core.on_scan(1700 * MS, &scan_header(1690), &open_scan());
+    // Who has moved sees something else: no sensor says the same twice.
+    core.take_depth(&depth_header(1690), &[5001; PIXELS]);
+    let moved: Vec<f32> = open_scan().iter().map(|range| range + 0.001).collect();
+    let ended = core.on_scan(1700 * MS, &scan_header(1690), &moved);
     assert_eq!(ended.outcome, Outcome::ActionEnded);
 }
 
@@ -219,7 +221,7 @@ fn what_was_measured_then_is_judged_from_where_the_robot_is_now() {
         core.on_scan(1000 * MS, &scan_header(990), &wall(0.65));
         // The robot went on since the scan was taken; the decision is judged later on the same scan.
         core.take_odometry(&odometry(1090, moved_m));
-        core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+        core.take_depth(&depth_header(1090), &[5001; PIXELS]);
         let mut late = action(2, 1);
         late.header.stamp_ns = 1095 * MS;
         let permit = core.on_action(1100 * MS, &late).expect("a verdict");
@@ -432,4 +434,28 @@ fn nobody_at_the_harness_for_a_second_is_no_permit() {
         outcome = core.on_scan((stamp + 10) * MS, &scan_header(stamp), &nobody).outcome;
     }
     assert_eq!(outcome, Outcome::HandlerNotSeen);
+}
+
+#[test]
+fn a_sensor_that_sends_the_same_again_while_the_robot_moves_is_not_judged_on() {
+    for (scale, pixel, stuck) in
+        [(1.0, 5001, Some(Outcome::StuckScan)), (1.001, 5000, Some(Outcome::StuckDepth)), (1.001, 5001, None)]
+    {
+        let mut core = ready();
+        core.on_action(1000 * MS, &action(2, 1));
+        core.take_odometry(&odometry(1090, 0.045));
+        core.take_depth(&depth_header(1090), &[pixel; PIXELS]);
+        let scan: Vec<f32> = open_scan().iter().map(|range| range * scale).collect();
+        let outcome = core.on_scan(1100 * MS, &scan_header(1090), &scan).outcome;
+        assert_eq!(stuck.unwrap_or(outcome), outcome);
+        assert_eq!(stuck.is_none(), outcome.is_verdict(), "{outcome:?}");
+    }
+}
+
+#[test]
+fn a_mode_whose_epoch_leaps_is_no_supervisors() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1));
+    core.take_mode(&Mode { epoch: u64::MAX, ..mode(ModeClass::Lock, 1000) });
+    assert_eq!(core.on_scan(1010 * MS, &scan_header(1000), &open_scan()).outcome, Outcome::Granted);
 }

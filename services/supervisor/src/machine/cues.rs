@@ -40,6 +40,9 @@ impl Machine {
                 self.limits.cue_max_age_ns / 1_000_000
             ));
         }
+        if !cue.is_usable() {
+            return Err("its start frame or its confidence is none".to_owned());
+        }
         if cue.source == CueSource::TurnDone && !self.continues(cue) {
             return Err("the turn that it goes on from is no longer in force".to_owned());
         }

@@ -128,6 +128,7 @@ impl TestRun {
             supervisor_pid: std::process::id(),
             started_monotonic_ns: 0,
             clock,
+            faults: false,
         };
         dir.write_info(&info).expect("written");
         let domain = Domain::open(dir, "test").expect("opens");

@@ -1,0 +1,202 @@
+//! `bench faults`: every fault of every target on the real processes, at random moments of a walk, against the matrix.
+
+pub mod rig;
+mod table;
+pub mod tap;
+mod trial;
+
+use std::time::{Duration, Instant};
+
+use messages::fault::{Dice, Fault, Target};
+use messages::{ServiceId, StopKind};
+use serde_json::{Value, json};
+
+use crate::args::FaultsArgs;
+use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::out::{self, say, table as columns};
+use rig::Rig;
+use table::{Cell, Expect, cells};
+use trial::Outcome;
+
+/// Services whose memory lets them die later than the small ones.
+const LARGE: [ServiceId; 2] = [ServiceId::Depth, ServiceId::Policy];
+
+/// A cell and what came of its trials.
+struct Row {
+    cell: Cell,
+    outcomes: Vec<Outcome>,
+}
+
+/// `guidedog bench faults`: the exit code.
+///
+/// # Errors
+/// Where no run can be started, or a fault is refused.
+pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
+    let mut rows: Vec<Row> =
+        cells(args.cells.as_deref())?.into_iter().map(|cell| Row { cell, outcomes: Vec::new() }).collect();
+    let mut rig = Rig::new()?;
+    let done = all_trials(&mut rig, &mut rows, args);
+    rig.end();
+    done?;
+    let report = report(&rows);
+    if as_json {
+        out::json(&report)?;
+    } else {
+        tell(&rows, &report);
+    }
+    let met = rows.iter().filter(|row| !row.outcomes.is_empty()).all(Row::is_met);
+    Ok(if met { EXIT_OK } else { EXIT_NOT_REACHED })
+}
+
+/// Every cell once, then every cell again, so that a budget that runs out has met all of them alike.
+fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), Failure> {
+    let until = args.budget_s.map(|seconds| Instant::now() + Duration::from_secs(seconds));
+    let mut dice = Dice::new(args.seed);
+    for round in 0..args.repeat {
+        for row in rows.iter_mut() {
+            if until.is_some_and(|until| Instant::now() >= until) {
+                return Ok(());
+            }
+            let mut outcome = trial::run(rig, &row.cell, &mut dice, args.slack)?;
+            for _ in 1..tries(&row.cell, args.slack) {
+                if outcome.unmet.is_none() {
+                    break;
+                }
+                outcome = trial::run(rig, &row.cell, &mut dice, args.slack)?;
+            }
+            if let Some(why) = &outcome.unmet {
+                let reasons: Vec<&str> = outcome.reasons.iter().copied().map(StopKind::name).collect();
+                let name = row.cell.name();
+                say(format!("{name}, trial {}: {why} (stood for: {})", round + 1, reasons.join(", ")));
+                say(format!("  wanted: {}, since {}", row.cell.expect.name(), row.cell.why));
+            }
+            row.outcomes.push(outcome);
+        }
+    }
+    Ok(())
+}
+
+/// Where others load the machine, the robot may stop for that: a walk that was to go on is then tried again.
+fn tries(cell: &Cell, slack: f64) -> u32 {
+    if cell.expect == Expect::None && slack > 1.0 { 3 } else { 1 }
+}
+
+impl Cell {
+    fn name(&self) -> String {
+        format!("{}:{}", self.target, self.fault.name())
+    }
+}
+
+impl Row {
+    fn is_met(&self) -> bool {
+        !self.outcomes.is_empty() && self.outcomes.iter().all(|outcome| outcome.unmet.is_none())
+    }
+
+    fn figures(&self, what: impl Fn(&Outcome) -> Option<f64>) -> Value {
+        let quantiles = Quantiles::of(self.outcomes.iter().filter_map(what).collect());
+        json!({ "p50": quantiles.at(0.5), "p99": quantiles.at(0.99), "max": quantiles.at(1.0) })
+    }
+
+    fn json(&self) -> Value {
+        json!({
+            "target": self.cell.target.to_string(), "fault": self.cell.fault.name(),
+            "expect": self.cell.expect.name(), "n": self.outcomes.len(), "met": self.is_met(),
+            "stop_ms": self.figures(|o| o.stop_ms), "standstill_m": self.figures(|o| o.standstill_m),
+            "recovery_ms": self.figures(|o| o.recovery_ms),
+        })
+    }
+
+    /// The service whose deaths the row is about.
+    fn killed(&self) -> Option<ServiceId> {
+        match self.cell.target {
+            // The world's end is nobody's stop.
+            Target::Service(ServiceId::Simulator) => None,
+            Target::Service(service) if self.cell.fault == Fault::Kill => Some(service),
+            _ => None,
+        }
+    }
+}
+
+/// Values in their order.
+struct Quantiles(Vec<f64>);
+
+impl Quantiles {
+    fn of(mut values: Vec<f64>) -> Self {
+        values.sort_unstable_by(f64::total_cmp);
+        Self(values)
+    }
+
+    /// By nearest rank, to a thousandth; none of none.
+    fn at(&self, q: f64) -> Option<f64> {
+        let rank = ((q * self.0.len() as f64).ceil() as usize).clamp(1, self.0.len().max(1)) - 1;
+        self.0.get(rank).map(|value| (value * 1000.0).round() / 1000.0)
+    }
+}
+
+fn pooled(rows: &[Row], is_meant: impl Fn(ServiceId) -> bool) -> Value {
+    let deaths = rows.iter().filter(|row| row.killed().is_some_and(&is_meant));
+    let stops: Vec<f64> = deaths.flat_map(|row| row.outcomes.iter().filter_map(|outcome| outcome.stop_ms)).collect();
+    let (n, quantiles) = (stops.len(), Quantiles::of(stops));
+    json!({
+        "n": n, "p50": quantiles.at(0.5), "p99": quantiles.at(0.99), "p999": quantiles.at(0.999),
+        "max": quantiles.at(1.0),
+    })
+}
+
+fn report(rows: &[Row]) -> Value {
+    json!({
+        "cells": rows.iter().map(Row::json).collect::<Vec<Value>>(),
+        "kills": pooled(rows, |service| !LARGE.contains(&service)),
+        "kills_large": pooled(rows, |service| LARGE.contains(&service)),
+    })
+}
+
+fn tell(rows: &[Row], report: &Value) {
+    let row = |row: &Row| {
+        let figure = |value: Value, places: usize| match (value["p50"].as_f64(), value["max"].as_f64()) {
+            (Some(p50), Some(max)) => format!("{p50:.places$} / {max:.places$}"),
+            _ => "-".to_owned(),
+        };
+        let met = row.outcomes.iter().filter(|outcome| outcome.unmet.is_none()).count();
+        vec![
+            row.cell.name(),
+            row.cell.expect.name().to_owned(),
+            format!("{met} of {}", row.outcomes.len()),
+            figure(row.figures(|o| o.stop_ms), 1),
+            figure(row.figures(|o| o.standstill_m), 3),
+            figure(row.figures(|o| o.recovery_ms), 0),
+        ]
+    };
+    let head = ["cell", "expect", "met", "stop, ms", "standstill, m", "recovery, ms"];
+    columns(&head, &rows.iter().map(row).collect::<Vec<_>>()).iter().for_each(say);
+    say("stop, standstill and recovery: half of the trials / all of them");
+    for (name, what) in [("kills", "small services"), ("kills_large", "depth and policy")] {
+        let pool = &report[name];
+        say(format!(
+            "{} deaths of {what}: p50 {} ms, p99 {} ms, p99.9 {} ms, max {} ms",
+            pool["n"], pool["p50"], pool["p99"], pool["p999"], pool["max"]
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Row, pooled, report, trial::Outcome};
+    use crate::bench::faults::table::cells;
+
+    #[test]
+    fn the_report_pools_the_deaths_of_small_and_large_services_apart() {
+        let outcome = |ms: f64| Outcome { stop_ms: Some(ms), ..Outcome::default() };
+        let rows: Vec<Row> = cells(Some("*:kill,lidar/scan:off"))
+            .expect("they are there")
+            .into_iter()
+            .map(|cell| Row { outcomes: vec![outcome(1.0), outcome(2.5)], cell })
+            .collect();
+        let report = report(&rows);
+        assert_eq!(report["cells"].as_array().map(Vec::len), Some(11));
+        assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&14.into(), &4.into()));
+        assert_eq!(report["kills"]["max"], 2.5);
+        assert_eq!(report["cells"][0]["stop_ms"]["p50"], 1.0);
+        assert!(pooled(&[], |_| true)["p50"].is_null());
+    }
+}

@@ -1,0 +1,235 @@
+//! A live run for faults to be done to: a long corridor, nobody but the bench to give cues, restarts without end.
+
+use std::fmt::Write as _;
+use std::io::Write;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use settings::Millis;
+use tempfile::TempDir;
+use transport::runs_root;
+
+use super::tap::{Seen, Tap};
+use crate::args::{PaceArgs, WalkArgs, WorldArgs};
+use crate::control::{Client, free_name, socket};
+use crate::exit::Failure;
+use crate::launch::{Launch, Running};
+use crate::prepare;
+
+/// The corridor's length, metres: some thousand trials of a metre or two.
+const CORRIDOR_M: u32 = 1900;
+/// Its walls are of pieces so long, metres.
+const PIECE_M: u32 = 400;
+/// So much before its end the run begins again, metres.
+const TURN_M: f64 = 30.0;
+/// A run is up, and the robot walks after a stop, within this; otherwise the run is given up.
+const WALKS_WITHIN: Duration = Duration::from_secs(30);
+/// A cue that did not lead to a walk is given again after this.
+const CUE_AGAIN: Duration = Duration::from_millis(300);
+/// Looks at what the tap saw come this often.
+pub const LOOK: Duration = Duration::from_millis(1);
+
+/// One run, and what is needed for the next.
+#[derive(Debug)]
+pub struct Rig {
+    _place: TempDir,
+    settings: settings::Settings,
+    live: Option<Live>,
+    /// Runs that were started.
+    pub runs: u32,
+}
+
+#[derive(Debug)]
+struct Live {
+    running: Running,
+    tap: Tap,
+    client: Option<Client>,
+}
+
+fn corridor() -> String {
+    let mut text = "# A corridor 2.4 m wide.\n".to_owned();
+    let ends = (0..=CORRIDOR_M / PIECE_M).map(|i| (i * PIECE_M, ((i + 1) * PIECE_M).min(CORRIDOR_M)));
+    for (from, to) in ends.filter(|(from, to)| from < to) {
+        for y in ["-1.2", "1.2"] {
+            // A String takes whatever is written to it.
+            let _ = writeln!(text, "[[wall]]\npoints = [[{from}, {y}], [{to}, {y}]]");
+        }
+    }
+    text + &format!(
+        "[[wall]]\npoints = [[0, -1.2], [0, 1.2]]\n[[wall]]\npoints = [[{CORRIDOR_M}, -1.2], [{CORRIDOR_M}, 1.2]]\n"
+    )
+}
+
+fn settings_at(place: &TempDir) -> Result<settings::Settings, Failure> {
+    let write = |name: &str, text: &str| -> Result<PathBuf, Failure> {
+        let path = place.path().join(name);
+        let mut file = std::fs::File::create(&path).map_err(Failure::of_run)?;
+        file.write_all(text.as_bytes()).map_err(Failure::of_run)?;
+        Ok(path)
+    };
+    let map = Some(write("corridor.toml", &corridor())?);
+    let cues = Some(write("silent.toml", "# Nobody but the bench gives cues.\n")?);
+    let pace = PaceArgs { faults: true, ..PaceArgs::default() };
+    let start = Some(messages::Pose2::new(3.0, 0.0, 0.0));
+    let world = WorldArgs { scenario: None, map, start, cues, pace };
+    let mut settings = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?.settings;
+    let time = |text: &str| Millis::try_from(text.to_owned()).map_err(Failure::input);
+    // The longest there is; then another run begins.
+    settings.walk.time_limit = Some(time("1h")?);
+    // Deaths without end are what is wanted here.
+    settings.supervision.restart_budget = 1_000_000;
+    settings.supervision.back_off_max = settings.supervision.back_off;
+    Ok(settings)
+}
+
+impl Rig {
+    /// Nothing is started yet.
+    ///
+    /// # Errors
+    /// Where no temporary file can be written.
+    pub fn new() -> Result<Self, Failure> {
+        let place = tempfile::tempdir().map_err(Failure::of_run)?;
+        Ok(Self { settings: settings_at(&place)?, _place: place, live: None, runs: 0 })
+    }
+
+    fn start(&mut self) -> Result<(), Failure> {
+        let launch = Launch { settings: &self.settings, name: free_name("faults"), speed: None };
+        let running = launch.spawn()?;
+        self.runs += 1;
+        // Its topics are there once it answers.
+        let until = Instant::now() + WALKS_WITHIN;
+        let mut live = loop {
+            std::thread::sleep(Duration::from_millis(20));
+            let mut client = Client::connect(&socket(running.name())).ok();
+            if client.as_mut().and_then(|client| client.ask(&json!({ "verb": "status" })).ok()).is_some() {
+                let tap = Tap::on(&runs_root().join(running.name()));
+                break Live { running, tap, client };
+            }
+            if running.interrupted() || Instant::now() > until {
+                return Err(Failure::run("the run did not begin"));
+            }
+        };
+        if live.running.has_ended() {
+            return live.running.wait(|| {}).map(|_| ()).and(Err(Failure::run("the run ended as it began")));
+        }
+        self.live = Some(live);
+        Ok(())
+    }
+
+    /// What was seen of the run; nothing where there is none.
+    pub fn seen<T>(&self, look: impl FnOnce(&Seen) -> T) -> T {
+        match &self.live {
+            Some(live) => look(&live.tap.seen()),
+            None => look(&Seen::default()),
+        }
+    }
+
+    /// Forgets what was, for a new trial.
+    pub fn forget(&self) {
+        self.live.iter().for_each(|live| live.tap.forget());
+    }
+
+    /// Whether the run goes on.
+    pub fn is_alive(&mut self) -> bool {
+        self.live.as_mut().is_some_and(|live| !live.running.has_ended())
+    }
+
+    /// Process id of the supervisor.
+    pub fn supervisor_pid(&self) -> Option<u32> {
+        self.live.as_ref().map(|live| live.running.pid())
+    }
+
+    /// Directory of the run.
+    pub fn dir(&self) -> Option<PathBuf> {
+        self.live.as_ref().map(|live| runs_root().join(live.running.name()))
+    }
+
+    /// Whether the bench was told to end.
+    pub fn interrupted(&self) -> bool {
+        self.live.as_ref().is_some_and(|live| live.running.interrupted())
+    }
+
+    /// Asks the supervisor; none where it does not answer.
+    pub fn ask(&mut self, request: &Value) -> Option<Value> {
+        let live = self.live.as_mut()?;
+        if live.client.is_none() {
+            live.client = Client::connect(&socket(live.running.name())).ok();
+        }
+        let answer = live.client.as_mut()?.ask(request).ok();
+        if answer.is_none() {
+            live.client = None;
+        }
+        answer
+    }
+
+    /// Gives a cue, as an operator does: whether it was taken.
+    pub fn cue(&mut self) -> bool {
+        self.ask(&json!({ "verb": "cue", "cue": "forward" })).is_some_and(|answer| answer["ok"] == true)
+    }
+
+    /// Waits until the robot walks, in this run or in a new one.
+    ///
+    /// # Errors
+    /// Where no run can be started, or the robot does not walk in a new one.
+    pub fn walk(&mut self) -> Result<(), Failure> {
+        for _ in 0..2 {
+            let far = self.seen(|seen| seen.truth.is_some_and(|t| t.x_m > f64::from(CORRIDOR_M) - TURN_M));
+            if far || !self.is_alive() {
+                self.end();
+                self.start()?;
+            }
+            if self.try_walk() {
+                return Ok(());
+            }
+            if self.interrupted() {
+                return Err(Failure::run("interrupted"));
+            }
+            self.end();
+        }
+        Err(Failure::run(format!("the robot did not walk within {} s", WALKS_WITHIN.as_secs())))
+    }
+
+    fn try_walk(&mut self) -> bool {
+        let until = Instant::now() + WALKS_WITHIN;
+        let mut cue_at = Instant::now();
+        while Instant::now() < until && self.is_alive() && !self.interrupted() {
+            if self.seen(Seen::walks) {
+                return true;
+            }
+            let class = self.seen(|seen| seen.mode.map(|mode| (mode.class, mode.ready_for_cue, mode.cue.valid)));
+            if Instant::now() >= cue_at {
+                cue_at = Instant::now() + CUE_AGAIN;
+                match class {
+                    Some((messages::ModeClass::Lock, ..)) => drop(self.ask(&json!({ "verb": "resume" }))),
+                    Some((messages::ModeClass::Fault, true, _) | (messages::ModeClass::Run, _, false)) => {
+                        self.cue();
+                    }
+                    // Until the robot is ready a cue is refused.
+                    _ => cue_at = Instant::now(),
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+        false
+    }
+
+    /// Ends the run, if there is one.
+    pub fn end(&mut self) {
+        if let Some(mut live) = self.live.take() {
+            live.running.end();
+            // The listener was of this run, and how that ended was seen.
+            let _ = live.tap.stop();
+            let _ = live.running.wait(|| {});
+        }
+    }
+}
+
+impl Seen {
+    /// Whether the robot is commanded to walk, and does.
+    pub fn walks(&self) -> bool {
+        let moves = self.truth.is_some_and(|truth| !truth.stands && truth.zero_since_ns.is_none());
+        let in_run = self.mode.is_some_and(|mode| mode.class == messages::ModeClass::Run);
+        moves && in_run && self.command.is_some_and(|command| !command.zero)
+    }
+}

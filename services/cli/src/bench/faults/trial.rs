@@ -1,0 +1,267 @@
+//! One trial: a walking robot, a fault at a random moment, and what came of it.
+
+use std::time::{Duration, Instant};
+
+use messages::fault::{Dice, Fault, Target};
+use messages::{ModeClass, ServiceId, StopKind, TopicId};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::json;
+use transport::monotonic_ns;
+
+use super::rig::{LOOK, Rig};
+use super::table::{Cell, Expect};
+use super::tap::Seen;
+use crate::exit::Failure;
+
+/// A fault comes at any moment of a decision, its scans and its poses: within this of the robot's walking, nanoseconds.
+const PHASE_NS: u64 = 600_000_000;
+/// A robot that has walked for so long suffers nothing more from the fault before.
+const UNDISTURBED: Duration = Duration::from_millis(300);
+/// A fault that lasts is mended after this, or once the robot stands: three decisions, and four beams of a slow lidar.
+const SPAN: Duration = Duration::from_millis(2500);
+/// What should stop the robot is waited for at most so long.
+const PATIENCE: Duration = Duration::from_secs(6);
+/// A robot that got zero stands within this.
+const STANDS_WITHIN: Duration = Duration::from_secs(2);
+/// And whatever became of it is recovered within this, or never.
+const RECOVERS_WITHIN: Duration = Duration::from_secs(20);
+
+/// What came of a fault.
+#[derive(Debug, Clone, Default)]
+pub struct Outcome {
+    /// From the fault to zero at the link (of locomotion's own faults: at the robot), milliseconds.
+    pub stop_ms: Option<f64>,
+    /// Way from the fault to standstill, metres.
+    pub standstill_m: Option<f64>,
+    /// From the end of the process, or of the fault, until the robot is ready again, milliseconds.
+    pub recovery_ms: Option<f64>,
+    /// What it was told to stand for.
+    pub reasons: Vec<StopKind>,
+    /// What was not as the matrix wants it, if anything.
+    pub unmet: Option<String>,
+}
+
+/// Does the cell's fault to a walking robot; limits count `slack` times.
+///
+/// # Errors
+/// Where the robot cannot be made to walk, or the fault cannot be injected.
+pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Outcome, Failure> {
+    loop {
+        rig.walk()?;
+        let epoch = || rig.seen(|seen| seen.mode.map(|mode| mode.epoch));
+        let begun = epoch();
+        std::thread::sleep(UNDISTURBED + Duration::from_nanos(dice.between((0, PHASE_NS))));
+        if rig.seen(Seen::walks) && epoch() == begun {
+            break;
+        }
+    }
+    rig.forget();
+    let before = rig.seen(|seen| (seen.truth, seen.mode.map_or(0, |mode| mode.epoch)));
+    let (Some(truth), epoch) = before else { return Err(Failure::run("the world is silent")) };
+    let struck_ns = strike(rig, cell, dice)?;
+    let mut outcome = Outcome::default();
+    watch(rig, cell, struck_ns, truth.distance_m, &mut outcome);
+    let ended_ns = if cell.is_momentary() { struck_ns } else { mend(rig, cell) };
+    if !cell.ends_the_run() {
+        outcome.recovery_ms = recover(rig, ended_ns, epoch, &outcome);
+    }
+    let collided = rig.seen(|seen| seen.truth.is_some_and(|now| now.collisions > truth.collisions));
+    outcome.reasons = rig.seen(|seen| seen.reasons.clone());
+    let faulted = rig.seen(|seen| seen.modes.iter().any(|(_, mode)| mode.class != ModeClass::Run));
+    outcome.unmet = judge(cell, &outcome, collided, faulted, slack);
+    if cell.ends_the_run() {
+        rig.end();
+    }
+    Ok(outcome)
+}
+
+impl Cell {
+    /// Whether nothing is to be mended: the supervisor does.
+    fn is_momentary(&self) -> bool {
+        let restarted = !matches!(self.target, Target::Service(ServiceId::Supervisor));
+        let signal = matches!(self.fault, Fault::Kill | Fault::Hang | Fault::ExitOnStart);
+        restarted && signal && matches!(self.target, Target::Service(_))
+    }
+
+    /// Whether no run is left after it: without a world, or without a supervisor.
+    fn ends_the_run(&self) -> bool {
+        match self.target {
+            Target::Service(ServiceId::Supervisor) => self.fault == Fault::Kill,
+            Target::Service(ServiceId::Simulator) => {
+                matches!(self.fault, Fault::Kill | Fault::Hang | Fault::ExitOnStart)
+            }
+            _ => false,
+        }
+    }
+
+    /// Whether the stop is the brake's, which no command at the link tells of.
+    fn is_locomotions(&self) -> bool {
+        self.target == Target::Service(ServiceId::Locomotion)
+    }
+
+    /// Whether it touches cues, which come only when somebody gives one.
+    fn is_of_cues(&self) -> bool {
+        matches!(self.target, Target::Stream(TopicId::Cue | TopicId::CueRequest, _))
+    }
+}
+
+/// Does the fault: its instant on the monotonic clock.
+fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
+    let signal = match cell.fault {
+        Fault::Kill => Some(Signal::KILL),
+        Fault::Hang => Some(Signal::STOP),
+        _ => None,
+    };
+    if let (Target::Service(service), Some(signal)) = (cell.target, signal) {
+        let pid = match service {
+            ServiceId::Supervisor => rig.supervisor_pid(),
+            service => rig.seen(|seen| seen.pids.get(&service).copied()),
+        };
+        let pid = pid.and_then(|pid| i32::try_from(pid).ok()).and_then(Pid::from_raw);
+        let pid = pid.ok_or_else(|| Failure::run(format!("{service} has not said which process it is")))?;
+        let at_ns = monotonic_ns();
+        kill_process(pid, signal).map_err(Failure::of_run)?;
+        return Ok(at_ns);
+    }
+    let seed = dice.bits() >> 1;
+    let request = json!({
+        "verb": "inject", "target": cell.target.to_string(), "fault": cell.fault.name(), "seed": seed,
+    });
+    let at_ns = monotonic_ns();
+    let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
+    if let Some(why) = answer["error"].as_str() {
+        return Err(Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())));
+    }
+    if cell.is_of_cues() {
+        rig.cue();
+    }
+    Ok(at_ns)
+}
+
+/// Watches until the robot stands, or nothing more is to be expected.
+fn watch(rig: &mut Rig, cell: &Cell, struck_ns: u64, from_m: f64, outcome: &mut Outcome) {
+    let since = Instant::now();
+    let patience = if cell.expect == Expect::Stop { PATIENCE } else { SPAN };
+    let mut zero_ns = None;
+    while since.elapsed() < patience && zero_ns.is_none() {
+        std::thread::sleep(LOOK);
+        zero_ns = rig.seen(|seen| {
+            let command = seen.commands.iter().find(|c| c.zero && c.at_ns >= struck_ns).map(|c| c.at_ns);
+            let robot = seen.truths.iter().filter_map(|t| t.zero_since_ns).find(|at_ns| *at_ns >= struck_ns);
+            // A locomotion that is gone commands nothing; a new one's first word comes long after the brake's.
+            if cell.is_locomotions() { robot } else { command }
+        });
+        if !rig.is_alive() && zero_ns.is_none() && since.elapsed() > STANDS_WITHIN {
+            break;
+        }
+    }
+    let Some(zero_ns) = zero_ns else { return };
+    outcome.stop_ms = Some((zero_ns - struck_ns) as f64 / 1e6);
+    let since = Instant::now();
+    while since.elapsed() < STANDS_WITHIN && outcome.standstill_m.is_none() {
+        outcome.standstill_m = rig.seen(|seen| {
+            let stands = seen.truths.iter().find(|truth| truth.stands && truth.at_ns >= struck_ns);
+            stands.map(|truth| truth.distance_m - from_m)
+        });
+        std::thread::sleep(LOOK);
+    }
+}
+
+/// Ends the fault: when.
+fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
+    if let (Target::Service(ServiceId::Supervisor), Fault::Hang, Some(pid)) =
+        (cell.target, cell.fault, rig.supervisor_pid())
+        && let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw)
+    {
+        // It may be gone, which is seen at the next trial.
+        let _ = kill_process(pid, Signal::CONT);
+    } else {
+        // A service that is being restarted has lost its fault already.
+        rig.ask(&json!({ "verb": "inject", "target": cell.target.to_string(), "fault": "none" }));
+    }
+    if cell.is_of_cues() {
+        // The handler says again what was lost or misheard.
+        rig.cue();
+    }
+    monotonic_ns()
+}
+
+/// Waits until the robot is ready for a cue, or walks on: how long that took since the fault's end.
+fn recover(rig: &mut Rig, ended_ns: u64, epoch: u64, outcome: &Outcome) -> Option<f64> {
+    let since = Instant::now();
+    while since.elapsed() < RECOVERS_WITHIN && rig.is_alive() {
+        let ready_ns = rig.seen(|seen| {
+            let walks = seen.walks().then(|| seen.command.map(|command| command.at_ns)).flatten();
+            // Of a process that died, news is what comes with the next epoch.
+            let ready = seen.modes.iter().find(|(at_ns, mode)| {
+                let waits = mode.class == ModeClass::Fault && mode.epoch != epoch && mode.ready_for_cue;
+                // A cue that was taken for a stop ends the walk as a stop does.
+                *at_ns >= ended_ns && (waits || mode.class == ModeClass::Run && !mode.cue.valid)
+            });
+            let went_on = outcome.stop_ms.is_none() || seen.modes.last().is_some_and(|(_, mode)| mode.epoch == epoch);
+            ready.map(|(at_ns, _)| *at_ns).or(walks.filter(|at_ns| went_on && *at_ns >= ended_ns))
+        });
+        if let Some(ready_ns) = ready_ns {
+            return Some((ready_ns - ended_ns) as f64 / 1e6);
+        }
+        std::thread::sleep(LOOK);
+    }
+    None
+}
+
+/// What is not as the matrix wants it.
+fn judge(cell: &Cell, outcome: &Outcome, collided: bool, faulted: bool, slack: f64) -> Option<String> {
+    let limit_ms = cell.limit_ms * slack;
+    if collided {
+        return Some("something was run into".to_owned());
+    }
+    let recovers = !cell.ends_the_run();
+    if recovers && outcome.recovery_ms.is_none() {
+        return Some(format!("not ready again within {} s", RECOVERS_WITHIN.as_secs()));
+    }
+    match cell.expect {
+        Expect::Stop => match outcome.stop_ms {
+            None => Some("no zero came".to_owned()),
+            Some(ms) if ms > limit_ms => Some(format!("zero came after {ms:.1} ms, limit {limit_ms:.0} ms")),
+            Some(_) if outcome.standstill_m.is_none() && cell.target != Target::Service(ServiceId::Simulator) => {
+                Some("the robot did not stand".to_owned())
+            }
+            Some(_) => None,
+        },
+        Expect::Degrade => outcome
+            .recovery_ms
+            .filter(|ms| *ms > limit_ms)
+            .map(|ms| format!("ready again after {ms:.0} ms, limit {limit_ms:.0} ms")),
+        Expect::None if outcome.stop_ms.is_some() || faulted => {
+            Some(format!("the robot stood: {:?}", outcome.reasons.iter().map(|r| r.name()).collect::<Vec<_>>()))
+        }
+        Expect::None => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Outcome, judge};
+    use crate::bench::faults::table::cells;
+
+    #[test]
+    fn a_cell_is_met_only_by_what_it_wants() {
+        let cell = |pattern: &str| cells(Some(pattern)).expect("it is there").remove(0);
+        let stop = cell("lidar:kill");
+        let stopped =
+            Outcome { stop_ms: Some(1.0), standstill_m: Some(0.01), recovery_ms: Some(200.0), ..Outcome::default() };
+        assert_eq!(judge(&stop, &stopped, false, true, 1.0), None);
+        let late = Outcome { stop_ms: Some(stop.limit_ms * 1.5), ..stopped.clone() };
+        assert!(judge(&stop, &late, false, true, 1.0).is_some());
+        assert_eq!(judge(&stop, &late, false, true, 2.0), None);
+        assert!(judge(&stop, &stopped, true, true, 1.0).is_some(), "a collision is never met");
+        assert!(judge(&stop, &Outcome { stop_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
+        assert!(judge(&stop, &Outcome { standstill_m: None, ..stopped.clone() }, false, true, 1.0).is_some());
+        assert!(judge(&stop, &Outcome { recovery_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
+        let none = cell("locomotion/state:off");
+        let walked = Outcome { recovery_ms: Some(0.0), ..Outcome::default() };
+        assert_eq!(judge(&none, &walked, false, false, 1.0), None);
+        assert!(judge(&none, &walked, false, true, 1.0).is_some());
+        assert!(judge(&none, &stopped, false, false, 1.0).is_some());
+    }
+}
