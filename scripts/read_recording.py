@@ -15,7 +15,7 @@ from mcap_protobuf.decoder import DecoderFactory
 def main():
     path = pathlib.Path(sys.argv[1])
     messages, schemas, outcomes = collections.Counter(), {}, collections.Counter()
-    told = {}
+    told, logged = {}, []
     beside = path.with_suffix(".depth.mcap")
     for file in [path] + ([beside] if beside.exists() else []):
         with open(file, "rb") as stream:
@@ -32,6 +32,8 @@ def main():
                     value = json.loads(message.data)
                     unknown = value.keys() - properties.keys()
                     assert not unknown, f"{channel.topic}: {unknown} is not in the schema"
+                    if channel.topic == "log":
+                        logged.append(value["message"])
                     if channel.topic == "shield/permit":
                         outcomes[value["cause"], value["outcome"]] += 1
             for _, channel, message, image in reader.iter_decoded_messages(topics=["depth/frame"]):
@@ -43,6 +45,7 @@ def main():
                 }
                 assert image.step == 2 * image.width and json.loads(image.guidedog)["seq"] > 0
                 break
+    told["logged"] = logged
     told["messages"] = dict(messages)
     told["schemas"] = schemas
     told["granted_on_scans"] = outcomes["scan", "granted"]

@@ -301,6 +301,12 @@ fn pythons_reader_reads_what_was_recorded() {
     }
     assert_eq!(read["schemas"]["lidar/scan"], "foxglove.LaserScan");
     assert_eq!(read["schemas"]["depth/frame"], "foxglove.RawImage");
+    assert_eq!(
+        (&read["schemas"]["log"], &read["schemas"]["scene"]),
+        (&"foxglove.Log".into(), &"foxglove.SceneUpdate".into())
+    );
+    assert_eq!(read["messages"]["scene"], read["messages"]["shield/permit"]);
+    assert!(read["logged"].as_array().is_some_and(|lines| lines.contains(&"run: cue forward".into())), "{read:#}");
     assert_eq!(read["depth"], serde_json::json!({ "width": 160, "height": 120, "encoding": "16UC1", "bytes": 38400 }));
     assert_eq!(read["granted_on_scans"], walk["verdicts_by_outcome"]["granted"]);
 }

@@ -5,6 +5,7 @@
 //! time. Motion needs it not: it has no lifeline, and where its disk is full it says so and the walk goes on.
 
 mod queue;
+mod show;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -18,6 +19,7 @@ use settings::{LinkKind, Settings, Source};
 use transport::{FrameSubscriber, FromChild, Io, Service, Subscriber, TransportError, unix_time_s};
 
 use queue::{Queue, chain};
+use show::Show;
 
 /// Real time: the shallowest queue that does not wake its reader holds 40 ms.
 const PERIOD_NS: u64 = 10_000_000;
@@ -74,7 +76,8 @@ impl Recorder {
             let writer = Writer::live(&part.path(&path), part, &about, &text);
             let writer = writer.map_err(|error| TransportError::Service(chain(&error)))?;
             let stepped = io.domain.clock.is_stepped();
-            Ok::<_, TransportError>(Queue::new(writer, if stepped { STEPPED_ROOM } else { room }, stepped))
+            let show = (part == Part::Small).then(|| Show::new(&settings));
+            Ok::<_, TransportError>(Queue::new(writer, if stepped { STEPPED_ROOM } else { room }, stepped, show))
         };
         Ok(Self {
             small: Some(begin(Part::Small, SMALL_ROOM, io)?),

@@ -9,6 +9,8 @@ use messages::TopicId;
 use recording::{About, Record, WriteError, Writer};
 use transport::monotonic_ns;
 
+use crate::show::Show;
+
 /// A killed recorder has lost no more than was recorded since the last flush: of wall time and of run time. Half of
 /// what is promised, as the disk takes its time too.
 const FLUSH_NS: u64 = 250_000_000;
@@ -29,10 +31,10 @@ pub struct Queue {
 }
 
 impl Queue {
-    /// A queue of `room` records to `writer`.
-    pub fn new(writer: Writer, room: usize, waits: bool) -> Self {
+    /// A queue of `room` records to `writer`; `show` adds what viewers are shown.
+    pub fn new(writer: Writer, room: usize, waits: bool, show: Option<Show>) -> Self {
         let (sender, receiver) = sync_channel(room);
-        let thread = std::thread::spawn(move || write_all(writer, &receiver));
+        let thread = std::thread::spawn(move || write_all(writer, &receiver, show));
         Self { sender: Some(sender), thread: Some(thread), waits, left_out: BTreeMap::new(), told: false }
     }
 
@@ -81,7 +83,7 @@ impl Queue {
 }
 
 /// Writes until nobody sends any more, and flushes on time.
-fn write_all(mut writer: Writer, records: &Receiver<Record>) -> Written {
+fn write_all(mut writer: Writer, records: &Receiver<Record>, mut show: Option<Show>) -> Written {
     let mut flushed_wall_ns = monotonic_ns();
     let mut flushed_run_ns = 0;
     loop {
@@ -94,6 +96,9 @@ fn write_all(mut writer: Writer, records: &Receiver<Record>) -> Written {
                     // One that cannot be recorded is not in the file, whose seqs tell.
                     Ok(()) | Err(WriteError::Record { .. }) => {}
                     Err(error) => return Err(error),
+                }
+                if let Some((viewer, value)) = show.as_mut().and_then(|show| show.of(&record)) {
+                    writer.show(viewer, run_ns, value.to_string().as_bytes())?;
                 }
             }
             Err(RecvTimeoutError::Timeout) => {}
@@ -169,7 +174,7 @@ mod tests {
         let (path, whole) = (folder.path().join("a.mcap"), folder.path().join("b.mcap"));
         let disk = Disk { file: File::create(&path).expect("created"), room: 40_000 };
         let writer = Writer::live_into(&path, Box::new(disk), Part::Small, &about(), "").expect("there is room yet");
-        let mut queue = Queue::new(writer, 16, true);
+        let mut queue = Queue::new(writer, 16, true, None);
         let mut failure = None;
         for seq in 1..=20_000 {
             queue.keep(odometry(seq));

@@ -1,17 +1,20 @@
 //! The recording file format, and importers of other people's logs into it.
 //!
-//! A recording is an MCAP file, `NAME.mcap`, and where depth was recorded another beside it, `NAME.depth.mcap`, so that
-//! the small topics are read without the pixels: chunks of at most 4 MiB compressed with zstd, one channel for each topic
-//! of ours and named like it, under Foxglove's well-known schemas where there is one, so that MCAP viewers open it as it
-//! is. A message's log time is its record's time of publication: run time in nanoseconds; an import, which does not know
-//! it, has the stamp there, and counts from 0 at its first record.
+//! A recording is an MCAP file, `NAME.mcap`, and where depth was recorded another beside it, `NAME.depth.mcap`, so
+//! that the small topics are read without the pixels: chunks of at most 4 MiB compressed with zstd, one channel for
+//! each topic of ours and named like it, under Foxglove's well-known schemas where there is one, so that MCAP
+//! viewers open it as it is. A message's log time is its record's time of publication: run time in nanoseconds; an
+//! import, which does not know it, has the stamp there, and counts from 0 at its first record.
 //!
 //! | topic | schema | |
 //! |---|---|---|
 //! | `lidar/scan` | `foxglove.LaserScan`, JSON | the scan in `robot`, placed by `robot_from_lidar` |
 //! | `depth/frame` | `foxglove.RawImage`, protobuf | 16UC1 in millimetres |
 //! | `odometry` | `foxglove.FrameTransform`, JSON | `robot` in `odom` |
-//! | `cue`, `cue/request`, `policy/action`, `shield/permit`, `mode`, `locomotion/state`, `world/truth` | `guidedog.*`, JSON | the message, field by field |
+//! | `cue`, `cue/request`, `policy/action`, `shield/permit`, | `guidedog.*`, JSON | the message, field by field |
+//! | `mode`, `locomotion/state`, `world/truth` | likewise | |
+//! | `log` | `foxglove.Log`, JSON | for people: what stops the robot, and its cues |
+//! | `scene` | `foxglove.SceneUpdate`, JSON | for people: robot, handler and the hull of the permit, in `robot` |
 //!
 //! What Foxglove's schemas have no room for stands in the member `guidedog` of each message.
 //!
@@ -39,10 +42,12 @@ mod reader;
 mod record;
 mod recover;
 pub mod rplidar;
+mod viewer;
 mod writer;
 
 pub use info::{About, FORMAT_VERSION, Info, RunAbout};
 pub use reader::{ReadError, Reader};
 pub use record::{Order, Record};
 pub use recover::{RecoverError, Recovered, recover};
+pub use viewer::{Level, Viewer, log_json, time_json};
 pub use writer::{Existing, Part, Sink, WriteError, Writer};

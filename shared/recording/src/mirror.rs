@@ -27,9 +27,15 @@ macro_rules! plain {
     ($schema:tt: $($name:ty),+ $(,)?) => {$(
         impl Mirrored for $name {
             type Json = Self;
-            fn mirror(self) -> Self { self }
-            fn back(json: Self) -> Self { json }
-            fn schema() -> Value { json!($schema) }
+            fn mirror(self) -> Self {
+                self
+            }
+            fn back(json: Self) -> Self {
+                json
+            }
+            fn schema() -> Value {
+                json!($schema)
+            }
         }
     )+};
 }
@@ -44,9 +50,15 @@ macro_rules! number {
     ($($name:ty => $json:ident),+ $(,)?) => {$(
         impl Mirrored for $name {
             type Json = $json;
-            fn mirror(self) -> $json { $json(self) }
-            fn back(json: $json) -> Self { json.0 }
-            fn schema() -> Value { json!({ "type": ["number", "null"] }) }
+            fn mirror(self) -> $json {
+                $json(self)
+            }
+            fn back(json: $json) -> Self {
+                json.0
+            }
+            fn schema() -> Value {
+                json!({ "type": ["number", "null"] })
+            }
         }
     )+};
 }
@@ -87,7 +99,7 @@ impl<T: Mirrored, const N: usize> Mirrored for [T; N] {
     }
 }
 
-/// The mirror of a struct, field by field; a field that is left out comes back as the type's default has it.
+/// The mirror of a struct, field by field: one that is left out does not compile.
 macro_rules! mirror {
     ($($json:ident = $name:ident { $($field:ident: $type:ty),+ $(,)? })+) => {$(
         #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
@@ -100,9 +112,8 @@ macro_rules! mirror {
             fn mirror(self) -> $json {
                 $json { $($field: self.$field.mirror(),)+ }
             }
-            #[allow(clippy::needless_update, reason = "some types have fields that mean nothing")]
             fn back(json: $json) -> Self {
-                Self { $($field: <$type as Mirrored>::back(json.$field),)+ ..Self::default() }
+                Self { $($field: <$type as Mirrored>::back(json.$field),)+ }
             }
             fn schema() -> Value {
                 object([$((stringify!($field), <$type as Mirrored>::schema()),)+])
@@ -136,10 +147,12 @@ mirror! {
     }
     StopReasonMirror = StopReason {
         kind: StopKind, service: ServiceId, topic: TopicId, incarnation: u32, age_ns: u64, limit_ns: u64,
+        used: u64, used_limit: u64,
     }
     CueInForceMirror = CueInForce { valid: bool, cue: Cue }
     ModeMirror = Mode {
-        header: Header, class: ModeClass, ready_for_cue: bool, active_policy: u32, active_shield: u32, epoch: u64,
+        header: Header, class: ModeClass, ready_for_cue: bool, active_policy: u32, previous_policy: u32,
+        active_shield: u32, epoch: u64,
         reason: StopReason, cue: CueInForce,
     }
     LocomotionStateMirror = LocomotionState {
@@ -147,7 +160,8 @@ mirror! {
         permit_seq: u64, decision: u64, epoch: u64,
     }
     WorldTruthMirror = WorldTruth {
-        header: Header, world_from_robot: Pose2, robot_twist: Twist2, world_from_handler: Pose2, distance_m: f64,
+        header: Header, world_from_robot: Pose2, robot_twist: Twist2, command: Twist2, command_since_ns: u64,
+        world_from_handler: Pose2, distance_m: f64,
         robot_collisions: u32, handler_collisions: u32, hit_by_others: u32, walker_count: u32,
         walkers: [Walker; messages::MAX_WALKERS],
     }

@@ -11,10 +11,10 @@ use serde::Serialize;
 use crate::channel::{CHANNELS, Channel};
 use crate::chunk::{Entry, each_entry};
 use crate::file_reader::name_flaw;
-use crate::index::{Flaw, MAGIC, body, read_record};
+use crate::index::{Flaw, MAGIC, body, read_at, read_record};
 use crate::info::{BEGUN_NAME, METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::writer::{Part, Writer};
-use crate::{About, FORMAT_VERSION, Info, ReadError, Record, WriteError, lengths};
+use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError, lengths};
 
 /// What a recovered file says of its end.
 const ENDED: &str = "recovered";
@@ -53,6 +53,7 @@ struct Found {
     about: Option<About>,
     settings: String,
     channels: BTreeMap<u16, &'static Channel>,
+    viewers: BTreeMap<u16, Viewer>,
     /// The last seq of every life of every topic.
     seqs: BTreeMap<(TopicId, u32), u64>,
     /// Gaps between the seqs.
@@ -65,82 +66,136 @@ struct Found {
 /// # Errors
 /// Where `from` cannot be read or is no live recording of ours, and where `to` exists or cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
-    let failed = |byte| move |source| ReadError::Io { path: from.to_owned(), byte, source };
-    if !from.metadata().map_err(failed(0))?.is_file() {
-        return Err(ReadError::NotAFile { path: from.to_owned() }.into());
-    }
-    let mut file = File::open(from).map_err(failed(0))?;
-    let bytes = file.metadata().map_err(failed(0))?.len();
-    let mark = MAGIC.len() as u64;
-    let magic = crate::index::read_at(&mut file, 0, mark.min(bytes));
-    match magic.map_err(|flaw| name_flaw(from, bytes, flaw))? {
-        magic if magic.is_empty() => return Err(ReadError::Empty { path: from.to_owned() }.into()),
-        magic if magic != MAGIC => return Err(ReadError::NotMcap { path: from.to_owned() }.into()),
-        _ => {}
-    }
+    let mut torn = Torn::open(from)?;
     let mut found = Found::default();
     let mut writer: Option<Writer> = None;
-    let mut byte = mark;
-    let mut why = None;
-    while byte < bytes {
-        let raw = match read_record(&mut file, byte, bytes) {
-            Ok(raw) => raw,
-            Err(Flaw::Io { byte, source }) => return Err(failed(byte)(source).into()),
-            Err(flaw) => {
-                why = Some(name_flaw(from, bytes, flaw).to_string());
-                break;
+    let why = loop {
+        match torn.next(&mut found)? {
+            Step::Over => break None,
+            Step::Flaw(what) => break Some(what),
+            Step::Records(records) if records.is_empty() => {}
+            Step::Records(records) => {
+                let writer = match &mut writer {
+                    Some(writer) => writer,
+                    none => none.insert(found.begin(from, to, None)?),
+                };
+                records.iter().try_for_each(|kept| kept.write(writer)).and_then(|()| writer.flush())?;
             }
-        };
-        let opcode = raw.first().copied().unwrap_or_default();
-        // The data is over, and what the summary says is said anew.
-        if matches!(opcode, op::DATA_END | op::FOOTER) {
-            byte = bytes;
-            break;
         }
-        if opcode == op::CHUNK {
-            let records = match found.read_chunk(&raw) {
-                Ok(records) => records,
-                Err(what) => {
-                    why = Some(what);
-                    break;
-                }
-            };
-            if !records.is_empty() && writer.is_none() {
-                let about = found.about.clone().ok_or_else(|| ReadError::NotOurs { path: from.to_owned() })?;
-                writer = Some(Writer::live(to, found.part(), &about, &found.settings)?);
-            }
-            if let Some(writer) = &mut writer {
-                records.iter().try_for_each(|record| writer.write(record)).and_then(|()| writer.flush())?;
-            }
-        } else if let Err(what) = found.take(opcode, body(&raw)) {
-            why = Some(what);
-            break;
-        }
-        byte += raw.len() as u64;
-    }
-    let mut about = found.about.clone().ok_or_else(|| match why.clone() {
-        Some(what) => ReadError::Damaged { path: from.to_owned(), byte, what },
-        None => ReadError::NotOurs { path: from.to_owned() },
-    })?;
+    };
     let writer = match writer {
         Some(writer) => writer,
-        None => Writer::live(to, found.part(), &about, &found.settings)?,
+        None => found.begin(from, to, why.as_ref().map(|what| (torn.byte, what)))?,
     };
-    if let Some(run) = about.run.as_mut().filter(|run| run.ended.is_empty()) {
-        ENDED.clone_into(&mut run.ended);
-        run.lost.clone_from(&found.lost);
+    let info = writer.finish(found.finish(to))?;
+    Ok(Recovered { from: from.to_owned(), to: to.to_owned(), info, bytes: torn.bytes, cut_at_byte: torn.byte, why })
+}
+
+/// A file that is read from its beginning, as far as it goes.
+struct Torn {
+    path: PathBuf,
+    file: File,
+    bytes: u64,
+    /// Up to here everything made sense.
+    byte: u64,
+}
+
+/// What is taken over.
+enum Kept {
+    Record(Record),
+    /// For viewers: as it is.
+    Shown(Viewer, u64, Vec<u8>),
+}
+
+impl Kept {
+    fn write(&self, writer: &mut Writer) -> Result<(), WriteError> {
+        match self {
+            Self::Record(record) => writer.write(record),
+            Self::Shown(viewer, time_ns, json) => writer.show(*viewer, *time_ns, json),
+        }
     }
-    if let Some(run) = &mut about.run
-        && found.part() == Part::Small
-        && run.depth_file.is_some()
-    {
-        run.depth_file = Part::Depth.path(to).file_name().map(|name| name.to_string_lossy().into_owned());
+}
+
+/// What comes next.
+enum Step {
+    /// Records, or none.
+    Records(Vec<Kept>),
+    /// Something that cannot be read.
+    Flaw(String),
+    /// Nothing.
+    Over,
+}
+
+impl Torn {
+    fn open(path: &Path) -> Result<Self, ReadError> {
+        let failed = |source| ReadError::Io { path: path.to_owned(), byte: 0, source };
+        if !path.metadata().map_err(failed)?.is_file() {
+            return Err(ReadError::NotAFile { path: path.to_owned() });
+        }
+        let mut file = File::open(path).map_err(failed)?;
+        let bytes = file.metadata().map_err(failed)?.len();
+        let mark = MAGIC.len() as u64;
+        match read_at(&mut file, 0, mark.min(bytes)).map_err(|flaw| name_flaw(path, bytes, flaw))? {
+            magic if magic.is_empty() => Err(ReadError::Empty { path: path.to_owned() }),
+            magic if magic != MAGIC => Err(ReadError::NotMcap { path: path.to_owned() }),
+            _ => Ok(Self { path: path.to_owned(), file, bytes, byte: mark }),
+        }
     }
-    let info = writer.finish(about)?;
-    Ok(Recovered { from: from.to_owned(), to: to.to_owned(), info, bytes, cut_at_byte: byte, why })
+
+    fn next(&mut self, found: &mut Found) -> Result<Step, ReadError> {
+        if self.byte >= self.bytes {
+            return Ok(Step::Over);
+        }
+        let raw = match read_record(&mut self.file, self.byte, self.bytes) {
+            Ok(raw) => raw,
+            Err(Flaw::Io { byte, source }) => return Err(ReadError::Io { path: self.path.clone(), byte, source }),
+            Err(flaw) => return Ok(Step::Flaw(name_flaw(&self.path, self.bytes, flaw).to_string())),
+        };
+        let records = match raw.first().copied().unwrap_or_default() {
+            // The data is over, and what the summary says is said anew.
+            op::DATA_END | op::FOOTER => {
+                self.byte = self.bytes;
+                return Ok(Step::Over);
+            }
+            op::CHUNK => found.read_chunk(&raw),
+            opcode => found.take(opcode, body(&raw)).map(|()| Vec::new()),
+        };
+        Ok(match records {
+            Ok(records) => {
+                self.byte += raw.len() as u64;
+                Step::Records(records)
+            }
+            Err(what) => Step::Flaw(what),
+        })
+    }
 }
 
 impl Found {
+    /// Begins the whole file, once it is known what it is about; `flaw` is where the torn one ended before that.
+    fn begin(&self, from: &Path, to: &Path, flaw: Option<(u64, &String)>) -> Result<Writer, RecoverError> {
+        let path = from.to_owned();
+        match (&self.about, flaw) {
+            (Some(about), _) => Ok(Writer::live(to, self.part(), about, &self.settings)?),
+            (None, Some((byte, what))) => Err(ReadError::Damaged { path, byte, what: what.clone() }.into()),
+            (None, None) => Err(ReadError::NotOurs { path }.into()),
+        }
+    }
+
+    /// What the whole file says about itself.
+    fn finish(&self, to: &Path) -> About {
+        let mut about = self.about.clone().unwrap_or_default();
+        if let Some(run) = &mut about.run {
+            if run.ended.is_empty() {
+                ENDED.clone_into(&mut run.ended);
+                run.lost.clone_from(&self.lost);
+            }
+            if self.part() == Part::Small && run.depth_file.is_some() {
+                run.depth_file = Part::Depth.path(to).file_name().map(|name| name.to_string_lossy().into_owned());
+            }
+        }
+        about
+    }
+
     /// The depth file has one channel.
     fn part(&self) -> Part {
         match self.channels.values().next() {
@@ -162,6 +217,8 @@ impl Found {
                     .iter()
                     .find(|known| known.topic.name() == channel.topic && known.encoding == channel.message_encoding);
                 self.channels.extend(known.map(|known| (channel.id, known)));
+                let viewer = Viewer::ALL.into_iter().find(|viewer| viewer.topic() == channel.topic);
+                self.viewers.extend(viewer.map(|viewer| (channel.id, viewer)));
             }
             records::Record::Metadata(mut metadata) => match metadata.name.as_str() {
                 BEGUN_NAME | METADATA_NAME => {
@@ -190,19 +247,25 @@ impl Found {
     }
 
     /// The records of a chunk, all of them or none.
-    fn read_chunk(&mut self, raw: &[u8]) -> Result<Vec<Record>, String> {
-        let mut records: Vec<Record> = Vec::new();
+    fn read_chunk(&mut self, raw: &[u8]) -> Result<Vec<Kept>, String> {
+        let mut records: Vec<Kept> = Vec::new();
         each_entry::<String>(raw, |entry| match entry {
             Entry::Other(opcode, body) => self.take(opcode, body),
             Entry::Message(header, data) => {
                 if let Some(channel) = self.channels.get(&header.channel_id) {
                     let record = (channel.decode)(data);
-                    records.push(record.map_err(|what| format!("{}: {what}", channel.topic))?);
+                    records.push(Kept::Record(record.map_err(|what| format!("{}: {what}", channel.topic))?));
+                } else if let Some(viewer) = self.viewers.get(&header.channel_id) {
+                    records.push(Kept::Shown(*viewer, header.log_time, data.to_vec()));
                 }
                 Ok(())
             }
         })?;
-        records.iter().for_each(|record| self.count_gap(record));
+        for kept in &records {
+            if let Kept::Record(record) = kept {
+                self.count_gap(record);
+            }
+        }
         Ok(records)
     }
 }

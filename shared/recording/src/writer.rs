@@ -10,9 +10,9 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use mcap::records::{MessageHeader, Metadata};
 use messages::TopicId;
 
-use crate::channel::{channel_of, encode};
+use crate::channel::{JSON, JSON_SCHEMA, channel_of, encode};
 use crate::info::{BEGUN_NAME, METADATA_NAME, SETTINGS_KEY, SETTINGS_NAME, check_size};
-use crate::{About, Info, Record};
+use crate::{About, Info, Record, Viewer};
 
 /// What a reader must hold at once; a larger chunk compresses hardly better.
 const CHUNK_BYTES: u64 = 4 << 20;
@@ -160,6 +160,8 @@ pub struct Writer {
     file: Option<File>,
     mcap: mcap::Writer<Box<dyn Sink>>,
     channels: BTreeMap<TopicId, u16>,
+    /// Channels that nobody reads back.
+    viewers: BTreeMap<Viewer, u16>,
     records: BTreeMap<TopicId, u64>,
     span_ns: Option<(u64, u64)>,
     bytes: Vec<u8>,
@@ -219,6 +221,9 @@ impl Writer {
         settings: &str,
     ) -> Result<Self, WriteError> {
         let mut writer = Self::into_sink(path, Box::new(UntilFailure { sink, failed: false }), part.topics())?;
+        if part == Part::Small {
+            writer.add_viewers()?;
+        }
         let begun = Info { about: about.clone(), ..Info::default() };
         writer.write_metadata(BEGUN_NAME, begun.to_map())?;
         writer.write_metadata(SETTINGS_NAME, BTreeMap::from([(SETTINGS_KEY.to_owned(), settings.to_owned())]))?;
@@ -241,7 +246,30 @@ impl Writer {
         }
         let records = BTreeMap::new();
         let (partial, file, span_ns, bytes) = (None, None, None, Vec::new());
-        Ok(Self { path: path.to_owned(), partial, file, mcap, channels, records, span_ns, bytes })
+        let viewers = BTreeMap::new();
+        Ok(Self { path: path.to_owned(), partial, file, mcap, channels, viewers, records, span_ns, bytes })
+    }
+
+    fn add_viewers(&mut self) -> Result<(), WriteError> {
+        for viewer in Viewer::ALL {
+            let (name, schema) = viewer.schema();
+            let schema = self.mcap.add_schema(name, JSON_SCHEMA, schema.as_bytes());
+            let id = schema.and_then(|schema| self.mcap.add_channel(schema, viewer.topic(), JSON, &BTreeMap::new()));
+            let id = id.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })?;
+            self.viewers.insert(viewer, id);
+        }
+        Ok(())
+    }
+
+    /// Adds something for people to see, at that run time; only where the small topics of a live run are.
+    ///
+    /// # Errors
+    /// Where it cannot be written; the recording is then lost.
+    pub fn show(&mut self, viewer: Viewer, time_ns: u64, json: &[u8]) -> Result<(), WriteError> {
+        let Some(&channel_id) = self.viewers.get(&viewer) else { return Ok(()) };
+        let header = MessageHeader { channel_id, sequence: 0, log_time: time_ns, publish_time: time_ns };
+        let written = self.mcap.write_to_known_channel(&header, json);
+        written.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })
     }
 
     fn write_metadata(&mut self, name: &str, metadata: BTreeMap<String, String>) -> Result<(), WriteError> {

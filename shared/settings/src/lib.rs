@@ -4,13 +4,15 @@
 //! by itself, so an error names the line that caused it.
 
 mod layers;
+mod recorded;
 mod sections;
 mod units;
 
 pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
+pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
-    Access, ActionTableName, Choice, CueOrigin, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind,
-    Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, RecordSettings, Replay, Robot,
-    Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
+    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
+    MaxAge, MemorySettings, OdometrySettings, PolicyEngine, PolicySettings, Robot, Settings, ShieldSettings,
+    Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

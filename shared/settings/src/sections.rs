@@ -6,6 +6,7 @@ use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, Rigi
 use messages::{Pose2, Pose3};
 use serde::{Deserialize, Serialize};
 
+use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
 /// Everything that can be configured.
@@ -254,17 +255,6 @@ impl Default for OdometrySettings {
             yaw_walk_rad_per_sqrt_m: 0.01,
         }
     }
-}
-
-/// Where cues come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CueOrigin {
-    /// The run's own handler: a script, or the operator.
-    #[default]
-    Own,
-    /// Published by `replay` in the recogniser's place.
-    Replayed,
 }
 
 /// The cue recogniser.
@@ -613,42 +603,4 @@ pub struct WalkErrors {
     pub orientation_deg: f64,
     /// The cues of places come so much too late (negative: too early), metres of way.
     pub timing_m: f64,
-}
-
-/// The recording, where the run replays one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Replay {
-    /// The recording.
-    pub recording: Option<PathBuf>,
-    /// What was recorded before this time of it is left out.
-    pub from: Option<Millis>,
-    /// What was recorded from this time of it on is left out.
-    pub to: Option<Millis>,
-    /// How many times it is played; 0 = until the run is ended.
-    pub times: u32,
-    /// Where it is noted what the run decides differently, JSON lines.
-    pub differences: Option<PathBuf>,
-}
-
-impl Default for Replay {
-    fn default() -> Self {
-        Self { recording: None, from: None, to: None, times: 1, differences: None }
-    }
-}
-
-/// What is recorded of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct RecordSettings {
-    /// The recording (`NAME.mcap`) of the whole run, from its first step on; none: only when an operator asks for one.
-    pub path: Option<PathBuf>,
-    /// Whether depth frames are recorded, beside the rest in `NAME.depth.mcap`.
-    pub depth: bool,
-}
-
-impl Default for RecordSettings {
-    fn default() -> Self {
-        Self { path: None, depth: true }
-    }
 }

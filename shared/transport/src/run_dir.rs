@@ -1,7 +1,8 @@
 //! The run directory: everything of one run that is a file, and the lock that says whether the run is alive.
 //!
-//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `control.sock`, `logs/` and
-//! `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that many runs live side by side.
+//! `<root>/<name>/` holds `lock` (held by the supervisor), `run.json`, `settings.toml`, `recording.json`,
+//! `control.sock`, `logs/` and `iox/` (iceoryx2's files). Its shared memory carries a prefix of its own, so that
+//! many runs live side by side.
 //!
 //! The directory is the user's and open to its group, which may read and connect to the socket; `iox/` and `lock` are
 //! the user's alone. Nothing is made in, believed of, or removed from a place that another user may have made.

@@ -1,0 +1,261 @@
+//! Live recordings: every topic comes back to the bit, and a file that was cut anywhere is recovered to its last chunk.
+
+#![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are not seen as tests")]
+
+mod common;
+
+use std::fs;
+use std::path::Path;
+
+use common::{chain, scan};
+use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, recover};
+use messages::{
+    Cue, CueInForce, CueKind, CueRequest, CueSource, DepthHeader, Header, LocomotionState, Mode, ModeClass, Odometry,
+    Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopKind, StopReason, TopicId, Twist2,
+    UnsafeCause, Walker, WorldTruth,
+};
+use tempfile::tempdir;
+
+fn header(seq: u64) -> Header {
+    Header { stamp_ns: seq * 10 - 3, seq, step: seq, published_ns: seq * 10, incarnation: 7, reserved: 0 }
+}
+
+const POSE: Pose2 = Pose2 { x_m: 0.1 + 0.2, y_m: -0.0, yaw_rad: 5e-324 };
+const TWIST: Twist2 = Twist2 { vx_mps: f64::NAN, vy_mps: f64::INFINITY, wz_radps: f64::NEG_INFINITY };
+const REASON: StopReason = StopReason {
+    kind: StopKind::StreamStale,
+    service: ServiceId::Lidar,
+    topic: TopicId::LidarScan,
+    incarnation: 3,
+    age_ns: u64::MAX,
+    limit_ns: 5,
+    used: 6,
+    used_limit: 7,
+};
+
+fn cue(seq: u64) -> Cue {
+    Cue {
+        header: header(seq),
+        kind: CueKind::Left,
+        source: CueSource::TurnDone,
+        confidence: 0.1,
+        odom_from_start: POSE,
+        odometry_incarnation: 2,
+        request_seq: u64::MAX,
+    }
+}
+
+fn permit(seq: u64) -> Permit {
+    Permit {
+        header: header(seq),
+        outcome: Outcome::RemainderUnsafe,
+        cause: PermitCause::Decision,
+        unsafe_cause: UnsafeCause::Memory,
+        velocity: TWIST,
+        margin_m: 1.0 / 3.0,
+        robot_from_handler: POSE,
+        unsafe_mask: u32::MAX,
+        ..Permit::default()
+    }
+}
+
+/// One record of every topic, the small ones first.
+fn every_topic() -> (Vec<Record>, Record) {
+    let mode = Mode {
+        header: header(8),
+        class: ModeClass::Lock,
+        ready_for_cue: true,
+        reason: REASON,
+        cue: CueInForce { valid: true, cue: cue(4) },
+        ..Mode::default()
+    };
+    let state = LocomotionState { header: header(9), limited_by: REASON, applied: TWIST, ..LocomotionState::default() };
+    let mut truth =
+        WorldTruth { header: header(10), world_from_handler: POSE, walker_count: 1, ..WorldTruth::default() };
+    truth.walkers[0] = Walker { x_m: 1.5, y_m: f64::MIN_POSITIVE, radius_m: 0.3 };
+    let mut action = PolicyAction { header: header(6), decision: 9, ..PolicyAction::default() };
+    action.probabilities[3] = f32::from_bits(0x3EAA_AAAB);
+    let Record::Scan { header: of_scan, ranges_m } = scan(1, 1, vec![0.1, f32::NAN, f32::INFINITY]) else { panic!() };
+    let small = vec![
+        Record::Scan { header: messages::ScanHeader { header: header(1), ..of_scan }, ranges_m },
+        Record::Odometry(Odometry { header: header(3), odom_from_robot: POSE, twist: TWIST, sigma: [0.1; 3] }),
+        Record::Cue(cue(4)),
+        Record::CueRequest(CueRequest { header: header(5), kind: CueKind::Right }),
+        Record::Action(Box::new(action)),
+        Record::Permit(Box::new(permit(7))),
+        Record::Mode(Box::new(mode)),
+        Record::Locomotion(Box::new(state)),
+        Record::Truth(Box::new(truth)),
+    ];
+    let camera = Pose3 { x_m: 0.1, y_m: 0.2, z_m: 0.3, yaw_rad: -0.0, pitch_rad: 0.7 };
+    let depth = DepthHeader {
+        header: header(2),
+        width: 3,
+        height: 2,
+        fx_px: 0.1 + 0.2,
+        fy_px: f64::NAN,
+        cx_px: 1.0,
+        cy_px: 2.0,
+        robot_from_camera: camera,
+    };
+    (small, Record::Depth { header: depth, pixels_mm: vec![0, 1, 256, 65_535, 7, 8] })
+}
+
+fn about(depth_file: Option<&str>) -> About {
+    let run = RunAbout {
+        name: "test".to_owned(),
+        stepped: true,
+        seed: 5,
+        incarnation: 1,
+        depth_file: depth_file.map(str::to_owned),
+        ..RunAbout::default()
+    };
+    About { source: "run test".to_owned(), robot: "none".to_owned(), run: Some(run), ..About::default() }
+}
+
+fn record(path: &Path, part: Part, records: &[Record]) {
+    let about = about((part == Part::Small).then_some("a.depth.mcap"));
+    let mut writer = Writer::live(path, part, &about, "[shield]\nmargin_m = 0.1\n").unwrap();
+    for record in records {
+        writer.write(record).unwrap();
+    }
+    writer.finish(about).unwrap();
+}
+
+#[test]
+fn every_topic_comes_back_to_the_bit_and_in_order() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let (small, depth) = every_topic();
+    record(&path, Part::Small, &small);
+    let reader = Reader::open(&path).unwrap();
+    assert_eq!(reader.depth_missing(), Some(folder.path().join("a.depth.mcap").as_path()));
+    assert_eq!(reader.count(), small.len(), "the small topics are read without the depth frames");
+    record(&folder.path().join("a.depth.mcap"), Part::Depth, std::slice::from_ref(&depth));
+    let mut reader = Reader::open(&path).unwrap();
+    assert_eq!((reader.depth_missing(), reader.info().records["depth/frame"]), (None, 1));
+    assert_eq!(reader.settings().unwrap().as_deref(), Some("[shield]\nmargin_m = 0.1\n"));
+    let mut expected = small;
+    expected.push(depth);
+    expected.sort_by_key(Record::order);
+    let back: Vec<Record> = reader.map(Result::unwrap).collect();
+    assert_eq!(back.len(), expected.len());
+    for (back, expected) in back.iter().zip(&expected) {
+        assert_eq!(back.header(), expected.header());
+        assert!(back.is_same(expected), "{back:?} is not {expected:?}");
+    }
+    // Field by field, where the fields have numbers that are equal to themselves.
+    let cue = back.iter().find(|record| matches!(record, Record::Cue(_)));
+    assert_eq!(cue, expected.iter().find(|record| matches!(record, Record::Cue(_))));
+    let requests = |all: &[Record]| all.iter().filter(|record| matches!(record, Record::CueRequest(_))).count();
+    assert_eq!(requests(&back), 1);
+}
+
+#[test]
+fn our_schemas_name_every_member() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    record(&path, Part::Small, &every_topic().0);
+    let bytes = fs::read(&path).unwrap();
+    let mut seen = 0;
+    for message in mcap::MessageStream::new(&bytes).unwrap() {
+        let message = message.unwrap();
+        let schema = message.channel.schema.as_ref().unwrap();
+        let described: serde_json::Value = serde_json::from_slice(&schema.data).unwrap();
+        let value: serde_json::Value = serde_json::from_slice(&message.data).unwrap();
+        check(&described, &value, &schema.name);
+        seen += usize::from(schema.name.starts_with("guidedog."));
+    }
+    assert_eq!(seen, 7);
+}
+
+/// As far as our schemas go: types, members, items.
+fn check(schema: &serde_json::Value, value: &serde_json::Value, at: &str) {
+    if let Some(members) = value.as_object() {
+        for (name, member) in members {
+            assert!(schema["properties"][name].is_object(), "{at}.{name} is in the schema");
+            check(&schema["properties"][name], member, &format!("{at}.{name}"));
+        }
+    } else if let Some(items) = value.as_array() {
+        items.iter().for_each(|item| check(&schema["items"], item, at));
+    }
+}
+
+#[test]
+fn a_file_that_was_cut_anywhere_is_recovered_to_its_last_flush() {
+    let folder = tempdir().unwrap();
+    let (path, torn) = (folder.path().join("a.mcap"), folder.path().join("torn.mcap"));
+    let about = about(None);
+    let mut writer = Writer::live(&path, Part::Small, &about, "x = 1\n").unwrap();
+    let mut flushed = Vec::new();
+    for seq in 1..=60 {
+        writer.write(&Record::Permit(Box::new(permit(seq)))).unwrap();
+        if seq % 10 == 0 {
+            writer.flush().unwrap();
+            flushed.push((path.metadata().unwrap().len(), seq));
+        }
+    }
+    let whole_but_its_end = fs::read(&path).unwrap();
+    writer.finish(about).unwrap();
+    let mut tried = 0;
+    for cut in (flushed[0].0..=whole_but_its_end.len() as u64).step_by(131).chain(flushed.iter().map(|(at, _)| *at)) {
+        fs::write(&torn, &whole_but_its_end[..cut as usize]).unwrap();
+        assert!(matches!(Reader::open(&torn), Err(ReadError::Torn { .. })));
+        let out = folder.path().join(format!("out-{cut}-{tried}.mcap"));
+        let recovered = recover(&torn, &out).unwrap();
+        let (_, expected) = flushed.iter().rev().find(|(at, _)| *at <= cut).unwrap();
+        // A chunk may be whole though the index behind it is not.
+        let kept = recovered.info.records["shield/permit"];
+        assert!(kept == *expected || kept == *expected + 10, "cut at {cut}: {kept}, not {expected}");
+        assert!(recovered.cut_at_byte <= cut);
+        let mut reader = Reader::open(&out).unwrap();
+        assert_eq!(reader.info().about.run.as_ref().unwrap().ended, "recovered");
+        assert_eq!(reader.settings().unwrap().as_deref(), Some("x = 1\n"));
+        assert_eq!(reader.map(Result::unwrap).count() as u64, kept);
+        fs::remove_file(&out).unwrap();
+        tried += 1;
+    }
+    assert!(tried > 10);
+    // Cut before anything was recorded: told, and nothing is made of it.
+    for cut in [0, 5, 40, 300] {
+        fs::write(&torn, &whole_but_its_end[..cut]).unwrap();
+        let out = folder.path().join("none.mcap");
+        assert!(recover(&torn, &out).is_err() && !out.exists(), "{cut}");
+    }
+}
+
+#[test]
+fn a_flipped_bit_ends_a_recovery_there_and_never_panics() {
+    let folder = tempdir().unwrap();
+    let (path, torn) = (folder.path().join("a.mcap"), folder.path().join("torn.mcap"));
+    let records: Vec<Record> = (1..=40).map(|seq| Record::Permit(Box::new(permit(seq)))).collect();
+    record(&path, Part::Small, &records);
+    let whole = fs::read(&path).unwrap();
+    let mut fewer = 0;
+    for at in (8..whole.len()).step_by(37) {
+        let mut changed = whole.clone();
+        changed[at] ^= 0x41;
+        fs::write(&torn, changed).unwrap();
+        let out = folder.path().join(format!("out-{at}.mcap"));
+        match recover(&torn, &out) {
+            Ok(recovered) => {
+                fewer += usize::from(recovered.info.records["shield/permit"] < 40);
+                assert!(Reader::open(&out).unwrap().all(|record| record.is_ok()));
+            }
+            Err(RecoverError::Read(error)) => assert!(chain(&error).contains("torn.mcap"), "{error}"),
+            Err(error) => panic!("{error}"),
+        }
+    }
+    assert!(fewer > 3, "{fewer}");
+}
+
+#[test]
+fn a_recording_leads_to_no_other_folder_and_nothing_is_overwritten() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let evil = about(Some("../../etc/passwd"));
+    Writer::live(&path, Part::Small, &evil, "").unwrap().finish(evil).unwrap();
+    let error = Reader::open(&path).unwrap_err();
+    assert!(matches!(&error, ReadError::Damaged { what, .. } if what.contains("no file name")), "{error}");
+    assert!(Writer::live(&path, Part::Small, &about(None), "").is_err(), "it is there already");
+}
