@@ -1,5 +1,8 @@
 //! The command line.
 
+mod bench;
+mod policy;
+
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -7,6 +10,9 @@ use messages::{CueKind, Pose2};
 use settings::Millis;
 
 use crate::exit::EXIT_CODES_HELP;
+
+pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
+pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
 
 /// Runs and operates the guide robot's stack of processes.
 #[derive(Debug, Parser)]
@@ -41,7 +47,7 @@ pub enum Verb {
     /// End a lock; the robot still waits for a cue
     Resume(RunArg),
     /// Swap the policy of a live run for another, go back, or show which is in force
-    #[command(after_help = POLICY_HELP)]
+    #[command(after_help = policy::HELP)]
     Policy(PolicyArgs),
     /// Break something in a run that was started with --faults, to see what comes of it
     #[command(after_help = inject_help())]
@@ -93,16 +99,6 @@ masks nothing; unknown_gap_m may be left out. A reading at or over range_max_m o
 or under range_min_m is unknown. All frames are the robot's present one, the answer's "next_handler" included. A margin
 is null where no judged beam hit anything."#;
 
-const POLICY_HELP: &str = "\
-Examples:
-  guidedog policy swap --model careful.geometric    with its manifest careful.toml beside it
-  guidedog policy swap --exe ./my-policy            another executable in place of guidedog-policy
-  guidedog policy rollback                          the policy before
-  guidedog policy show
-
-The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
-before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
-
 const UP_EXAMPLES: &str = "\
 Examples:
   guidedog up                                  the built-in corridor, no scripted handler: cues are yours
@@ -138,51 +134,6 @@ pub struct RunArg {
     /// Name of the run; without it, the only live one
     #[arg(long, value_name = "NAME")]
     pub run: Option<String>,
-}
-
-/// `guidedog policy`.
-#[derive(Debug, Args)]
-pub struct PolicyArgs {
-    /// What to do.
-    #[command(subcommand)]
-    pub what: PolicyVerb,
-}
-
-/// What `guidedog policy` does.
-#[derive(Debug, Subcommand)]
-pub enum PolicyVerb {
-    /// Swap another policy in, and wait until a permit carries its decision
-    Swap(SwapArgs),
-    /// Go back to the policy before
-    Rollback(PolicyRunArgs),
-    /// Which policy is in force, and the last swaps
-    Show(RunArg),
-}
-
-/// `guidedog policy swap`.
-#[derive(Debug, Args)]
-#[group(id = "candidate", required = true, multiple = true, args = ["model", "exe"])]
-pub struct SwapArgs {
-    /// The model to load; its manifest lies beside it
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
-    /// The executable to start in place of guidedog-policy
-    #[arg(long, value_name = "FILE")]
-    pub exe: Option<PathBuf>,
-    /// Which run, and whether to wait.
-    #[command(flatten)]
-    pub run: PolicyRunArgs,
-}
-
-/// Which run, and whether to wait.
-#[derive(Debug, Args)]
-pub struct PolicyRunArgs {
-    /// Wait for the end of the probation as well
-    #[arg(long)]
-    pub settle: bool,
-    /// Which run.
-    #[command(flatten)]
-    pub run: RunArg,
 }
 
 /// `guidedog cue`.
@@ -488,111 +439,6 @@ pub struct ShieldArgs {
     /// The configuration that says how large robot and handler are
     #[arg(long, value_name = "FILE", requires = "recording")]
     pub config: Option<PathBuf>,
-}
-
-/// `guidedog bench`.
-#[derive(Debug, Args)]
-pub struct BenchArgs {
-    /// What to measure.
-    #[command(subcommand)]
-    pub what: Bench,
-}
-
-/// What can be measured.
-#[derive(Debug, Clone, Subcommand)]
-pub enum Bench {
-    /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
-    Transport {
-        /// How long, seconds
-        #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(4..=3600))]
-        seconds: u32,
-    },
-    /// The shield beside the paper's pseudo-code, one core
-    Shield,
-    /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
-    Replay {
-        /// The recording (.mcap)
-        recording: PathBuf,
-        /// How many replays
-        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=100_000))]
-        repeat: u32,
-        /// Configuration file, laid over the recorded settings
-        #[arg(long, value_name = "FILE")]
-        config: Option<PathBuf>,
-    },
-    /// Every fault of every service and stream against the matrix (config/faults.toml), at random moments of a walk
-    #[command(after_help = FAULTS_EXAMPLES)]
-    Faults(FaultsArgs),
-    /// What a thousand deaths leave behind, and how often a robot stops for no reason
-    Soak(SoakArgs),
-    /// CPU and memory of the whole stack standing still, by service
-    Idle {
-        /// How long, seconds
-        #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=3600))]
-        seconds: u32,
-    },
-}
-
-const FAULTS_EXAMPLES: &str = "\
-Examples:
-  guidedog bench faults --cells 'lidar/scan:*'          every fault of one stream
-  guidedog bench faults --cells '*:kill' --repeat 250   2,000 deaths of small services
-  guidedog bench faults --repeat 20 --budget-s 3600 --json
-
-Ends with exit code 1 where a cell that was tried is not as the matrix wants it.";
-
-/// `guidedog bench faults`.
-#[derive(Debug, Clone, Args)]
-pub struct FaultsArgs {
-    /// Which cells, as TARGET:FAULT with `*` for anything, several with commas between; without it, all but the host's
-    #[arg(long, value_name = "PATTERN")]
-    pub cells: Option<String>,
-    /// Trials of each cell
-    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
-    pub repeat: u32,
-    /// No trial begins after so many seconds
-    #[arg(long, value_name = "S")]
-    pub budget_s: Option<u64>,
-    /// Limits count so many times, for machines that are shared
-    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]
-    pub slack: f64,
-    /// Seed of the moments at which faults come
-    #[arg(long, value_name = "N", default_value_t = 1)]
-    pub seed: u64,
-}
-
-/// `guidedog bench soak`.
-#[derive(Debug, Clone, Args)]
-pub struct SoakArgs {
-    /// Kills of random services under load; 0 = none
-    #[arg(long, value_name = "N", default_value_t = 1000)]
-    pub kills: u32,
-    /// Also simulated walks without a fault, for so much run time, such as 1h
-    #[arg(long, value_name = "TIME", value_parser = duration)]
-    pub quiet: Option<Millis>,
-}
-
-fn slack(text: &str) -> Result<f64, String> {
-    let factor = text.parse::<f64>().ok().filter(|factor| (1.0..=1000.0).contains(factor));
-    factor.ok_or_else(|| "a factor is 1 to 1000".to_owned())
-}
-
-/// Which program of `bench transport`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Program {
-    /// Over guidedog's transport.
-    Ours,
-    /// Over iceoryx2 alone.
-    Plain,
-}
-
-/// The other end of `bench transport`.
-#[derive(Debug, Args)]
-pub struct ReceiverArgs {
-    /// Which program.
-    pub program: Program,
-    /// The bench's run directory.
-    pub dir: PathBuf,
 }
 
 fn field_of_view(text: &str) -> Result<f64, String> {

@@ -1,0 +1,113 @@
+//! `guidedog bench`: its command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand, ValueEnum};
+use settings::Millis;
+
+use super::duration;
+
+/// `guidedog bench`.
+#[derive(Debug, Args)]
+pub struct BenchArgs {
+    /// What to measure.
+    #[command(subcommand)]
+    pub what: Bench,
+}
+
+/// What can be measured.
+#[derive(Debug, Clone, Subcommand)]
+pub enum Bench {
+    /// One-way latency between processes with a blocking wake-up, beside a plain iceoryx2 program of the same QoS
+    Transport {
+        /// How long, seconds
+        #[arg(long, default_value_t = 60, value_parser = clap::value_parser!(u32).range(4..=3600))]
+        seconds: u32,
+    },
+    /// The shield beside the paper's pseudo-code, one core
+    Shield,
+    /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
+    Replay {
+        /// The recording (.mcap)
+        recording: PathBuf,
+        /// How many replays
+        #[arg(long, default_value_t = 256, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        repeat: u32,
+        /// Configuration file, laid over the recorded settings
+        #[arg(long, value_name = "FILE")]
+        config: Option<PathBuf>,
+    },
+    /// Every fault of every service and stream against the matrix (config/faults.toml), at random moments of a walk
+    #[command(after_help = FAULTS_EXAMPLES)]
+    Faults(FaultsArgs),
+    /// What a thousand deaths leave behind, and how often a robot stops for no reason
+    Soak(SoakArgs),
+    /// CPU and memory of the whole stack standing still, by service
+    Idle {
+        /// How long, seconds
+        #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u32).range(2..=3600))]
+        seconds: u32,
+    },
+}
+
+const FAULTS_EXAMPLES: &str = "\
+Examples:
+  guidedog bench faults --cells 'lidar/scan:*'          every fault of one stream
+  guidedog bench faults --cells '*:kill' --repeat 250   2,000 deaths of small services
+  guidedog bench faults --repeat 20 --budget-s 3600 --json
+
+Ends with exit code 1 where a cell that was tried is not as the matrix wants it.";
+
+/// `guidedog bench faults`.
+#[derive(Debug, Clone, Args)]
+pub struct FaultsArgs {
+    /// Which cells, as TARGET:FAULT with `*` for anything, several with commas between; without it, all but the host's
+    #[arg(long, value_name = "PATTERN")]
+    pub cells: Option<String>,
+    /// Trials of each cell
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// No trial begins after so many seconds
+    #[arg(long, value_name = "S")]
+    pub budget_s: Option<u64>,
+    /// Limits count so many times, for machines that are shared
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]
+    pub slack: f64,
+    /// Seed of the moments at which faults come
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub seed: u64,
+}
+
+/// `guidedog bench soak`.
+#[derive(Debug, Clone, Args)]
+pub struct SoakArgs {
+    /// Kills of random services under load; 0 = none
+    #[arg(long, value_name = "N", default_value_t = 1000)]
+    pub kills: u32,
+    /// Also simulated walks without a fault, for so much run time, such as 1h
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub quiet: Option<Millis>,
+}
+
+fn slack(text: &str) -> Result<f64, String> {
+    let factor = text.parse::<f64>().ok().filter(|factor| (1.0..=1000.0).contains(factor));
+    factor.ok_or_else(|| "a factor is 1 to 1000".to_owned())
+}
+
+/// Which program of `bench transport`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Program {
+    /// Over guidedog's transport.
+    Ours,
+    /// Over iceoryx2 alone.
+    Plain,
+}
+
+/// The other end of `bench transport`.
+#[derive(Debug, Args)]
+pub struct ReceiverArgs {
+    /// Which program.
+    pub program: Program,
+    /// The bench's run directory.
+    pub dir: PathBuf,
+}

@@ -1,0 +1,63 @@
+//! `guidedog policy`: its command line.
+
+use std::path::PathBuf;
+
+use clap::{Args, Subcommand};
+
+use super::RunArg;
+
+/// What `guidedog policy --help` ends with.
+pub const HELP: &str = "\
+Examples:
+  guidedog policy swap --model careful.geometric    with its manifest careful.toml beside it
+  guidedog policy swap --exe ./my-policy            another executable in place of guidedog-policy
+  guidedog policy rollback                          the policy before
+  guidedog policy show
+
+The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
+before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
+
+/// `guidedog policy`.
+#[derive(Debug, Args)]
+pub struct PolicyArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub what: PolicyVerb,
+}
+
+/// What `guidedog policy` does.
+#[derive(Debug, Subcommand)]
+pub enum PolicyVerb {
+    /// Swap another policy in, and wait until a permit carries its decision
+    Swap(SwapArgs),
+    /// Go back to the policy before
+    Rollback(PolicyRunArgs),
+    /// Which policy is in force, and the last swaps
+    Show(RunArg),
+}
+
+/// `guidedog policy swap`.
+#[derive(Debug, Args)]
+#[group(id = "candidate", required = true, multiple = true, args = ["model", "exe"])]
+pub struct SwapArgs {
+    /// The model to load; its manifest lies beside it
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// The executable to start in place of guidedog-policy
+    #[arg(long, value_name = "FILE")]
+    pub exe: Option<PathBuf>,
+    /// Which run, and whether to wait.
+    #[command(flatten)]
+    pub run: PolicyRunArgs,
+}
+
+/// Which run, and whether to wait.
+#[derive(Debug, Args)]
+pub struct PolicyRunArgs {
+    /// Wait for the end of the probation as well
+    #[arg(long)]
+    pub settle: bool,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
+}
