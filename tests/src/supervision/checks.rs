@@ -160,7 +160,8 @@ impl Simulation {
         let locomotion_is_well = self.running(ServiceId::Locomotion) == Some(self.robot.1);
         if !locomotion_is_well {
             let lost = self.checks.lost_ms.get(&ServiceId::Locomotion).map_or(self.now_ms, |lost| lost.1);
-            // Without locomotion and brake nobody is left to stop the robot: it keeps its last command until one is back.
+            // Without locomotion and brake nobody is left to stop the robot: it keeps its last command until one is
+            // back.
             let for_ms = self.now_ms.saturating_sub(lost.max(self.checks.brake_away_ms));
             let fine = for_ms <= BRAKE_MS + TICK_MS;
             return if fine { Ok(()) } else { Err(format!("walks {for_ms} ms after locomotion was lost")) };
