@@ -112,12 +112,12 @@ mod tests {
     fn the_help_lists_every_code() {
         let codes: Vec<u8> =
             EXIT_CODES_HELP.lines().skip(1).filter_map(|line| line.split_whitespace().next()?.parse().ok()).collect();
-        assert_eq!(codes, [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(codes, [0, 1, 2, 3, 4, 5, 6, 7, 8]);
         assert_eq!(Failure::input("").code, 2);
         assert_eq!(Failure::run("").code, 3);
         assert_eq!(Failure::no_run("").code, 4);
         assert_eq!(Failure::refused("").code, 5);
-        assert_eq!(Failure::not_permitted("").code, 7);
+        assert_eq!(Failure::not_permitted("").code, 8);
     }
 
     #[test]

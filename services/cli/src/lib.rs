@@ -98,6 +98,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             }
             Bench::Faults(args) => bench::faults::bench(&args, json),
             Bench::Soak(args) => bench::soak::bench(&args, json),
+            Bench::Swaps { count } => bench::swaps::bench(count, json),
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),

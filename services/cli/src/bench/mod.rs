@@ -7,6 +7,7 @@ pub mod receiver;
 pub mod replay;
 pub mod shield;
 pub mod soak;
+pub mod swaps;
 pub mod transport;
 
 /// Percentiles of latencies.

@@ -232,8 +232,20 @@ impl Machine {
             return self.fail_swap(&flaw, now);
         }
         self.policies.enter(Stage::Shadow { last: action.decision, good: good + 1, heard_ns: now.run_ns });
-        let armed = self.policy_slot(Role::Shadow).is_some_and(|s| s.armed && s.phase == Phase::Ready);
-        if good + 1 >= self.limits.swap.decisions && armed {
+        self.try_activate(now);
+    }
+
+    /// Names the candidate once it has shown enough: its line is watched, and its beats tell of its decisions as well.
+    fn try_activate(&mut self, now: Now) {
+        let Some((Stage::Shadow { good, .. }, _)) = self.policies.swap() else { return };
+        let lag_ns = self.limits.beat_lag_ns;
+        let is_well = |s: &mut Watched| {
+            s.armed
+                && s.phase == Phase::Ready
+                && s.beats_on_time(now.run_ns)
+                && s.stale_stream(now.run_ns, 1, lag_ns).is_none()
+        };
+        if good >= self.limits.swap.decisions && self.policy_slot(Role::Shadow).is_some_and(is_well) {
             self.exchange_policies();
             self.policies.enter(Stage::Activating { named_ns: now.run_ns });
         }
@@ -266,6 +278,7 @@ impl Machine {
                 let ms = (now.run_ns - heard_ns) / 1_000_000;
                 self.fail_swap(&format!("gave no decision for {ms} ms in shadow"), now);
             }
+            Stage::Shadow { .. } => self.try_activate(now),
             Stage::Activating { named_ns } if now.run_ns > named_ns + 4 * dt_ns => {
                 self.fail_swap("was named, and no permit carried a decision of its", now);
             }

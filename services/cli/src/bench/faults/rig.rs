@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
@@ -33,7 +33,7 @@ pub const LOOK: Duration = Duration::from_millis(1);
 /// One run, and what is needed for the next.
 #[derive(Debug)]
 pub struct Rig {
-    _place: TempDir,
+    place: TempDir,
     settings: settings::Settings,
     live: Option<Live>,
     /// Runs that were started.
@@ -89,8 +89,23 @@ impl Rig {
     /// # Errors
     /// Where no temporary file can be written.
     pub fn new() -> Result<Self, Failure> {
+        Self::with(|_| {})
+    }
+
+    /// The same with other settings.
+    ///
+    /// # Errors
+    /// As [`Rig::new`].
+    pub fn with(change: impl FnOnce(&mut settings::Settings)) -> Result<Self, Failure> {
         let place = tempfile::tempdir().map_err(Failure::of_run)?;
-        Ok(Self { settings: settings_at(&place)?, _place: place, live: None, runs: 0 })
+        let mut settings = settings_at(&place)?;
+        change(&mut settings);
+        Ok(Self { settings, place, live: None, runs: 0 })
+    }
+
+    /// A folder for files of the bench, gone with it.
+    pub fn folder(&self) -> &Path {
+        self.place.path()
     }
 
     fn start(&mut self) -> Result<(), Failure> {
@@ -168,14 +183,18 @@ impl Rig {
         self.ask(&json!({ "verb": "cue", "cue": "forward" })).is_some_and(|answer| answer["ok"] == true)
     }
 
+    /// Whether the corridor is nearly walked to its end.
+    pub fn is_near_the_end(&self) -> bool {
+        self.seen(|seen| seen.truth.is_some_and(|t| t.x_m > f64::from(CORRIDOR_M) - TURN_M))
+    }
+
     /// Waits until the robot walks, in this run or in a new one.
     ///
     /// # Errors
     /// Where no run can be started, or the robot does not walk in a new one.
     pub fn walk(&mut self) -> Result<(), Failure> {
         for _ in 0..2 {
-            let far = self.seen(|seen| seen.truth.is_some_and(|t| t.x_m > f64::from(CORRIDOR_M) - TURN_M));
-            if far || !self.is_alive() {
+            if self.is_near_the_end() || !self.is_alive() {
                 self.end();
                 self.start()?;
             }
@@ -214,14 +233,13 @@ impl Rig {
         false
     }
 
-    /// Ends the run, if there is one.
-    pub fn end(&mut self) {
-        if let Some(mut live) = self.live.take() {
-            live.running.end();
-            // The listener was of this run, and how that ended was seen.
-            let _ = live.tap.stop();
-            let _ = live.running.wait(|| {});
-        }
+    /// Ends the run, if there is one: its report, if it left one.
+    pub fn end(&mut self) -> Option<Value> {
+        let mut live = self.live.take()?;
+        live.running.end();
+        // The listener was of this run, and how that ended was seen.
+        let _ = live.tap.stop();
+        live.running.wait(|| {}).ok().map(|outcome| outcome.report)
     }
 }
 

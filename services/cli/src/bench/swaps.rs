@@ -1,0 +1,140 @@
+//! `bench swaps`: another policy again and again for a walking robot. No decision may be missed, and nothing may stop.
+
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use serde_json::{Value, json};
+use settings::Millis;
+use sha2::{Digest, Sha256};
+
+use super::Percentiles;
+use super::faults::rig::Rig;
+use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::out::{self, count, elements, say, text};
+
+/// The supervisor is asked this often how a swap goes.
+const ASK_EVERY: Duration = Duration::from_millis(10);
+/// A swap that is not over by then never is.
+const OVER_WITHIN: Duration = Duration::from_secs(60);
+
+/// What came of the swaps.
+#[derive(Debug, Default)]
+struct Outcome {
+    /// From the request to the first permit with the candidate's decision, nanoseconds.
+    decided_ns: Vec<u64>,
+    /// Why those failed that did.
+    failed: Vec<String>,
+    missed_decisions: u64,
+    /// Stops but the run's own beginning and end, and stops for want of a way, by their reasons.
+    stops: Vec<String>,
+}
+
+/// `guidedog bench swaps`: the exit code.
+///
+/// # Errors
+/// Where no run can be started, or it ends by itself.
+pub fn bench(swaps: u32, as_json: bool) -> Result<u8, Failure> {
+    let half_second = Millis::try_from("500ms".to_owned()).map_err(Failure::input)?;
+    let mut rig = Rig::with(|settings| {
+        settings.policy.swap.decisions = 1;
+        settings.policy.swap.probation = half_second;
+    })?;
+    let models = [write_model(&rig, "careful", 0.05)?, write_model(&rig, "bold", 0.03)?];
+    let mut outcome = Outcome::default();
+    let done = swap_again_and_again(&mut rig, swaps, &models, &mut outcome);
+    outcome.take_report(rig.end().as_ref());
+    done?;
+    let is_met = outcome.failed.is_empty() && outcome.missed_decisions == 0 && outcome.stops.is_empty();
+    if as_json {
+        out::json(&outcome.json(swaps))?;
+    } else {
+        outcome.tell(swaps);
+    }
+    Ok(if is_met { EXIT_OK } else { EXIT_NOT_REACHED })
+}
+
+fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: &mut Outcome) -> Result<(), Failure> {
+    for i in 0..swaps {
+        if rig.is_near_the_end() {
+            outcome.take_report(rig.end().as_ref());
+        }
+        rig.walk()?;
+        let since = Instant::now();
+        let request = json!({ "verb": "policy_swap", "exe": null, "model": models[i as usize % models.len()] });
+        let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
+        match answer["swap"].as_u64() {
+            Some(number) => wait_for(rig, number, since, outcome)?,
+            None => outcome.failed.push(text(&answer, "/error").to_owned()),
+        }
+    }
+    Ok(())
+}
+
+/// Waits until a swap is over.
+fn wait_for(rig: &mut Rig, number: u64, since: Instant, outcome: &mut Outcome) -> Result<(), Failure> {
+    let mut decided = None;
+    while since.elapsed() < OVER_WITHIN {
+        let shown = rig.ask(&json!({ "verb": "policy_show" })).unwrap_or(Value::Null);
+        let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number);
+        let state = swap.map_or("", |swap| text(swap, "/state"));
+        if matches!(state, "probation" | "ending" | "done") {
+            decided.get_or_insert_with(|| since.elapsed());
+        }
+        match (state, decided) {
+            ("done", Some(after)) => {
+                outcome.decided_ns.push(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX));
+                return Ok(());
+            }
+            ("failed" | "rolled_back", _) => {
+                outcome.failed.push(swap.map_or("", |swap| text(swap, "/why")).to_owned());
+                return Ok(());
+            }
+            _ => std::thread::sleep(ASK_EVERY),
+        }
+    }
+    Err(Failure::run(format!("swap {number} is not over after {} s", OVER_WITHIN.as_secs())))
+}
+
+fn write_model(rig: &Rig, name: &str, reserve_m: f64) -> Result<PathBuf, Failure> {
+    let tuning = format!("reserve_m = {reserve_m}\n");
+    let sha256: String = Sha256::digest(&tuning).iter().map(|byte| format!("{byte:02x}")).collect();
+    let manifest = format!(
+        "sha256 = \"{sha256}\"\nobservation = \"lidar-depth-pose-cue/1\"\nactions = \"eight\"\ndt = \"500ms\"\n"
+    );
+    let model = rig.folder().join(format!("{name}.geometric"));
+    std::fs::write(&model, tuning).map_err(Failure::of_run)?;
+    std::fs::write(model.with_extension("toml"), manifest).map_err(Failure::of_run)?;
+    Ok(model)
+}
+
+impl Outcome {
+    /// What a run's report says of decisions and stops.
+    fn take_report(&mut self, report: Option<&Value>) {
+        let Some(report) = report else { return };
+        self.missed_decisions += count(report, "/missed_decisions");
+        let expected =
+            ["boot", "shutting_down", "no_cue", "no_permit", "policy_stop", "all_unsafe", "remainder_unsafe"];
+        let reasons = elements(report, "/stops").iter().map(|stop| text(stop, "/reason"));
+        self.stops.extend(reasons.filter(|reason| !expected.contains(reason)).map(str::to_owned));
+    }
+
+    fn json(&self, asked: u32) -> Value {
+        let ms = Percentiles::of(self.decided_ns.clone())
+            .map(|p| json!({ "n": p.n, "p50": p.p50_us / 1000.0, "p99": p.p99_us / 1000.0, "max": p.max_us / 1000.0 }));
+        json!({
+            "swaps": asked, "done": self.decided_ns.len(), "failed": self.failed,
+            "missed_decisions": self.missed_decisions, "stops": self.stops, "decided_ms": ms,
+        })
+    }
+
+    fn tell(&self, asked: u32) {
+        say(format!("{} of {asked} swaps done", self.decided_ns.len()));
+        self.failed.iter().for_each(|why| say(format!("failed: {why}")));
+        say(format!("{} decisions missed, {} stops", self.missed_decisions, self.stops.len()));
+        self.stops.iter().for_each(|reason| say(format!("stopped: {reason}")));
+        if let Some(p) = Percentiles::of(self.decided_ns.clone()) {
+            let [p50, p99, max] = [p.p50_us, p.p99_us, p.max_us].map(|us| us / 1000.0);
+            say(format!("from the request to the first permit: p50 {p50:.0} ms, p99 {p99:.0} ms, max {max:.0} ms"));
+        }
+    }
+}
