@@ -47,11 +47,12 @@ fn only_values<M: Message>(enums_and_counts: &[(usize, u32)], bools: &[usize]) {
 }
 
 const SERVICES: u32 = ServiceId::ALL.len() as u32 + 1;
+const OUTCOMES: u32 = messages::Outcome::ALL.len() as u32;
 const TOPICS: u32 = messages::topic::TOPICS.len() as u32 + 1;
 
 fn stop_reason(at: usize) -> [(usize, u32); 3] {
     use messages::StopReason;
-    let last = messages::StopKind::SupervisorLost as u32;
+    let last = messages::StopKind::OdometryContradicts as u32;
     [
         (at + offset_of!(StopReason, kind), last + 1),
         (at + offset_of!(StopReason, service), SERVICES),
@@ -65,8 +66,11 @@ fn bytes_that_are_no_message_become_none() {
     only_values::<Cue>(&cue(0), &[]);
     only_values::<CueRequest>(&[(offset_of!(CueRequest, kind), 4)], &[]);
     only_values::<PolicyAction>(&[(offset_of!(PolicyAction, action_count), 17)], &[]);
-    let permit =
-        [(offset_of!(Permit, outcome), 14), (offset_of!(Permit, cause), 2), (offset_of!(Permit, unsafe_cause), 6)];
+    let permit = [
+        (offset_of!(Permit, outcome), OUTCOMES),
+        (offset_of!(Permit, cause), 2),
+        (offset_of!(Permit, unsafe_cause), 6),
+    ];
     only_values::<Permit>(&permit, &[offset_of!(Permit, all_unsafe)]);
     let in_force = offset_of!(Mode, cue) + offset_of!(messages::CueInForce, cue);
     let mode = [&[(offset_of!(Mode, class), 3)][..], &stop_reason(offset_of!(Mode, reason)), &cue(in_force)].concat();
