@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::Serialize;
 
-/// The version of the format written. Those from [`OLDEST_VERSION`] on are read.
+/// The version of the format written. Those from version 1 on are read.
 pub const FORMAT_VERSION: u32 = 2;
 
 /// Version 1 knew scans and odometry only.

@@ -130,7 +130,7 @@ where
         self.send(header, loan)
     }
 
-    /// Publishes a recorded frame again, as [`Publisher::republish`] does.
+    /// Publishes a recorded frame again, as [`Publisher::republish`](super::Publisher::republish) does.
     ///
     /// # Errors
     /// Where a connection is broken.
