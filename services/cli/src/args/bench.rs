@@ -45,7 +45,7 @@ pub enum Bench {
     /// Another policy again and again for a walking robot: decisions missed, stops, and how long a swap takes
     Swaps {
         /// How many swaps
-        #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u32).range(1..=100_000))]
         count: u32,
     },
     /// CPU and memory of the whole stack standing still, by service
