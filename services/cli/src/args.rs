@@ -38,7 +38,7 @@ pub enum Verb {
     /// Mode, services and streams of a live run
     Status(RunArg),
     /// Why the robot stands, and the last stops with their evidence
-    Why(RunArg),
+    Why(WhyArgs),
     /// Give a cue, as the handler would
     #[command(after_help = "Example:\n  guidedog cue left")]
     Cue(CueArgs),
@@ -134,6 +134,17 @@ pub struct RunArg {
     /// Name of the run; without it, the only live one
     #[arg(long, value_name = "NAME")]
     pub run: Option<String>,
+}
+
+/// `guidedog why`.
+#[derive(Debug, Args)]
+pub struct WhyArgs {
+    /// List every reason that there is, with what to do about it
+    #[arg(long, conflicts_with = "run")]
+    pub reasons: bool,
+    /// Which run.
+    #[command(flatten)]
+    pub run: RunArg,
 }
 
 /// `guidedog cue`.

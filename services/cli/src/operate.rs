@@ -1,5 +1,6 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
+use messages::stops::{STOPS, StopInfo};
 use serde_json::{Value, json};
 
 use messages::fault::{FAULTS, Fault, Target};
@@ -34,6 +35,24 @@ pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     } else {
         why_lines(&why).iter().for_each(say);
     }
+    Ok(())
+}
+
+/// `guidedog why --reasons`
+///
+/// # Errors
+/// Where nothing can be written.
+pub fn reasons(as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        let row = |stop: &StopInfo| {
+            let (name, class) = (stop.kind.name(), stop.class);
+            json!({ "reason": name, "class": class, "meaning": stop.meaning, "advice": stop.advice })
+        };
+        return out::json(&json!({ "reasons": STOPS.iter().map(row).collect::<Vec<Value>>() }));
+    }
+    let row = |stop: &StopInfo| [stop.kind.name(), stop.class, stop.meaning, stop.advice].map(str::to_owned).to_vec();
+    let rows: Vec<Vec<String>> = STOPS.iter().map(row).collect();
+    table(&["reason", "class", "what happened", "what to do"], &rows).iter().for_each(say);
     Ok(())
 }
 

@@ -18,6 +18,10 @@ const TURN_RAD: f64 = 0.10;
 const SHARE: f64 = 0.2;
 /// Poses further apart than this tell of no window between them.
 const GAP_NS: u64 = 100_000_000;
+/// No robot walks so far, metres,
+const REACH_M: f64 = 1e6;
+/// or turns so often, radians.
+const REACH_RAD: f64 = 1e3;
 /// The most that is kept: a window and the lag at 200 Hz of poses, and of as many commands.
 const KEPT: usize = 256;
 
@@ -86,8 +90,13 @@ impl Accord {
         self.velocity = velocity;
     }
 
-    /// A pose has come: whether it contradicts what was commanded.
+    /// A pose has come: whether it contradicts what was commanded. One that no robot can have does, and nothing is
+    /// held against it afterwards.
     pub fn contradicts(&mut self, odometry: &Odometry) -> bool {
+        if !is_believable(&odometry.odom_from_robot) {
+            self.seen.clear();
+            return true;
+        }
         let (stamp_ns, incarnation) = (odometry.header.stamp_ns, odometry.header.incarnation);
         let last_ns = self.seen.back().map(|(last_ns, _)| *last_ns);
         if last_ns.is_some_and(|last_ns| stamp_ns <= last_ns) && incarnation == self.incarnation {
@@ -122,6 +131,11 @@ impl Accord {
         // What is no number is within nothing.
         Some(!(within(way_m, ways, WAY_M) && within(turn_rad, turns, TURN_RAD)))
     }
+}
+
+/// Whether a pose is one: finite, and within the reach of any robot.
+fn is_believable(pose: &Pose2) -> bool {
+    pose.is_finite() && pose.x_m.abs() < REACH_M && pose.y_m.abs() < REACH_M && pose.yaw_rad.abs() < REACH_RAD
 }
 
 /// An angle between two yaws, in (-pi, pi].
@@ -199,5 +213,23 @@ mod tests {
         }
         assert!(!accord.contradicts(&pose(2150, 9.0, 1)), "nobody knows what was in between");
         assert!(!accord.contradicts(&pose(2170, 0.0, 2)), "another frame");
+    }
+
+    #[test]
+    fn garbage_contradicts_and_is_forgotten() {
+        let mut accord = Accord::default();
+        let odometry = |ms: u64, yaw_rad: f64| Odometry {
+            header: Header { stamp_ns: ms * MS, seq: ms, incarnation: 1, ..Header::default() },
+            odom_from_robot: Pose2 { yaw_rad, ..Pose2::default() },
+            ..Odometry::default()
+        };
+        for yaw_rad in [f64::NAN, f64::INFINITY, 1e300] {
+            accord.commanded(1000 * MS, Twist2::ZERO);
+            assert!(accord.contradicts(&odometry(1000, yaw_rad)), "{yaw_rad}");
+        }
+        for ms in (1020..3000).step_by(20) {
+            accord.commanded(ms * MS, Twist2::ZERO);
+            assert!(!accord.contradicts(&odometry(ms, 0.1)), "{ms} ms");
+        }
     }
 }

@@ -13,6 +13,7 @@ mod mode;
 mod pose;
 mod sensors;
 mod service;
+pub mod stops;
 pub mod topic;
 mod world;
 
