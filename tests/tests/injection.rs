@@ -70,6 +70,24 @@ fn what_would_do_nothing_is_refused() {
 }
 
 #[test]
+fn a_full_disk_ends_the_recording_and_stops_no_walk() {
+    let place = Place::new();
+    let recording = place.path().join("full.mcap").to_string_lossy().into_owned();
+    let mut run = Live::up(&place, "disk", &["--scenario", "corridor", "--faults", "--record", &recording]);
+    run.wait_walking();
+    let (answer, code) = place.json(&["inject", "host", "full-disk", "--run", "disk", "--json"]);
+    assert_eq!(code, 0, "{answer:#}");
+    run.wait("the recorder says so", |status| status["notes"].to_string().contains("recording ended"));
+    run.wait_walking();
+    let (report, code) = run.end();
+    assert_eq!(code, 0, "{report:#}");
+    let faults = report["stops"].as_array().expect("stops").iter().filter(|stop| stop["class"] == "fault");
+    assert_eq!(faults.count(), 1, "boot alone: {report:#}");
+    assert_eq!(place.json(&["recording", "recover", &recording, "--json"]).1, 0, "what was written is not lost");
+    place.assert_empty();
+}
+
+#[test]
 fn every_fault_of_a_stream_is_seen_by_its_readers() {
     let place = Place::new();
     let mut run = Live::up(&place, "odo", &["--scenario", "corridor", "--faults", "--config", &patient(&place)]);
@@ -211,7 +229,9 @@ fn a_full_shm_stops_no_walk_and_who_dies_meanwhile_comes_back_once_there_is_room
     run.wait("it walks on", |status| walked_m(status) > from_m + 1.0);
     assert_eq!(run.status()["mode"]["class"], "run");
     inject(&place, "full", "depth", "kill", &[]);
-    run.wait("it does not come back", |status| service(status, "depth")["restarts"].as_u64() >= Some(2));
+    run.wait("it does not come back, and says why", |status| {
+        service(status, "depth")["restarts"].as_u64() >= Some(2) && status["notes"].to_string().contains("is full")
+    });
     inject(&place, "full", "host", "none", &[]);
     run.wait("it is back", |status| service(status, "depth")["state"] == "ready");
     run.wait_walking();

@@ -202,6 +202,9 @@ impl Service for Recorder {
         self.next_ns = io.now_ns() + PERIOD_NS;
         self.take_frames(Take::Seen)?;
         self.take_messages(Take::Seen)?;
+        if io.disk_is_full() {
+            [&self.small, &self.depth].into_iter().flatten().for_each(Queue::fill_disk);
+        }
         self.tell_failures(io);
         self.count_losses();
         Ok(())

@@ -1,6 +1,9 @@
 //! The way of records to their file: a bounded queue, and a thread that writes.
 
 use std::collections::BTreeMap;
+use std::io;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, SyncSender, sync_channel};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -28,14 +31,24 @@ pub struct Queue {
     /// Records that were left out, by topic.
     left_out: BTreeMap<TopicId, u64>,
     told: bool,
+    /// Fault injection: whether the disk is to be taken for full.
+    disk_is_full: Arc<AtomicBool>,
 }
 
 impl Queue {
     /// A queue of `room` records to `writer`; `show` adds what viewers are shown.
     pub fn new(writer: Writer, room: usize, waits: bool, show: Option<Show>) -> Self {
         let (sender, receiver) = sync_channel(room);
-        let thread = std::thread::spawn(move || write_all(writer, &receiver, show));
-        Self { sender: Some(sender), thread: Some(thread), waits, left_out: BTreeMap::new(), told: false }
+        let disk_is_full = Arc::new(AtomicBool::new(false));
+        let full = Arc::clone(&disk_is_full);
+        let thread = std::thread::spawn(move || write_all(writer, &receiver, show, &full));
+        let left_out = BTreeMap::new();
+        Self { sender: Some(sender), thread: Some(thread), waits, left_out, told: false, disk_is_full }
+    }
+
+    /// Fault injection: from now on the disk has no room.
+    pub fn fill_disk(&self) {
+        self.disk_is_full.store(true, Ordering::Relaxed);
     }
 
     /// Takes a record, where there is room and the file still goes on.
@@ -83,7 +96,7 @@ impl Queue {
 }
 
 /// Writes until nobody sends any more, and flushes on time.
-fn write_all(mut writer: Writer, records: &Receiver<Record>, mut show: Option<Show>) -> Written {
+fn write_all(mut writer: Writer, records: &Receiver<Record>, mut show: Option<Show>, full: &AtomicBool) -> Written {
     let mut flushed_wall_ns = monotonic_ns();
     let mut flushed_run_ns = 0;
     loop {
@@ -103,6 +116,10 @@ fn write_all(mut writer: Writer, records: &Receiver<Record>, mut show: Option<Sh
             }
             Err(RecvTimeoutError::Timeout) => {}
             Err(RecvTimeoutError::Disconnected) => return Ok(Box::new(writer)),
+        }
+        if full.load(Ordering::Relaxed) {
+            let (path, source) = (writer.path().to_owned(), io::ErrorKind::StorageFull.into());
+            return Err(WriteError::Io { action: "write", path, source });
         }
         let now_ns = monotonic_ns();
         if now_ns >= flushed_wall_ns + FLUSH_NS || run_ns >= flushed_run_ns + FLUSH_NS {

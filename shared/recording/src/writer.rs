@@ -277,6 +277,12 @@ impl Writer {
         written.map_err(|source| WriteError::Mcap { path: self.path.clone(), source })
     }
 
+    /// The file that is, or will be, the recording.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     /// Adds a record. Records may come in any order: a reader puts them in theirs, in less memory the nearer to it they
     /// were written.
     ///
