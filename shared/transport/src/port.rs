@@ -12,6 +12,7 @@ use iceoryx2::port::publisher::Publisher as IoxPublisher;
 use iceoryx2::port::subscriber::Subscriber as IoxSubscriber;
 use iceoryx2::prelude::*;
 use messages::fault::Fault;
+use messages::topic::TopicSpec;
 use messages::{Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, TopicId};
 
 use crate::checked::{Mapped, Wire};
@@ -244,16 +245,49 @@ fn recorded_header(shared: &Shared, recorded: &Header) -> Header {
     Header { step: shared.clock.step(), published_ns: shared.clock.now_ns(), ..*recorded }
 }
 
-/// Reads messages of fixed size.
+/// The near side of a reader: what has come is counted here, and let in where it is a message and news.
 #[derive(Debug)]
-pub struct Subscriber<M: Message + ZeroCopySend> {
-    port: IoxSubscriber<ipc::Service, Wire<M>, ()>,
+struct Inlet {
     shared: Rc<Shared>,
     slot: usize,
     gaps: GapCounter,
     mapped: Mapped,
     /// So many messages may wait at once; who finds more that are none comes back later.
     buffer: usize,
+}
+
+impl Inlet {
+    fn open(shared: &Rc<Shared>, spec: &TopicSpec, of: ServiceId) -> Self {
+        let slot = shared.register(spec.id, PortRole::Subscriber, of);
+        let (gaps, mapped) = (GapCounter::default(), Mapped::default());
+        Self { shared: Rc::clone(shared), slot, gaps, mapped, buffer: spec.buffer }
+    }
+
+    /// Whether what was read is a message that can have been sent by now; counts what is not.
+    fn admits(&self, header: Option<&Header>) -> bool {
+        let is_one = header.is_some_and(|header| self.shared.clock.may_come(header));
+        if !is_one {
+            self.shared.count_invalid(self.slot);
+        }
+        is_one
+    }
+
+    /// Whether a message is news; counts it, and what was lost before it.
+    fn is_news(&mut self, header: &Header) -> bool {
+        let is_news = self.gaps.goes_on(header);
+        if is_news {
+            let lost = self.gaps.lost(header);
+            self.shared.count(self.slot, header, lost);
+        }
+        is_news
+    }
+}
+
+/// Reads messages of fixed size.
+#[derive(Debug)]
+pub struct Subscriber<M: Message + ZeroCopySend> {
+    port: IoxSubscriber<ipc::Service, Wire<M>, ()>,
+    inlet: Inlet,
     /// In stepped time: what came but may not be seen yet, sorted by (step, stamp, seq, incarnation).
     pending: VecDeque<M>,
 }
@@ -267,16 +301,7 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
             .buffer_size(spec.buffer)
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
-        let slot = shared.register(M::TOPIC, PortRole::Subscriber, of);
-        Ok(Self {
-            port,
-            shared: Rc::clone(shared),
-            slot,
-            gaps: GapCounter::default(),
-            mapped: Mapped::default(),
-            buffer: spec.buffer,
-            pending: VecDeque::new(),
-        })
+        Ok(Self { port, inlet: Inlet::open(shared, spec, of), pending: VecDeque::new() })
     }
 
     /// The next message that may be seen. What is no message is dropped and counted; one whose seq does not go on is
@@ -286,9 +311,7 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
     /// Where a connection is broken.
     pub fn take(&mut self) -> Result<Option<M>, TransportError> {
         while let Some(message) = self.next_visible()? {
-            if self.gaps.goes_on(message.header()) {
-                let lost = self.gaps.lost(message.header());
-                self.shared.count(self.slot, message.header(), lost);
+            if self.inlet.is_news(message.header()) {
                 return Ok(Some(message));
             }
         }
@@ -296,12 +319,12 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
     }
 
     fn next_visible(&mut self) -> Result<Option<M>, TransportError> {
-        if !self.shared.clock.is_stepped() {
+        if !self.inlet.shared.clock.is_stepped() {
             return self.receive();
         }
         self.refill()?;
         match self.pending.front() {
-            Some(first) if self.shared.clock.may_see(first.header().step) => Ok(self.pending.pop_front()),
+            Some(first) if self.inlet.shared.clock.may_see(first.header().step) => Ok(self.pending.pop_front()),
             _ => Ok(None),
         }
     }
@@ -331,12 +354,12 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
 
     /// The next message whatever the step, for the clock itself.
     pub(crate) fn receive(&mut self) -> Result<Option<M>, TransportError> {
-        for _ in 0..self.buffer {
+        for _ in 0..self.inlet.buffer {
             let sample = self.port.receive().map_err(|e| receive_error(M::TOPIC, e))?;
             let Some(sample) = sample else { return Ok(None) };
-            match sample.payload().read(&mut self.mapped, sample.origin().value()) {
-                Some(message) if self.shared.clock.may_come(message.header()) => return Ok(Some(message)),
-                _ => self.shared.count_invalid(self.slot),
+            let message = sample.payload().read(&mut self.inlet.mapped, sample.origin().value());
+            if self.inlet.admits(message.as_ref().map(Message::header)) {
+                return Ok(message);
             }
         }
         Ok(None)

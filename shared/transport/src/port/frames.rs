@@ -12,7 +12,7 @@ use iceoryx2::service::header::payload_header::PayloadHeader;
 use messages::fault::Fault;
 use messages::{Frame, Header, Message, PortRole, ServiceId};
 
-use super::{GapCounter, Outlet, Shared, Waker, next_header, publish_error, receive_error, recorded_header, sort_key};
+use super::{Inlet, Outlet, Shared, Waker, next_header, publish_error, receive_error, recorded_header, sort_key};
 use crate::TransportError;
 use crate::checked::Mapped;
 use crate::domain::{Domain, spec_of};
@@ -248,11 +248,7 @@ where
     F::Meta: ZeroCopySend,
 {
     port: IoxSubscriber<ipc::Service, [F::Element], F::Meta>,
-    shared: Rc<Shared>,
-    slot: usize,
-    gaps: GapCounter,
-    mapped: Mapped,
-    buffer: usize,
+    inlet: Inlet,
     pending: VecDeque<FrameSample<F>>,
 }
 
@@ -269,16 +265,7 @@ where
             .buffer_size(spec.buffer)
             .create()
             .map_err(|e| TransportError::Open { topic: spec.name.to_owned(), reason: format!("{e:?}") })?;
-        let slot = shared.register(F::Meta::TOPIC, PortRole::Subscriber, ServiceId::None);
-        Ok(Self {
-            port,
-            shared: Rc::clone(shared),
-            slot,
-            gaps: GapCounter::default(),
-            mapped: Mapped::default(),
-            buffer: spec.buffer,
-            pending: VecDeque::new(),
-        })
+        Ok(Self { port, inlet: Inlet::open(shared, spec, ServiceId::None), pending: VecDeque::new() })
     }
 
     /// The next frame whatever the step: for the last frames of a run whose time stands still.
@@ -299,9 +286,7 @@ where
     /// Where a connection is broken, or the caller holds more frames than the topic table lets it.
     pub fn take(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
         while let Some(sample) = self.next_visible()? {
-            if self.gaps.goes_on(sample.meta().header()) {
-                let lost = self.gaps.lost(sample.meta().header());
-                self.shared.count(self.slot, sample.meta().header(), lost);
+            if self.inlet.is_news(sample.meta().header()) {
                 return Ok(Some(sample));
             }
         }
@@ -309,7 +294,7 @@ where
     }
 
     fn next_visible(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
-        if !self.shared.clock.is_stepped() {
+        if !self.inlet.shared.clock.is_stepped() {
             return self.receive();
         }
         // One frame a step is the most that a driver sends: one that may be seen, and an early one.
@@ -320,18 +305,18 @@ where
             self.pending.make_contiguous().sort_by_key(|sample| sort_key(sample.meta().header()));
         }
         match self.pending.front() {
-            Some(first) if self.shared.clock.may_see(first.meta().header().step) => Ok(self.pending.pop_front()),
+            Some(first) if self.inlet.shared.clock.may_see(first.meta().header().step) => Ok(self.pending.pop_front()),
             _ => Ok(None),
         }
     }
 
     fn receive(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
-        for _ in 0..self.buffer {
+        for _ in 0..self.inlet.buffer {
             let sample = self.port.receive().map_err(|e| receive_error(F::Meta::TOPIC, e))?;
             let Some(sample) = sample else { return Ok(None) };
-            match FrameSample::<F>::of(sample, &mut self.mapped) {
-                Some(frame) if self.shared.clock.may_come(frame.meta().header()) => return Ok(Some(frame)),
-                _ => self.shared.count_invalid(self.slot),
+            let frame = FrameSample::<F>::of(sample, &mut self.inlet.mapped);
+            if self.inlet.admits(frame.as_ref().map(|frame| frame.meta().header())) {
+                return Ok(frame);
             }
         }
         Ok(None)
