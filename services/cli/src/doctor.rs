@@ -87,13 +87,12 @@ fn mib(bytes: u64) -> String {
 fn shared_memory(pools: &[Pool], needed: u64) -> Check {
     let most = total(pools, |pool| pool.most);
     let fix = format!("a run may map {}; mount -o remount,size=512M /dev/shm (docker: --shm-size 512m)", mib(most));
-    match rustix::fs::statvfs("/dev/shm") {
-        Ok(stat) => {
-            let (size, free) = (stat.f_blocks * stat.f_frsize, stat.f_bavail * stat.f_frsize);
+    match transport::shared_memory_bytes() {
+        Ok((size, free)) => {
             let found = format!("{} free of {}, a run maps {} at most", mib(free), mib(size), mib(most));
             Check { name: "shared memory", ok: free >= needed, found, fix }
         }
-        Err(errno) => Check { name: "shared memory", ok: false, found: format!("/dev/shm: {errno}"), fix },
+        Err(error) => Check { name: "shared memory", ok: false, found: error.to_string(), fix },
     }
 }
 
@@ -167,7 +166,7 @@ fn leftovers() -> Check {
     transport::sweep();
     let after = dead(&live_runs());
     let prefixes: Vec<String> = live.iter().map(|name| RunDir::open(&runs_root().join(name)).prefix()).collect();
-    let files = std::fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    let files = std::fs::read_dir(transport::SHM).into_iter().flatten().flatten();
     let strange = files
         .map(|file| file.file_name().to_string_lossy().into_owned())
         .filter(|name| is_ours(name) && !prefixes.iter().any(|prefix| name.starts_with(prefix)))

@@ -9,12 +9,11 @@ use messages::{Fault, Injection, ServiceId, Target};
 use rustix::fs::FallocateFlags;
 use rustix::process::Signal;
 use serde_json::{Value, json};
-use transport::{Io, ToChild, monotonic_ns};
+use transport::{Io, SHM, ToChild, monotonic_ns};
 
 use crate::Supervisor;
 
 /// Where POSIX shared memory lies.
-const SHM: &str = "/dev/shm";
 /// What a full `/dev/shm` may cost the machine: its pages are memory.
 const FILL_MAX_BYTES: u64 = 1 << 30;
 
@@ -177,8 +176,7 @@ impl Supervisor {
 /// Takes all that is left of `/dev/shm` in one file, under the run's prefix, so that whoever cleans up after the run
 /// gives it back.
 fn fill_shm(prefix: &str) -> Result<(), String> {
-    let left = rustix::fs::statvfs(SHM).map_err(|errno| format!("{SHM}: {errno}"))?;
-    let bytes = left.f_bavail.saturating_mul(left.f_frsize);
+    let (_, bytes) = transport::shared_memory_bytes().map_err(|error| error.to_string())?;
     if bytes > FILL_MAX_BYTES {
         return Err(format!(
             "{SHM} has {} MiB left, and filling it would take as much of the machine's memory; start the run where it \

@@ -113,7 +113,7 @@ impl Io {
         Subscriber::open(&self.domain, &self.shared, service)
     }
 
-    /// A writer of frames of at most `max_len` elements, its whole pool prefaulted.
+    /// A writer of frames of at most `max_len` elements.
     ///
     /// # Errors
     /// Where the topic cannot be opened.
@@ -122,9 +122,7 @@ impl Io {
         F::Element: ZeroCopySend,
         F::Meta: ZeroCopySend,
     {
-        let publisher = FramePublisher::open(&self.domain, &self.shared, max_len)?;
-        prefault(&self.domain.info.prefix);
-        Ok(publisher)
+        FramePublisher::open(&self.domain, &self.shared, max_len)
     }
 
     /// A reader of frames.
@@ -236,24 +234,5 @@ impl Io {
             Err(errno) => return Err(TransportError::System { call: "epoll_wait", errno }),
         }
         Ok(())
-    }
-}
-
-/// Touches the whole of every pool that this process has made, so that no frame pays for first touches.
-fn prefault(prefix: &str) {
-    let Ok(maps) = std::fs::read_to_string("/proc/self/maps") else { return };
-    for line in maps.lines().filter(|line| line.contains(prefix) && line.contains(".data") && line.contains(" rw-s ")) {
-        let Some((range, _)) = line.split_once(' ') else { continue };
-        let Some((from, to)) = range.split_once('-') else { continue };
-        let (Ok(from), Ok(to)) = (usize::from_str_radix(from, 16), usize::from_str_radix(to, 16)) else { continue };
-        // SAFETY: populating changes no byte of the mapping. Where the kernel is too old (5.14) it refuses, and the
-        // first frames pay instead.
-        let _ = unsafe {
-            rustix::mm::madvise(
-                std::ptr::with_exposed_provenance_mut(from),
-                to - from,
-                rustix::mm::Advice::LinuxPopulateWrite,
-            )
-        };
     }
 }

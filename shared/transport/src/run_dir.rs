@@ -348,7 +348,7 @@ fn prefix_of(path: &Path) -> String {
 
 /// The files of a run's shared memory.
 fn shared_memory(prefix: &str) -> impl Iterator<Item = PathBuf> {
-    let entries = fs::read_dir("/dev/shm").into_iter().flatten().flatten();
+    let entries = fs::read_dir(crate::SHM).into_iter().flatten().flatten();
     entries.filter(move |entry| entry.file_name().to_string_lossy().starts_with(prefix)).map(|entry| entry.path())
 }
 

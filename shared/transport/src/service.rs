@@ -10,6 +10,7 @@ use crate::TransportError;
 use crate::domain::Domain;
 use crate::io::Io;
 use crate::line::{FromChild, Line, ToChild, inherited_fd};
+use crate::room;
 use crate::run_dir::RunDir;
 use crate::wait_loop::WaitLoop;
 
@@ -209,7 +210,7 @@ fn run_child<S: Service>(
     let lifeline = inherited_fd(ChildArgs::LIFELINE_FD).ok();
     let identity = Identity { service, incarnation: args.incarnation };
     let name = format!("{service}.{}", args.incarnation);
-    let mut io = match Domain::open(RunDir::open(&args.run), &name) {
+    let mut io = match room::check().and_then(|()| Domain::open(RunDir::open(&args.run), &name)) {
         Ok(domain) => Io::new(domain, identity, Some(control), lifeline)?,
         Err(error) => {
             control.send(&FromChild::Failed { why: error.to_string() }.bounded(), None);
@@ -246,6 +247,7 @@ pub fn run_supervisor<S: Service>(
 /// Where the service fails, or the transport does.
 pub fn run<S: Service>(io: &mut Io, service: &mut S) -> Result<(), TransportError> {
     let mut wait_loop = WaitLoop::open(io, service)?;
+    room::take_all(&io.domain.info.prefix)?;
     io.tell(&FromChild::Ready);
     if io.domain.clock.is_stepped() { wait_loop.run_stepped(io, service) } else { wait_loop.run_real(io, service) }
 }

@@ -145,7 +145,7 @@ impl TestRun {
     /// Overwrites bytes of the message in shared memory that holds `pattern`, from `at` bytes after its first on.
     fn scribble(&self, pattern: u64, at: isize, bytes: &[u8]) {
         let mut found = 0;
-        for entry in std::fs::read_dir("/dev/shm").expect("Linux has it").flatten() {
+        for entry in std::fs::read_dir(crate::SHM).expect("Linux has it").flatten() {
             let name = entry.file_name().to_string_lossy().into_owned();
             if !name.starts_with(&self.prefix) || !name.ends_with(".data") {
                 continue;
@@ -167,7 +167,7 @@ impl TestRun {
 
 impl Drop for TestRun {
     fn drop(&mut self) {
-        for entry in std::fs::read_dir("/dev/shm").expect("Linux has it").flatten() {
+        for entry in std::fs::read_dir(crate::SHM).expect("Linux has it").flatten() {
             if entry.file_name().to_string_lossy().starts_with(&self.prefix) {
                 let _ = std::fs::remove_file(entry.path());
             }
