@@ -12,6 +12,7 @@ use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
 use super::faults::rig::{LOOK, Rig};
+use super::faults::table::RESTARTED;
 use crate::args::{PaceArgs, SoakArgs, WalkArgs, WorldArgs};
 use crate::control::free_name;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
@@ -19,17 +20,6 @@ use crate::launch::Launch;
 use crate::out::{self, elements, number, say, text};
 use crate::prepare;
 
-/// Services that are killed; the supervisor and the world end the run, which is another matter.
-const VICTIMS: [ServiceId; 8] = [
-    ServiceId::Locomotion,
-    ServiceId::Brake,
-    ServiceId::Odometry,
-    ServiceId::Lidar,
-    ServiceId::Depth,
-    ServiceId::Cue,
-    ServiceId::Policy,
-    ServiceId::Shield,
-];
 /// What a service maps and keeps grows with its first lives: it is counted from here on.
 const WARM_UP: u32 = 100;
 /// A killed service is back, and the robot ready, within this.
@@ -43,7 +33,7 @@ const SHM_SLACK_KIB: i64 = 64;
 /// The scenarios of the quiet hour, in turn.
 const QUIET: [&str; 6] = ["corridor", "curve", "left-at-tee", "crossing", "cluttered", "l-turn"];
 /// What stops a robot rightly where nothing is broken: its way, its handler, its cues, the run's own ends.
-const RIGHTLY: [&str; 9] = [
+pub const RIGHTLY: [&str; 9] = [
     "boot",
     "shutting_down",
     "no_permit",
@@ -125,7 +115,7 @@ fn kill_many(kills: u32) -> Result<Value, Failure> {
         if rig.runs > 1 {
             return Err(Failure::run("the run did not survive: there is nothing to compare"));
         }
-        let victim = VICTIMS[dice.between((0, VICTIMS.len() as u64)) as usize];
+        let victim = RESTARTED[dice.between((0, RESTARTED.len() as u64)) as usize];
         pids.extend(kill(&mut rig, victim)?);
     }
     let after = taken(&mut rig)?;
@@ -186,7 +176,7 @@ fn taken(rig: &mut Rig) -> Result<Taken, Failure> {
     let dir = rig.dir().ok_or_else(|| Failure::run("the run is gone"))?;
     let prefix = transport::RunDir::open(&dir).prefix();
     let mut taken = Taken { files: count_files(&dir), ..Taken::default() };
-    for entry in std::fs::read_dir("/dev/shm").map_err(Failure::of_run)?.flatten() {
+    for entry in std::fs::read_dir(transport::SHM).map_err(Failure::of_run)?.flatten() {
         if entry.file_name().to_string_lossy().starts_with(&prefix) {
             let blocks = entry.metadata().map_or(0, |meta| std::os::unix::fs::MetadataExt::blocks(&meta));
             taken.shm_files += 1;

@@ -9,6 +9,7 @@ use sha2::{Digest, Sha256};
 
 use super::Percentiles;
 use super::faults::rig::Rig;
+use super::soak::RIGHTLY;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::out::{self, count, elements, say, text};
 
@@ -112,10 +113,8 @@ impl Outcome {
     fn take_report(&mut self, report: Option<&Value>) {
         let Some(report) = report else { return };
         self.missed_decisions += count(report, "/missed_decisions");
-        let expected =
-            ["boot", "shutting_down", "no_cue", "no_permit", "policy_stop", "all_unsafe", "remainder_unsafe"];
         let reasons = elements(report, "/stops").iter().map(|stop| text(stop, "/reason"));
-        self.stops.extend(reasons.filter(|reason| !expected.contains(reason)).map(str::to_owned));
+        self.stops.extend(reasons.filter(|reason| !RIGHTLY.contains(reason)).map(str::to_owned));
     }
 
     fn json(&self, asked: u32) -> Value {

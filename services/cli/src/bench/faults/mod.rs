@@ -1,7 +1,7 @@
 //! `bench faults`: every fault of every target on the real processes, at random moments of a walk, against the matrix.
 
 pub mod rig;
-mod table;
+pub mod table;
 pub mod tap;
 mod trial;
 

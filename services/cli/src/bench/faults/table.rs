@@ -67,8 +67,8 @@ pub struct Cell {
 /// and the longest pause of a restart lie in it.
 const WALKS_AGAIN_MS: f64 = 5000.0;
 
-/// The services of a simulated walk.
-const SERVICES: [ServiceId; 10] = [
+/// The services of a simulated walk that are restarted: the end of the supervisor or of the world ends the run.
+pub const RESTARTED: [ServiceId; 8] = [
     ServiceId::Locomotion,
     ServiceId::Brake,
     ServiceId::Odometry,
@@ -77,17 +77,20 @@ const SERVICES: [ServiceId; 10] = [
     ServiceId::Cue,
     ServiceId::Policy,
     ServiceId::Shield,
-    ServiceId::Supervisor,
-    ServiceId::Simulator,
 ];
+
+/// The services of a simulated walk.
+fn services() -> impl Iterator<Item = ServiceId> {
+    RESTARTED.into_iter().chain([ServiceId::Supervisor, ServiceId::Simulator])
+}
 
 /// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and
 /// motion depends on no beat of it or of the world.
 fn all() -> impl Iterator<Item = (Target, Fault)> {
     let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
-    let told = SERVICES.into_iter().filter(|s| !matches!(s, ServiceId::Supervisor | ServiceId::Simulator));
+    let told = RESTARTED.into_iter();
     let health = told.map(|of| Target::Stream(TopicId::Health, of));
-    let services = SERVICES.into_iter().map(Target::Service);
+    let services = services().map(Target::Service);
     let cells = |target: Target| target.faults().iter().map(move |fault| (target, *fault));
     let cells = services.chain(streams).chain(health).chain([Target::Host]).flat_map(cells);
     cells.filter(|cell| *cell != (Target::Service(ServiceId::Supervisor), Fault::ExitOnStart))
