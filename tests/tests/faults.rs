@@ -87,6 +87,21 @@ fn a_stopped_process_is_found_by_its_silence_and_replaced() {
 }
 
 #[test]
+fn who_stops_the_robot_takes_a_hangup_for_the_supervisors_death_stops_it_and_ends() {
+    let place = Place::new();
+    let mut run = Live::up(&place, "hup", &["--scenario", "corridor"]);
+    run.wait_walking();
+    let tap = Tap::on(run.dir());
+    for victim in ["locomotion", "brake"] {
+        strike(&mut run, victim, "HUP", Some(&tap));
+    }
+    tap.stop();
+    let (report, code) = run.end();
+    assert_eq!(code, 0, "{report:#}");
+    place.assert_empty();
+}
+
+#[test]
 fn when_the_supervisor_dies_nobody_is_left_and_the_next_run_cleans_up() {
     let place = Place::new();
     let mut run = Live::up(&place, "orphan", &["--scenario", "corridor"]);

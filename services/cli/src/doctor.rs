@@ -54,6 +54,7 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
         leftovers(),
         kernel(),
         cpus(),
+        priority(),
     ];
     let ok = checks.iter().all(|check| check.ok);
     if as_json {
@@ -207,6 +208,16 @@ fn cpus() -> Check {
         found: format!("{cpus} for this process"),
         fix: format!("real time wants {CPUS_WANTED}; `--speed 1` runs on fewer without missing anything"),
     }
+}
+
+/// Nothing depends on it but how soon the robot stops where the machine is busy.
+fn priority() -> Check {
+    let found = if transport::may_hurry() {
+        "real-time: locomotion and brake run before the rest"
+    } else {
+        "no real-time priority allowed: where the machine is busy, locomotion and brake wait their turn (systemd: LimitRTPRIO=30)"
+    };
+    Check { name: "priority", ok: true, found: found.to_owned(), fix: String::new() }
 }
 
 fn report(ok: bool, checks: &[Check], pools: &[Pool]) -> Value {

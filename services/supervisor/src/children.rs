@@ -122,6 +122,7 @@ impl Children {
         io: &Io,
     ) -> Result<u32, TransportError> {
         let (control, control_child) = Line::pair()?;
+        let control = if service.stops_robot() { closing_first(control) } else { control };
         let (far_end, life_child) = Line::pair()?;
         let path = spec.exe.clone().unwrap_or_else(|| self.executables.join(format!("guidedog-{service}")));
         let log = File::create(log).map_err(TransportError::service)?;
@@ -248,6 +249,14 @@ impl Children {
     }
 }
 
+/// The line under a high number. When a process dies, the kernel closes its descriptors from the highest on, each with the
+/// wake-up of whoever holds its other end: who stops the robot need not wait for the others.
+fn closing_first(line: Line) -> Line {
+    const HIGH: RawFd = 1000;
+    // Where so many may not be open, the line stays what it is.
+    rustix::io::fcntl_dupfd_cloexec(&line, HIGH).map_or(line, Line::from_fd)
+}
+
 /// Marks every descriptor of this process close-on-exec: iceoryx2 opens its files and sockets without, and a child that
 /// inherited them would keep them open after our death.
 fn close_all_on_exec() {
@@ -263,8 +272,13 @@ fn close_all_on_exec() {
 
 /// What has to be done in the child between fork and exec.
 fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
-    // What stops the robot, and the world itself, outlive the supervisor by as much as the stop takes.
-    let outlives = matches!(service, ServiceId::Locomotion | ServiceId::Brake | ServiceId::Simulator);
+    // What stops the robot, and the world itself, outlive the supervisor. Who stops the robot is woken by a signal as
+    // well: it comes before that of all who die with the supervisor, whose ends keep the processor busy for long.
+    let at_our_death = match service {
+        service if service.stops_robot() => Some(Signal::HUP),
+        ServiceId::Simulator => None,
+        _ => Some(Signal::KILL),
+    };
     let parent = rustix::process::getpid();
     let before_exec = move || {
         for fd in keep {
@@ -275,8 +289,8 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
         // A core dump would keep the lifeline open for as long as it takes. 1 rather than 0: some kernels still run a
         // piped core handler at 0.
         rustix::process::setrlimit(Resource::Core, Rlimit { current: Some(1), maximum: Some(1) })?;
-        if !outlives {
-            rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
+        if at_our_death.is_some() {
+            rustix::process::set_parent_process_death_signal(at_our_death)?;
             if rustix::process::getppid() != Some(parent) {
                 return Err(std::io::Error::other("the supervisor is gone"));
             }

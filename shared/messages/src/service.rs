@@ -78,6 +78,13 @@ impl ServiceId {
         }
     }
 
+    /// Whether the service is what stops the robot: it outlives the supervisor by as much as the stop takes, and hears
+    /// of its end by SIGHUP.
+    #[must_use]
+    pub const fn stops_robot(self) -> bool {
+        matches!(self, Self::Locomotion | Self::Brake)
+    }
+
     /// The service as a list of one, as the topic table has its publishers; nobody for [`ServiceId::None`].
     #[must_use]
     pub fn alone(self) -> &'static [Self] {

@@ -7,6 +7,7 @@ use std::rc::Rc;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
 use messages::{Frame, Health, Injection, Message, PortCounters, ServiceId, TopicId};
+use nix::sys::signalfd::SignalFd;
 use rustix::event::{Timespec, epoll};
 
 use crate::TransportError;
@@ -15,11 +16,13 @@ use crate::fault::Faults;
 use crate::line::{FromChild, Line, Received, ToChild};
 use crate::port::{FramePublisher, FrameSubscriber, Publisher, Shared, Subscriber, listener};
 use crate::service::Identity;
+use crate::urgent;
 
 /// The control line has something to read.
 pub(crate) const TOKEN_CONTROL: u64 = 0;
 const TOKEN_CLOCK: u64 = 1;
 const TOKEN_TOPIC: u64 = 2;
+pub(crate) const TOKEN_ORPHANED: u64 = 3;
 /// Tokens from here on are the service's own.
 pub(crate) const TOKEN_OWN: u64 = 1 << 32;
 
@@ -31,6 +34,8 @@ pub struct Io {
     epoll: OwnedFd,
     listeners: Vec<Listener<ipc::Service>>,
     control: Option<Line>,
+    /// Readable when the supervisor has died, before its lines close: for who stops the robot.
+    orphaned: Option<SignalFd>,
     /// Held open for as long as the process lives: its closing is the process's death notice.
     _lifeline: Option<OwnedFd>,
 }
@@ -57,13 +62,17 @@ impl Io {
         if let Some(line) = &control {
             watch_fd(&epoll, line, TOKEN_CONTROL)?;
         }
+        let orphaned = if identity.service.stops_robot() { Some(urgent::hangup()?) } else { None };
+        if let Some(signal) = &orphaned {
+            watch_fd(&epoll, signal, TOKEN_ORPHANED)?;
+        }
         let shared = Rc::new(Shared {
             identity,
             clock: Rc::clone(&domain.clock),
             counters: RefCell::new(Vec::new()),
             faults: Faults::default(),
         });
-        Ok(Self { domain, shared, epoll, listeners: Vec::new(), control, _lifeline: lifeline })
+        Ok(Self { domain, shared, epoll, listeners: Vec::new(), control, orphaned, _lifeline: lifeline })
     }
 
     /// Which service this is, and which life of it.
@@ -196,12 +205,20 @@ impl Io {
     /// The next word of the supervisor; once it is gone, its line is let go.
     pub(crate) fn receive_control(&mut self) -> Received<ToChild> {
         let received = self.control.as_ref().map_or(Received::Nothing, Line::receive::<ToChild>);
-        if matches!(received, Received::Closed)
-            && let Some(line) = self.control.take()
-        {
-            self.unwatch(&line);
+        if matches!(received, Received::Closed) {
+            self.let_go_of_supervisor();
         }
         received
+    }
+
+    /// Lets the supervisor go, which has died.
+    pub(crate) fn let_go_of_supervisor(&mut self) {
+        if let Some(signal) = self.orphaned.take() {
+            self.unwatch(signal);
+        }
+        if let Some(line) = self.control.take() {
+            self.unwatch(line);
+        }
     }
 
     /// What the ports of this process have done, as its beats tell.

@@ -12,6 +12,7 @@ use crate::io::Io;
 use crate::line::{FromChild, Line, ToChild, inherited_fd};
 use crate::room;
 use crate::run_dir::RunDir;
+use crate::urgent;
 use crate::wait_loop::WaitLoop;
 
 /// Exit code of a service that was started with wrong arguments, or by hand.
@@ -206,6 +207,7 @@ fn run_child<S: Service>(
     args: &ChildArgs,
     build: impl FnOnce(&mut Io) -> Result<S, TransportError>,
 ) -> Result<(), TransportError> {
+    urgent::hurry(service);
     let control = Line::from_fd(inherited_fd(ChildArgs::CONTROL_FD)?);
     let lifeline = inherited_fd(ChildArgs::LIFELINE_FD).ok();
     let identity = Identity { service, incarnation: args.incarnation };

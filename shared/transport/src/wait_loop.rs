@@ -4,7 +4,7 @@
 
 use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, Member, QUANTUM_NS, ServiceId, ServiceState};
 
-use crate::io::{Io, TOKEN_CONTROL, TOKEN_OWN};
+use crate::io::{Io, TOKEN_CONTROL, TOKEN_ORPHANED, TOKEN_OWN};
 use crate::line::{FromChild, Received, ToChild};
 use crate::master::Master;
 use crate::port::{Publisher, Subscriber};
@@ -229,6 +229,11 @@ impl WaitLoop {
         for token in &tokens {
             if *token >= TOKEN_OWN {
                 service.on_fd(io, token - TOKEN_OWN)?;
+            } else if *token == TOKEN_ORPHANED {
+                io.let_go_of_supervisor();
+                if service.on_supervisor_lost(io) {
+                    return Ok(Flow::End);
+                }
             } else if *token == TOKEN_CONTROL && self.serve_control(io, service)? == Flow::End {
                 return Ok(Flow::End);
             }

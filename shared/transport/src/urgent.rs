@@ -1,0 +1,48 @@
+//! What a service that stops the robot has more than the others: the processor before them, and early word of the
+//! supervisor's death.
+
+use messages::ServiceId;
+use nix::libc;
+use nix::sys::signal::{SigSet, Signal};
+use nix::sys::signalfd::{SfdFlags, SignalFd};
+
+use crate::TransportError;
+
+/// Real-time priorities, above whatever is not real-time and below the kernel's own threads. The brake is last to act
+/// and first to run.
+const LOCOMOTION_PRIORITY: libc::c_int = 20;
+const BRAKE_PRIORITY: libc::c_int = 21;
+
+/// Runs before all that is not real-time from now on, where the service stops the robot and the machine lets it: it
+/// then stops in time on a processor that is kept busy, by whatever else dies as well.
+pub(crate) fn hurry(service: ServiceId) {
+    let sched_priority = match service {
+        ServiceId::Locomotion => LOCOMOTION_PRIORITY,
+        ServiceId::Brake => BRAKE_PRIORITY,
+        _ => return,
+    };
+    let priority = libc::sched_param { sched_priority };
+    // SAFETY: the structure outlives the call, which reads it only. Without the right to it, nothing changes: `guidedog
+    // doctor` tells.
+    let _ = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const priority) };
+}
+
+/// Whether a service started from here may run before what is not real-time.
+#[must_use]
+pub fn may_hurry() -> bool {
+    let tried = std::thread::spawn(|| {
+        let priority = libc::sched_param { sched_priority: LOCOMOTION_PRIORITY.max(BRAKE_PRIORITY) };
+        // SAFETY: as in `hurry`; only this thread is changed, and it ends here.
+        unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) == 0 }
+    });
+    tried.join().unwrap_or(false)
+}
+
+/// A descriptor that becomes readable at SIGHUP, which the supervisor's death sends to who stops the robot.
+pub(crate) fn hangup() -> Result<SignalFd, TransportError> {
+    let mut signals = SigSet::empty();
+    signals.add(Signal::SIGHUP);
+    let blocked = signals.thread_block();
+    let opened = blocked.and_then(|()| SignalFd::with_flags(&signals, SfdFlags::SFD_CLOEXEC | SfdFlags::SFD_NONBLOCK));
+    opened.map_err(|errno| TransportError::service(format!("signalfd: {errno}")))
+}
