@@ -41,9 +41,9 @@ pub const EXITS_ON_START: u32 = 2;
 pub enum Fault {
     /// Nothing is published.
     Off,
-    /// Every message carries the seq of the first.
+    /// Every message carries the seq of the last good one.
     StuckSeq,
-    /// Every message carries the stamp of the first.
+    /// Every message carries the stamp of the last good one.
     StuckStamp,
     /// Every message carries the content of the first, under a header of its own.
     StuckBytes,
@@ -101,8 +101,8 @@ const fn row(fault: Fault, name: &'static str, what: &'static str) -> FaultSpec 
 /// The table.
 pub const FAULTS: [FaultSpec; 15] = [
     row(Fault::Off, "off", "stream: nothing is published"),
-    row(Fault::StuckSeq, "stuck_seq", "stream: the seq is frozen, all else goes on"),
-    row(Fault::StuckStamp, "stuck_stamp", "stream: the stamp is frozen, all else goes on"),
+    row(Fault::StuckSeq, "stuck_seq", "stream: the seq stays that of the last good message"),
+    row(Fault::StuckStamp, "stuck_stamp", "stream: the stamp stays that of the last good message"),
     row(Fault::StuckBytes, "stuck_bytes", "stream: the content is frozen under fresh headers (also: stuck)"),
     row(Fault::Garbage, "garbage", "stream: random numbers, NaN, infinities and absurd sizes"),
     row(Fault::Wrong, "wrong", "stream: a plausible wrong value: lengths doubled, another action, another cue"),

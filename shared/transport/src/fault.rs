@@ -153,6 +153,8 @@ pub(crate) enum Passage {
 #[derive(Debug)]
 pub(crate) struct Filter<P> {
     number: u64,
+    /// The header of the last message before the fault.
+    pub before: Option<Header>,
     /// The first message under the fault, as it was meant.
     pub first: Option<P>,
     pub dice: Dice,
@@ -163,7 +165,7 @@ pub(crate) struct Filter<P> {
 
 impl<P> Default for Filter<P> {
     fn default() -> Self {
-        Self { number: 0, first: None, dice: Dice::default(), count: 0, sending: true, turns_at_ns: 0 }
+        Self { number: 0, before: None, first: None, dice: Dice::default(), count: 0, sending: true, turns_at_ns: 0 }
     }
 }
 
@@ -173,6 +175,7 @@ impl<P> Filter<P> {
         if self.number != fault.number {
             *self = Self {
                 number: fault.number,
+                before: self.before,
                 dice: Dice::new(fault.seed),
                 turns_at_ns: fault.since_ns,
                 ..Self::default()
@@ -197,10 +200,11 @@ impl<P> Filter<P> {
     }
 
     /// The header as the fault leaves it, where it touches the header alone.
-    pub fn header(fault: Fault, header: Header, first: &Header) -> Header {
+    pub fn header(&self, fault: Fault, header: Header) -> Header {
+        let before = self.before.unwrap_or(header);
         match fault {
-            Fault::StuckSeq => Header { seq: first.seq, ..header },
-            Fault::StuckStamp => Header { stamp_ns: first.stamp_ns, ..header },
+            Fault::StuckSeq => Header { seq: before.seq, ..header },
+            Fault::StuckStamp => Header { stamp_ns: before.stamp_ns, ..header },
             _ => header,
         }
     }

@@ -194,6 +194,7 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
         if let Some(fault) = self.outlet.shared.faults.of(M::TOPIC, self.of, header.published_ns) {
             return self.publish_at_fault(&fault, message);
         }
+        self.filter.before = Some(header);
         self.outlet.send(message)?;
         Ok(message)
     }
@@ -223,7 +224,7 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
             _ => {}
         }
         if fault.fault != Fault::Garbage {
-            *message.header_mut() = Filter::<M>::header(fault.fault, header, first.header());
+            *message.header_mut() = self.filter.header(fault.fault, header);
         }
         self.outlet.send(message)?;
         Ok(message)

@@ -144,6 +144,7 @@ where
         if let Some(fault) = self.outlet.0.shared.faults.of(F::Meta::TOPIC, ServiceId::None, header.published_ns) {
             return self.publish_at_fault(&fault, loan).map(|()| header);
         }
+        self.filter.before = Some(header);
         self.outlet.send(loan)?;
         Ok(header)
     }
@@ -182,7 +183,7 @@ where
             _ => {}
         }
         if fault.fault != Fault::Garbage {
-            *loan.meta_mut().header_mut() = Filter::<Copied<F>>::header(fault.fault, header, first.0.header());
+            *loan.meta_mut().header_mut() = self.filter.header(fault.fault, header);
         }
         self.outlet.send(loan)
     }
