@@ -312,7 +312,8 @@ impl Gate {
         }
         match permit.outcome {
             Outcome::Granted => {}
-            Outcome::Stop | Outcome::ActionEnded => return Err((StopReason::of(StopKind::PolicyStop), true)),
+            Outcome::ActionEnded => return unusable(TopicId::PolicyAction),
+            Outcome::Stop => return Err((StopReason::of(StopKind::PolicyStop), true)),
             Outcome::AllUnsafe => return sudden(StopKind::AllUnsafe),
             Outcome::RemainderUnsafe => return sudden(StopKind::RemainderUnsafe),
             Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),

@@ -27,6 +27,9 @@ struct Row {
     outcomes: Vec<Outcome>,
 }
 
+/// A walk that was to go on is tried so many times.
+const TRIES: u32 = 3;
+
 /// `guidedog bench faults`: the exit code.
 ///
 /// # Errors
@@ -58,8 +61,8 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), 
                 return Ok(());
             }
             let mut outcome = trial::run(rig, &row.cell, &mut dice, args.slack)?;
-            for _ in 1..tries(&row.cell, args.slack) {
-                if outcome.unmet.is_none() {
+            for _ in 1..TRIES {
+                if !is_tried_again(&row.cell, &outcome, args.slack) {
                     break;
                 }
                 outcome = trial::run(rig, &row.cell, &mut dice, args.slack)?;
@@ -76,9 +79,13 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), 
     Ok(())
 }
 
-/// Where others load the machine, the robot may stop for that: a walk that was to go on is then tried again.
-fn tries(cell: &Cell, slack: f64) -> u32 {
-    if cell.expect == Expect::None && slack > 1.0 { 3 } else { 1 }
+/// A walk that was to go on and stood for its way (a robot that stood aslant after the fault before comes near a wall) is
+/// tried again; where others load the machine, whatever it stood for.
+fn is_tried_again(cell: &Cell, outcome: &Outcome, slack: f64) -> bool {
+    let of_its_way =
+        |kind: &StopKind| matches!(kind, StopKind::PolicyStop | StopKind::AllUnsafe | StopKind::RemainderUnsafe);
+    let for_its_way = !outcome.reasons.is_empty() && outcome.reasons.iter().all(of_its_way);
+    cell.expect == Expect::None && outcome.unmet.is_some() && (for_its_way || slack > 1.0)
 }
 
 impl Cell {

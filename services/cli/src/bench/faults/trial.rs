@@ -272,7 +272,7 @@ mod tests {
         assert!(judge(&stop, &Outcome { stop_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
         assert!(judge(&stop, &Outcome { standstill_m: None, ..stopped.clone() }, false, true, 1.0).is_some());
         assert!(judge(&stop, &Outcome { recovery_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
-        let none = cell("locomotion/state:off");
+        let none = cell("locomotion/state:wrong");
         let walked = Outcome { recovery_ms: Some(0.0), ..Outcome::default() };
         assert_eq!(judge(&none, &walked, false, false, 1.0), None);
         assert!(judge(&none, &walked, false, true, 1.0).is_some());
