@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, service, signal};
@@ -230,10 +232,26 @@ fn idle_connections_do_not_keep_a_stop_out() {
     let mut run = Live::up(&place, "idle", &["--scenario", "corridor"]);
     run.wait_walking();
     let socket = place.path().join("r/idle/control.sock");
-    let idle: Vec<_> = (0..40).filter_map(|_| std::os::unix::net::UnixStream::connect(&socket).ok()).collect();
+    let idle: Vec<_> = (0..40).filter_map(|_| UnixStream::connect(&socket).ok()).collect();
     assert_eq!(idle.len(), 40);
     assert_eq!(place.json(&["stop", "--json", "--run", "idle"]).1, 0);
     run.wait("locked", |status| status["mode"]["class"] == "lock");
+    let _ = run.end();
+    place.assert_empty();
+}
+
+#[test]
+fn a_stop_is_not_undone_by_a_resume_that_came_with_it() {
+    let place = Place::new();
+    let mut run = Live::up(&place, "both", &["--scenario", "corridor"]);
+    run.wait_walking();
+    assert_eq!(place.json(&["stop", "--json", "--run", "both"]).1, 0);
+    run.wait("locked", |status| status["mode"]["class"] == "lock");
+    let mut client = UnixStream::connect(place.path().join("r/both/control.sock")).expect("it listens");
+    client.write_all(b"{\"verb\":\"resume\"}\n{\"verb\":\"stop\"}\n").expect("sent");
+    let answers: Vec<String> = BufReader::new(client).lines().take(2).map_while(Result::ok).collect();
+    assert!(answers.iter().any(|answer| answer.contains("overtaken by a stop")), "{answers:?}");
+    assert_eq!(run.status()["mode"]["class"], "lock");
     let _ = run.end();
     place.assert_empty();
 }

@@ -215,7 +215,7 @@ fn priority() -> Check {
     let found = if transport::may_hurry() {
         "real-time: locomotion and brake run before the rest"
     } else {
-        "no real-time priority allowed: where the machine is busy, locomotion and brake wait their turn (systemd: LimitRTPRIO=30)"
+        "not real-time: where the machine is busy, locomotion and brake wait their turn (systemd: LimitRTPRIO=30)"
     };
     Check { name: "priority", ok: true, found: found.to_owned(), fix: String::new() }
 }

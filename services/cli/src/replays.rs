@@ -44,7 +44,12 @@ pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
         outcome.report["differences"] = read_differences(&differences, &prepared.settings)?;
         finish(&outcome.report, as_json, || summary::against(&outcome.report))?;
         let differ = count(&outcome.report, "/compared/decided_differently") > 0;
-        return Ok(if differ { EXIT_DIFFERENT } else { EXIT_OK });
+        return Ok(match (differ, ending.well) {
+            (true, _) => EXIT_DIFFERENT,
+            (false, true) => EXIT_OK,
+            // What was not compared may differ.
+            (false, false) => EXIT_NOT_REACHED,
+        });
     }
     finish(&outcome.report, as_json, || summary::replay(&outcome.report, &ending))?;
     Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })

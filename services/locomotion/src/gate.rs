@@ -79,8 +79,8 @@ pub struct Gate {
     permit: Option<Permit>,
     odometry: Option<(u64, u32)>,
     accord: Accord,
-    /// The stop cue in force: (incarnation, seq).
-    stop_cue: Option<(u32, u64)>,
+    /// The place of the stop cue in force among the cues.
+    stop_cue: Option<(u64, u32, u64)>,
     /// Motion needs an epoch greater than this.
     latched_epoch: Option<u64>,
     /// Why it is latched.
@@ -148,8 +148,7 @@ impl Gate {
             self.latched_epoch = None;
             self.stopped_by = None;
         }
-        let cue = (mode.cue.cue.header.incarnation, mode.cue.cue.header.seq);
-        if mode.cue.valid && self.stop_cue.is_some_and(|stop| cue > stop) {
+        if mode.cue.valid && self.stop_cue.is_some_and(|stop| mode.cue.cue.header.order() > stop) {
             self.stop_cue = None;
         }
     }
@@ -172,7 +171,7 @@ impl Gate {
     /// A cue has come: only stop takes effect here, at once.
     pub fn take_cue(&mut self, cue: &Cue) {
         if !cue.kind.is_moving() {
-            self.stop_cue = Some((cue.header.incarnation, cue.header.seq));
+            self.stop_cue = Some(cue.header.order());
         }
     }
 

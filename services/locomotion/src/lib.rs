@@ -1,8 +1,8 @@
 //! The last gate before the robot.
 //!
 //! Duties: obeys a fresh permit and nothing else; writes zero by itself, at its own rate, needing nothing else alive;
-//! stands at once when a lifeline closes, a stop cue comes or the supervisor says so. It must never wait, allocate or
-//! log on the way to zero, and never start motion by itself.
+//! stands at once when a lifeline closes, a stop cue comes or the supervisor says so. It must never wait or
+//! log on the way to zero, nor allocate but to read the supervisor's word, and never start motion by itself.
 
 mod accord;
 mod gate;

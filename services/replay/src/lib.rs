@@ -205,8 +205,11 @@ impl Replay {
         if let Some(judge) = &mut self.judge {
             judge.take(true)?;
         }
-        io.tell(&FromChild::RunEnded { figures: self.figures() });
-        Ok(())
+        if io.tell(&FromChild::RunEnded { figures: self.figures() }) {
+            Ok(())
+        } else {
+            Err(TransportError::service("the replay's figures could not be told"))
+        }
     }
 }
 

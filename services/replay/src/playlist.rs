@@ -57,14 +57,14 @@ impl Seqs {
         if self.last == 0 {
             return self.play(recorded);
         }
-        self.last += 1;
+        self.last = self.last.saturating_add(1);
         self.base = self.last.saturating_sub(recorded);
         self.last
     }
 
     fn next_pass(&mut self) {
         if let Some(first) = self.first.take() {
-            self.base = (self.last + 1).saturating_sub(first);
+            self.base = self.last.saturating_add(1).saturating_sub(first);
         }
     }
 }
@@ -139,10 +139,13 @@ impl Playlist {
         end_ns.saturating_sub(self.part.0)
     }
 
-    /// Run time, nanoseconds, that the recorded run ended at, where that was recorded and is played.
+    /// Run time, nanoseconds, that the recorded run ended at, where that was recorded and is played. No run goes on for
+    /// long after its last record, whatever the file says.
     pub fn run_end_ns(&self) -> Option<u64> {
+        let latest_ns = self.info.start_ns.saturating_add(self.info.duration_ns).saturating_add(1_000_000_000);
         let last = self.info.about.run.as_ref().map(|run| run.last_step).filter(|last| *last > 0)?;
-        (self.is_exact() && self.part.1 == u64::MAX && self.times == 1).then_some(last * messages::QUANTUM_NS)
+        (self.is_exact() && self.part.1 == u64::MAX && self.times == 1)
+            .then(|| last.saturating_mul(messages::QUANTUM_NS).min(latest_ns))
     }
 
     /// A run keeps the recording's own run time, less whole decision periods before its first record; an import, which
@@ -238,7 +241,7 @@ impl Playlist {
     fn rewind(&mut self) -> Result<(), ReadError> {
         self.pass += 1;
         self.shift_ns += i128::from(self.span_ns() + LEAD_IN_NS);
-        self.lives_before += self.lives - 1;
+        self.lives_before = self.lives_before.saturating_add(self.lives.saturating_sub(1));
         self.seqs.values_mut().for_each(Seqs::next_pass);
         self.reader = Reader::open(&self.path)?;
         self.reader.skip_before(self.part.0);

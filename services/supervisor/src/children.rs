@@ -8,6 +8,7 @@ use std::process::{Child, Command, Stdio};
 
 use crate::machine::PolicySpec;
 use messages::ServiceId;
+use nix::libc;
 use rustix::event::{PollFd, PollFlags};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, Signal};
 use transport::{ChildArgs, Io, Line, ToChild, TransportError, monotonic_ns};
@@ -146,7 +147,6 @@ impl Children {
             command.env(ChildArgs::EXIT_ON_START, "1");
         }
         prepare(&mut command, service, [control_child.as_fd().as_raw_fd(), life_child.as_fd().as_raw_fd()]);
-        close_all_on_exec();
         let child = command
             .spawn()
             .map_err(|error| TransportError::Service(format!("failed to start {}: {error}", path.display())))?;
@@ -249,25 +249,12 @@ impl Children {
     }
 }
 
-/// The line under a high number. When a process dies, the kernel closes its descriptors from the highest on, each with the
-/// wake-up of whoever holds its other end: who stops the robot need not wait for the others.
+/// The line under a high number. When a process dies, the kernel closes its descriptors from the highest on, each with
+/// the wake-up of whoever holds its other end: who stops the robot need not wait for the others.
 fn closing_first(line: Line) -> Line {
     const HIGH: RawFd = 1000;
     // Where so many may not be open, the line stays what it is.
     rustix::io::fcntl_dupfd_cloexec(&line, HIGH).map_or(line, Line::from_fd)
-}
-
-/// Marks every descriptor of this process close-on-exec: iceoryx2 opens its files and sockets without, and a child that
-/// inherited them would keep them open after our death.
-fn close_all_on_exec() {
-    let Ok(entries) = std::fs::read_dir("/proc/self/fd") else { return };
-    let open = entries.flatten().filter_map(|entry| entry.file_name().to_str()?.parse::<RawFd>().ok());
-    for fd in open.filter(|fd| *fd > 2) {
-        // SAFETY: it was open a moment ago, and only the flag is changed; the one that reads the directory may be gone,
-        // which the kernel refuses.
-        let fd = unsafe { std::os::fd::BorrowedFd::borrow_raw(fd) };
-        let _ = rustix::io::fcntl_setfd(fd, rustix::io::FdFlags::CLOEXEC);
-    }
 }
 
 /// What has to be done in the child between fork and exec.
@@ -281,6 +268,12 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
     };
     let parent = rustix::process::getpid();
     let before_exec = move || {
+        // iceoryx2 opens its files and sockets without close-on-exec, and a child that inherited them would keep them
+        // open after our death.
+        // SAFETY: only flags of descriptors are changed, in the child.
+        if unsafe { libc::close_range(3, libc::c_uint::MAX, libc::CLOSE_RANGE_CLOEXEC as libc::c_int) } != 0 {
+            return Err(std::io::Error::last_os_error());
+        }
         for fd in keep {
             // SAFETY: the parent holds both open until the child is spawned.
             let fd = unsafe { std::os::fd::BorrowedFd::borrow_raw(fd) };

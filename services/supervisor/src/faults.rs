@@ -13,9 +13,8 @@ use transport::{Io, SHM, ToChild, monotonic_ns};
 
 use crate::Supervisor;
 
-/// Where POSIX shared memory lies.
-/// What a full `/dev/shm` may cost the machine: its pages are memory.
-const FILL_MAX_BYTES: u64 = 1 << 30;
+/// What a full `/dev/shm` may cost the machine: its pages are memory, and filling them is the supervisor's time.
+const FILL_MAX_BYTES: u64 = 128 << 20;
 
 /// The faults of a run.
 #[derive(Debug, Default)]

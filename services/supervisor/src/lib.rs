@@ -19,6 +19,9 @@ mod step_watch;
 pub mod stops;
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
+use std::path::Path;
 
 use messages::{
     ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, Permit, PolicyAction, ServiceId,
@@ -124,7 +127,9 @@ impl Supervisor {
             match action {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
-                Action::Kill(service, incarnation) => self.children.kill(service, incarnation),
+                Action::Kill(service, life) if self.never_starts(service, life, io) => {}
+                Action::Kill(service, life) => self.children.kill(service, life),
+                Action::Release(service, life) if self.never_starts(service, life, io) => {}
                 Action::Release(service, life) => self.children.tell_life(service, life, &ToChild::Leave),
                 Action::Spawn(service, incarnation) => {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
@@ -154,6 +159,18 @@ impl Supervisor {
                 self.waiting.push((service, incarnation, until_ns));
             }
         }
+    }
+
+    /// Whether that life still waited for its start, which then never comes.
+    fn never_starts(&mut self, service: ServiceId, incarnation: u32, io: &Io) -> bool {
+        let waited = self.waiting.len();
+        self.waiting.retain(|(waits, life, _)| (*waits, *life) != (service, incarnation));
+        let never = self.waiting.len() < waited;
+        if never {
+            let died = Event::Died(service, incarnation, "it was given up before its start".to_owned());
+            self.machine.handle(died, Self::now(io));
+        }
+        never
     }
 
     fn spawn(&mut self, service: ServiceId, incarnation: u32, io: &Io) {
@@ -247,14 +264,16 @@ impl Supervisor {
             }
         }
         let reaped = self.children.reap(token, io);
-        if reaped.is_some() {
+        if let Some((child, _)) = &reaped {
             self.janitor.clean();
+            self.abouts.remove(&(child.service, child.incarnation));
         }
         if let Some((child, _)) = reaped.as_ref().filter(|(child, _)| child.left) {
             self.machine.handle(Event::Left(child.service, child.incarnation), now);
         }
         if let Some((child, status)) = reaped.filter(|(child, _)| !child.left) {
-            let why = child.failed.unwrap_or_else(|| last_words(io, child.service, child.incarnation, &status));
+            let words = || last_words(io, child.service, child.incarnation, &status);
+            let why = report::brief(child.failed.unwrap_or_else(words));
             self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
             self.machine.handle(Event::Died(child.service, child.incarnation, why), now);
         }
@@ -307,10 +326,14 @@ impl Supervisor {
 
     fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
         let mut requests = self.control.requests(token, io);
-        // A stop waits for no answer.
+        // A stop waits for no answer, and nothing that came with it undoes it.
         requests.sort_by_key(|(_, request)| *request != Request::Stop);
+        let stops = requests.first().is_some_and(|(_, request)| *request == Request::Stop);
         for (client, request) in requests {
-            let answer = self.answer(request, io)?;
+            let answer = match request {
+                Request::Resume | Request::Cue { .. } if stops => json!({ "error": "overtaken by a stop" }),
+                request => self.answer(request, io)?,
+            };
             self.act(io)?;
             self.control.answer(client, &answer, io);
         }
@@ -469,11 +492,23 @@ pub fn collisions_json(truth: &WorldTruth) -> Value {
     })
 }
 
-/// The last line that a dead child wrote, beside how it ended.
+/// The last line that a dead child wrote, beside how it ended. However much it wrote, only the end is read.
 fn last_words(io: &Io, service: ServiceId, incarnation: u32, status: &str) -> String {
-    let text = std::fs::read_to_string(io.domain.dir.log(service, incarnation)).unwrap_or_default();
+    let tail = tail_of(&io.domain.dir.log(service, incarnation)).unwrap_or_default();
+    let text = String::from_utf8_lossy(&tail);
     let last = text.lines().rev().find(|line| !line.trim().is_empty() && !line.contains("RUST_BACKTRACE"));
     last.map_or_else(|| status.to_owned(), |line| format!("{status}; its last words: {line}"))
+}
+
+/// The last 4 KiB of a file.
+fn tail_of(path: &Path) -> std::io::Result<Vec<u8>> {
+    const TAIL_BYTES: u64 = 4096;
+    let mut file = File::open(path)?;
+    let begin = file.metadata()?.len().saturating_sub(TAIL_BYTES);
+    file.seek(SeekFrom::Start(begin))?;
+    let mut tail = Vec::new();
+    file.take(TAIL_BYTES).read_to_end(&mut tail)?;
+    Ok(tail)
 }
 
 impl Service for Supervisor {

@@ -127,7 +127,7 @@ pub struct Machine {
     actions: Vec<Action>,
     roster: Vec<Member>,
     roster_version: u64,
-    last_cue: (u32, u64),
+    last_cue: (u64, u32, u64),
     grace_until_ns: u64,
     /// Run time of the last entry into fault or lock.
     stopped_at_ns: u64,
@@ -156,7 +156,7 @@ impl Machine {
             actions: Vec::new(),
             roster: Vec::new(),
             roster_version: 0,
-            last_cue: (0, 0),
+            last_cue: (0, 0, 0),
             grace_until_ns: 0,
             stopped_at_ns: 0,
             stuck_states: 0,

@@ -29,6 +29,8 @@ pub struct Figures {
 const LIVES_KEPT: usize = 8;
 /// So many notes are kept, the newest.
 const MAX_NOTES: usize = 400;
+/// And of each so many bytes: an answer that holds them all must fit a socket.
+const BRIEF_BYTES: usize = 500;
 
 impl Figures {
     /// Takes a beat.
@@ -73,7 +75,7 @@ impl Figures {
             self.notes.pop_front();
             self.notes_not_kept += 1;
         }
-        self.notes.push_back((run_ns, text));
+        self.notes.push_back((run_ns, brief(text)));
     }
 
     /// Takes what the supervisor's own ports have done.
@@ -213,6 +215,17 @@ impl Figures {
     pub fn notes_json(&self) -> Value {
         self.notes.iter().map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
     }
+}
+
+/// A text as it is kept: whoever wrote it, and however long.
+#[must_use]
+pub fn brief(mut text: String) -> String {
+    if text.len() > BRIEF_BYTES {
+        let end = (0..=BRIEF_BYTES).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
+        text.truncate(end);
+        text.push_str(" ...");
+    }
+    text
 }
 
 /// Adds what a beat says: a number that another process wrote, and no more to be trusted than that.

@@ -27,6 +27,15 @@ pub struct Header {
     pub reserved: u32,
 }
 
+impl Header {
+    /// The place of a message among those of its topic. The stamp leads: what is stamped a second ahead is no message,
+    /// so that a false stamp is soon outlived, as a false incarnation or seq would not be.
+    #[must_use]
+    pub const fn order(&self) -> (u64, u32, u64) {
+        (self.stamp_ns, self.incarnation, self.seq)
+    }
+}
+
 /// A stamp may be ahead of the clock by so much: a device's clock is mapped to ours, and rounded.
 pub const AHEAD_NS: u64 = 5_000_000;
 

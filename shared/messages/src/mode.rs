@@ -107,10 +107,10 @@ pub enum StopKind {
     /// device is at fault: restart it.
     StreamStuck,
     /// Hold: a scan contradicts the last one that was judged on, wholesale. The lidar measures wrongly, or the robot
-    /// was carried elsewhere: look at the lidar and restart its driver.
+    /// was carried elsewhere: look at the lidar, or start another run.
     ScanContradicts,
-    /// Fault: odometry contradicts what the robot was commanded. Odometry is frozen or out of scale, or the robot does
-    /// not obey (blocked, slipping, pushed): look which, and give a new cue.
+    /// Hold, until the epoch is greater: odometry contradicts what the robot was commanded. Odometry is frozen or out of
+    /// scale, or the robot does not obey (blocked, slipping, pushed): look which, and give a new cue.
     OdometryContradicts,
 }
 

@@ -89,7 +89,12 @@ pub const STOPS: [StopInfo; 32] = [
     row(StopKind::LifelineClosed, "hold", "a process that motion needs has just died", CUE),
     row(StopKind::SupervisorLost, "fault", "the supervisor is gone, and the run ends", "start another run"),
     row(StopKind::StreamStuck, "hold", "a sensor sends the same again while the robot moves", "look at its device"),
-    row(StopKind::ScanContradicts, "hold", "a scan contradicts the last one wholesale", "look at the lidar"),
+    row(
+        StopKind::ScanContradicts,
+        "hold",
+        "a scan contradicts the last one wholesale",
+        "look at the lidar; where the robot was carried elsewhere, start another run",
+    ),
     row(
         StopKind::OdometryContradicts,
         "hold",

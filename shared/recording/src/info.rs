@@ -169,7 +169,8 @@ impl RunAbout {
 }
 
 pub(crate) fn check_size(map: &BTreeMap<String, String>) -> Result<(), String> {
-    let bytes: usize = map.iter().map(|(key, value)| key.len() + value.len()).sum();
+    // As it travels: control characters are six bytes each.
+    let bytes = serde_json::to_string(map).map_or(usize::MAX, |json| json.len());
     if bytes <= BYTES_MAX { Ok(()) } else { Err(format!("the metadata has {bytes} bytes, over {BYTES_MAX}")) }
 }
 

@@ -56,28 +56,62 @@ impl Shared {
     }
 }
 
+/// What a message is beside those before it.
+#[derive(Debug, PartialEq, Eq)]
+enum News {
+    /// It goes on; so many were lost before it.
+    Next(u64),
+    /// Its seq does not go on: of a writer that is stuck, or late.
+    Old,
+    /// Its seq is far ahead, and nothing confirms it: taken for true, it would make every one that follows old.
+    Leap,
+}
+
+/// A seq that is further ahead is believed only once the next goes on from it.
+const LEAP: u64 = 1 << 16;
+
+/// The seqs of one publisher's life.
+#[derive(Debug, Default, Clone, Copy)]
+struct Life {
+    incarnation: u32,
+    last: u64,
+    /// Whether one went on from another: before that, the first may have been false.
+    is_confirmed: bool,
+}
+
 /// Notices gaps in the seqs of each publisher incarnation.
 #[derive(Debug, Default)]
 struct GapCounter {
-    /// The last seq of the incarnations seen last: two policies may publish in turn.
-    last: [(u32, u64); 4],
+    /// The lives seen last: two policies may publish in turn.
+    lives: [Life; 4],
+    /// The last leap.
+    leap: (u32, u64),
 }
 
 impl GapCounter {
-    /// Whether the seq goes on. One that does not is of a writer that is stuck, or came late: news it is not.
-    fn goes_on(&self, header: &Header) -> bool {
-        !self.last.iter().any(|(incarnation, last)| *incarnation == header.incarnation && header.seq <= *last)
-    }
-
-    fn lost(&mut self, header: &Header) -> u64 {
-        if let Some((_, last)) = self.last.iter_mut().find(|(incarnation, _)| *incarnation == header.incarnation) {
-            let lost = header.seq.saturating_sub(last.saturating_add(1));
-            *last = header.seq.max(*last);
-            return lost;
+    fn take(&mut self, header: &Header) -> News {
+        let Header { incarnation, seq, .. } = *header;
+        let Some(life) = self.lives.iter_mut().find(|life| life.incarnation == incarnation) else {
+            self.lives.rotate_right(1);
+            self.lives[0] = Life { incarnation, last: seq, is_confirmed: false };
+            return News::Next(0);
+        };
+        if seq == life.last || (seq < life.last && life.is_confirmed) {
+            return News::Old;
         }
-        self.last.rotate_right(1);
-        self.last[0] = (header.incarnation, header.seq);
-        0
+        if seq < life.last {
+            life.last = seq;
+            return News::Next(0);
+        }
+        let goes_on_from = |from: u64| seq > from && seq - from <= LEAP;
+        let goes_on_from_leap = self.leap.0 == incarnation && goes_on_from(self.leap.1);
+        if !goes_on_from(life.last) && !goes_on_from_leap {
+            self.leap = (incarnation, seq);
+            return News::Leap;
+        }
+        let lost = seq - life.last - 1;
+        *life = Life { last: seq, is_confirmed: true, ..*life };
+        News::Next(lost)
     }
 }
 
@@ -275,12 +309,15 @@ impl Inlet {
 
     /// Whether a message is news; counts it, and what was lost before it.
     fn is_news(&mut self, header: &Header) -> bool {
-        let is_news = self.gaps.goes_on(header);
-        if is_news {
-            let lost = self.gaps.lost(header);
-            self.shared.count(self.slot, header, lost);
+        match self.gaps.take(header) {
+            News::Next(lost) => self.shared.count(self.slot, header, lost),
+            News::Old => return false,
+            News::Leap => {
+                self.shared.count_invalid(self.slot);
+                return false;
+            }
         }
-        is_news
+        true
     }
 }
 
@@ -380,4 +417,32 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
 
 fn sort_key(header: &Header) -> (u64, u64, u64, u32) {
     (header.step, header.stamp_ns, header.seq, header.incarnation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{GapCounter, LEAP, News};
+    use messages::Header;
+
+    #[test]
+    fn gaps_are_counted_and_a_leap_is_believed_only_once_it_goes_on() {
+        let mut gaps = GapCounter::default();
+        let mut take = |incarnation, seq| gaps.take(&Header { incarnation, seq, ..Header::default() });
+        assert_eq!(take(1, 7), News::Next(0), "who comes late has lost nothing");
+        assert_eq!(take(1, 10), News::Next(2));
+        assert_eq!(take(1, 10), News::Old);
+        assert_eq!(take(2, 3), News::Next(0), "each life counts for itself");
+        // Random numbers make nobody deaf.
+        assert_eq!(take(1, u64::MAX), News::Leap);
+        assert_eq!(take(1, u64::MAX / 3), News::Leap);
+        assert_eq!(take(1, 11), News::Next(0));
+        // A reader that slept for very long hears again.
+        assert_eq!(take(1, 12 + LEAP), News::Leap);
+        assert_eq!(take(1, 13 + LEAP), News::Next(LEAP + 1));
+        assert_eq!(take(1, 14 + LEAP), News::Next(0));
+        // Nor does a false first one.
+        assert_eq!(take(3, u64::MAX), News::Next(0));
+        assert_eq!(take(3, u64::MAX), News::Old);
+        assert_eq!((take(3, 5), take(3, 6), take(3, 5)), (News::Next(0), News::Next(0), News::Old));
+    }
 }

@@ -1,5 +1,5 @@
-//! Room in shared memory. Its files are sparse: where it is full, the first touch of a page is a SIGBUS. So nobody starts
-//! where there is no room, and who is ready has every page that it will ever write to.
+//! Room in shared memory. Its files are sparse: where it is full, the first touch of a page is a SIGBUS. So nobody
+//! starts where there is no room, and who is ready has every page that it will ever write to.
 
 use rustix::io::Errno;
 

@@ -9,16 +9,18 @@ use nix::sys::signalfd::{SfdFlags, SignalFd};
 use crate::TransportError;
 
 /// Real-time priorities, above whatever is not real-time and below the kernel's own threads. The brake is last to act
-/// and first to run.
+/// and first to run; the simulated robot is a machine of its own, which waits for no process of this one.
 const LOCOMOTION_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
+const SIMULATOR_PRIORITY: libc::c_int = 22;
 
-/// Runs before all that is not real-time from now on, where the service stops the robot and the machine lets it: it
-/// then stops in time on a processor that is kept busy, by whatever else dies as well.
+/// Runs before all that is not real-time from now on, where the service stops the robot (or is the simulated one) and
+/// the machine lets it: it then stops in time on a processor that is kept busy, by whatever else dies as well.
 pub(crate) fn hurry(service: ServiceId) {
     let sched_priority = match service {
         ServiceId::Locomotion => LOCOMOTION_PRIORITY,
         ServiceId::Brake => BRAKE_PRIORITY,
+        ServiceId::Simulator => SIMULATOR_PRIORITY,
         _ => return,
     };
     let priority = libc::sched_param { sched_priority };
@@ -31,7 +33,7 @@ pub(crate) fn hurry(service: ServiceId) {
 #[must_use]
 pub fn may_hurry() -> bool {
     let tried = std::thread::spawn(|| {
-        let priority = libc::sched_param { sched_priority: LOCOMOTION_PRIORITY.max(BRAKE_PRIORITY) };
+        let priority = libc::sched_param { sched_priority: SIMULATOR_PRIORITY };
         // SAFETY: as in `hurry`; only this thread is changed, and it ends here.
         unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) == 0 }
     });

@@ -59,7 +59,7 @@ pub enum Bench {
 const FAULTS_EXAMPLES: &str = "\
 Examples:
   guidedog bench faults --cells 'lidar/scan:*'          every fault of one stream
-  guidedog bench faults --cells '*:kill' --repeat 250   2,000 deaths of small services
+  guidedog bench faults --cells '*:kill' --repeat 286   2,000 deaths of small services
   guidedog bench faults --repeat 20 --budget-s 3600 --json
 
 Ends with exit code 1 where a cell that was tried is not as the matrix wants it.";

@@ -97,9 +97,9 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
         sleep(running, Duration::from_millis(100))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
         let Ok(status) = client.ask(&json!({ "verb": "status" })) else { continue };
-        let services = elements(&status, "/services");
-        let late: Vec<&str> =
-            services.iter().filter(|s| text(s, "/state") != "ready").map(|s| text(s, "/name")).collect();
+        let services: Vec<&Value> = wanted(&status).collect();
+        let late = services.iter().filter(|service| text(service, "/state") != "ready");
+        let late: Vec<&str> = late.map(|service| text(service, "/name")).collect();
         if late.is_empty() && !services.is_empty() {
             return Ok(client);
         }
@@ -112,9 +112,14 @@ fn client_status(client: &mut Client) -> Result<Value, Failure> {
     client.ask(&json!({ "verb": "status" })).map_err(|error| Failure::run(format!("the supervisor: {error}")))
 }
 
+/// The services of a run but for those that nobody has asked for: a recorder.
+fn wanted(status: &Value) -> impl Iterator<Item = &Value> {
+    elements(status, "/services").iter().filter(|service| text(service, "/state") != "off")
+}
+
 fn processes(status: &Value) -> Vec<(String, u64)> {
     let supervisor = ("supervisor".to_owned(), count(status, "/supervisor_pid"));
-    let services = elements(status, "/services").iter().map(|s| (text(s, "/name").to_owned(), count(s, "/pid")));
+    let services = wanted(status).map(|s| (text(s, "/name").to_owned(), count(s, "/pid")));
     std::iter::once(supervisor).chain(services).collect()
 }
 

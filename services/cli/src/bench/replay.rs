@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use clap::Parser;
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::args::{Cli, ReplayArgs, Verb};
 use crate::control::free_name;
@@ -14,68 +14,108 @@ use crate::launch::{Launch, Signals};
 use crate::out::{self, count, entries, say, text};
 use crate::prepare_replay;
 
-/// `guidedog bench replay`: the exit code.
+/// What came of the replays so far.
+#[derive(Debug, Default)]
+struct Tally {
+    digests: BTreeMap<String, u32>,
+    walls_s: Vec<f64>,
+    equal_to_recording: u32,
+    lost: u64,
+    /// Whether the recording is of a whole stepped run, so that there is something to be equal to.
+    exact: bool,
+    first_difference: Option<String>,
+}
+
+impl Tally {
+    fn take(&mut self, report: &Value, wall_s: f64) {
+        self.walls_s.push(wall_s);
+        *self.digests.entry(text(report, "/digest").to_owned()).or_default() += 1;
+        self.lost += entries(report, "/lost").filter_map(|(_, n)| n.as_u64()).sum::<u64>();
+        let differ = |what: &str| {
+            count(report, &format!("/compared/{what}/different"))
+                + count(report, &format!("/compared/{what}/additional"))
+        };
+        self.equal_to_recording += u32::from(differ("permits") + differ("actions") == 0);
+        self.exact = report["compared"]["exact"].as_bool().unwrap_or(false);
+        if self.first_difference.is_none() {
+            self.first_difference = report["compared"]["first_difference"].as_str().map(str::to_owned);
+        }
+    }
+
+    fn replays(&self) -> u32 {
+        self.walls_s.len() as u32
+    }
+
+    /// Whether all `wanted` replays gave the same, and, where they must, what was recorded.
+    fn is_well(&self, wanted: u32, must_equal: bool) -> bool {
+        let equal = !must_equal || self.equal_to_recording == wanted;
+        self.replays() == wanted && self.digests.len() == 1 && self.lost == 0 && equal
+    }
+
+    fn wall_s(&self) -> (f64, f64) {
+        let mut walls_s = self.walls_s.clone();
+        walls_s.sort_by(f64::total_cmp);
+        let at = |i: usize| walls_s.get(i).copied().unwrap_or(0.0);
+        (at(walls_s.len() / 2), at(walls_s.len().saturating_sub(1)))
+    }
+
+    fn json(&self, recording: &Path, well: bool) -> Value {
+        let (p50_s, max_s) = self.wall_s();
+        json!({
+            "recording": recording.display().to_string(),
+            "replays": self.replays(),
+            "digests": self.digests,
+            "exact": self.exact,
+            "equal_to_recording": self.equal_to_recording,
+            "first_difference": self.first_difference,
+            "lost": self.lost,
+            "wall_s": { "p50": p50_s, "max": max_s },
+            "well": well,
+        })
+    }
+
+    fn tell(&self) {
+        let (replays, digests, lost) = (self.replays(), self.digests.len(), self.lost);
+        let (p50_s, _) = self.wall_s();
+        say(format!("{replays} replays, {digests} different digests, {lost} messages lost, {p50_s:.2} s each (p50)"));
+        if self.exact {
+            say(format!("{} of them equal to the recorded run in every action and permit", self.equal_to_recording));
+        }
+        self.first_difference.iter().for_each(|what| say(format!("first difference: {what}")));
+    }
+}
+
+/// `guidedog bench replay`: the exit code. One that is ended by a signal reports what it had.
 ///
 /// # Errors
 /// Where the recording cannot be replayed, or a replay fails.
 pub fn bench(recording: &Path, repeat: u32, config: Option<&Path>, as_json: bool) -> Result<u8, Failure> {
     let prepared = prepare_replay::replay(&arguments(recording, config)?)?;
     let signals = Signals::of_this_process()?;
-    let (mut digests, mut walls_s) = (BTreeMap::<String, u32>::new(), Vec::new());
-    let (mut equal_to_recording, mut lost, mut exact) = (0_u32, 0, false);
-    let mut first_difference = None;
-    for done in 0..repeat {
+    let mut tally = Tally::default();
+    for done in 1..=repeat {
         let begun = Instant::now();
         let launch = Launch { settings: &prepared.settings, name: free_name("replay"), speed: Some(0.0) };
         let outcome = launch.spawn()?.wait(|| {})?;
         if signals.came() {
-            return Err(Failure::run(format!("ended by a signal after {done} of {repeat} replays")));
+            say(format!("ended by a signal after {} of {repeat} replays", done - 1));
+            break;
         }
-        let report = &outcome.report;
-        if !text(report, "/failure").is_empty() {
-            return Err(Failure::run(format!("replay {}: {}", done + 1, text(report, "/failure"))));
+        let failure = text(&outcome.report, "/failure");
+        if !failure.is_empty() {
+            return Err(Failure::run(format!("replay {done}: {failure}")));
         }
-        walls_s.push(begun.elapsed().as_secs_f64());
-        *digests.entry(text(report, "/digest").to_owned()).or_default() += 1;
-        lost += entries(report, "/lost").filter_map(|(_, n)| n.as_u64()).sum::<u64>();
-        let differ = |what: &str| {
-            count(report, &format!("/compared/{what}/different"))
-                + count(report, &format!("/compared/{what}/additional"))
-        };
-        equal_to_recording += u32::from(differ("permits") + differ("actions") == 0);
-        exact = report["compared"]["exact"].as_bool().unwrap_or(false);
-        first_difference =
-            first_difference.or_else(|| report["compared"]["first_difference"].as_str().map(str::to_owned));
-        if !as_json && (done + 1) % 16 == 0 {
-            say(format!("{} of {repeat} replays, {} different digests", done + 1, digests.len()));
+        tally.take(&outcome.report, begun.elapsed().as_secs_f64());
+        if !as_json && done % 16 == 0 {
+            say(format!("{done} of {repeat} replays, {} different digests", tally.digests.len()));
         }
     }
-    walls_s.sort_by(f64::total_cmp);
     // A run that was not recorded whole has nothing to be equal to, but every replay of it is equal to every other.
-    let must_equal = exact && config.is_none();
-    let well = digests.len() == 1 && lost == 0 && (!must_equal || equal_to_recording == repeat);
-    let median_s = walls_s.get(walls_s.len() / 2).copied().unwrap_or(0.0);
+    let well = tally.is_well(repeat, tally.exact && config.is_none());
     if as_json {
-        out::json(&json!({
-            "recording": recording.display().to_string(),
-            "replays": repeat,
-            "digests": digests,
-            "exact": exact,
-            "equal_to_recording": equal_to_recording,
-            "first_difference": first_difference,
-            "lost": lost,
-            "wall_s": { "p50": median_s, "max": walls_s.last() },
-            "well": well,
-        }))?;
+        out::json(&tally.json(recording, well))?;
     } else {
-        say(format!(
-            "{repeat} replays, {} different digests, {lost} messages lost, {median_s:.2} s each (p50)",
-            digests.len()
-        ));
-        if exact {
-            say(format!("{equal_to_recording} of them equal to the recorded run in every action and permit"));
-        }
-        first_difference.iter().for_each(|what| say(format!("first difference: {what}")));
+        tally.tell();
     }
     Ok(if well { EXIT_OK } else { EXIT_DIFFERENT })
 }

@@ -33,7 +33,7 @@ const SHM_SLACK_KIB: i64 = 64;
 /// The scenarios of the quiet hour, in turn.
 const QUIET: [&str; 6] = ["corridor", "curve", "left-at-tee", "crossing", "cluttered", "l-turn"];
 /// What stops a robot rightly where nothing is broken: its way, its handler, its cues, the run's own ends.
-pub const RIGHTLY: [&str; 9] = [
+const RIGHTLY: [&str; 9] = [
     "boot",
     "shutting_down",
     "no_permit",

@@ -9,9 +9,8 @@ use sha2::{Digest, Sha256};
 
 use super::Percentiles;
 use super::faults::rig::Rig;
-use super::soak::RIGHTLY;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
-use crate::out::{self, count, elements, say, text};
+use crate::out::{self, count, elements, number, say, text};
 
 /// The supervisor is asked this often how a swap goes.
 const ASK_EVERY: Duration = Duration::from_millis(10);
@@ -28,6 +27,8 @@ struct Outcome {
     missed_decisions: u64,
     /// Stops but the run's own beginning and end, and stops for want of a way, by their reasons.
     stops: Vec<String>,
+    /// Run time at which the robot of the run that goes on walked.
+    walks_since_s: Option<f64>,
 }
 
 /// `guidedog bench swaps`: the exit code.
@@ -44,7 +45,10 @@ pub fn bench(swaps: u32, as_json: bool) -> Result<u8, Failure> {
     let mut outcome = Outcome::default();
     let done = swap_again_and_again(&mut rig, swaps, &models, &mut outcome);
     outcome.take_report(rig.end().as_ref());
-    done?;
+    // Whatever ended the swaps, those that were done were done.
+    if let Err(failure) = &done {
+        outcome.failed.push(failure.message.clone());
+    }
     let is_met = outcome.failed.is_empty() && outcome.missed_decisions == 0 && outcome.stops.is_empty();
     if as_json {
         out::json(&outcome.json(swaps))?;
@@ -55,11 +59,20 @@ pub fn bench(swaps: u32, as_json: bool) -> Result<u8, Failure> {
 }
 
 fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: &mut Outcome) -> Result<(), Failure> {
+    let mut runs = 0;
     for i in 0..swaps {
         if rig.is_near_the_end() {
             outcome.take_report(rig.end().as_ref());
+            runs = rig.runs;
         }
         rig.walk()?;
+        if rig.runs > runs + 1 {
+            return Err(Failure::run("a run ended, or did not walk, in the middle of its swaps"));
+        }
+        if outcome.walks_since_s.is_none() {
+            let status = rig.ask(&json!({ "verb": "status" })).unwrap_or_default();
+            outcome.walks_since_s = status["now_s"].as_f64();
+        }
         let since = Instant::now();
         let request = json!({ "verb": "policy_swap", "exe": null, "model": models[i as usize % models.len()] });
         let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
@@ -113,8 +126,11 @@ impl Outcome {
     fn take_report(&mut self, report: Option<&Value>) {
         let Some(report) = report else { return };
         self.missed_decisions += count(report, "/missed_decisions");
-        let reasons = elements(report, "/stops").iter().map(|stop| text(stop, "/reason"));
-        self.stops.extend(reasons.filter(|reason| !RIGHTLY.contains(reason)).map(str::to_owned));
+        let since_s = self.walks_since_s.take().unwrap_or(0.0);
+        // The corridor is straight and empty, and nobody gives another cue: once it walks, nothing stops it rightly.
+        let stops = elements(report, "/stops").iter().filter(|stop| number(stop, "/at_s") >= since_s);
+        let reasons = stops.map(|stop| text(stop, "/reason")).filter(|reason| *reason != "shutting_down");
+        self.stops.extend(reasons.map(str::to_owned));
     }
 
     fn json(&self, asked: u32) -> Value {

@@ -219,11 +219,24 @@ fn a_stop_cue_holds_until_a_later_cue_is_in_force() {
     assert_eq!(kind(&mut gate, 1000), StopKind::StopCue, "the cue in force is older than the stop");
     let mut later = mode(ModeClass::Run, 2, 1000);
     later.cue.cue.header.seq = 6;
+    later.cue.cue.header.stamp_ns = 1000 * MS;
     gate.take_mode(&later);
     let mut fresh = permit(1000, 1100);
     fresh.cue_seq = 6;
     gate.take_permit(&fresh);
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_stop_cue_with_false_numbers_is_outlived() {
+    let mut gate = moving();
+    gate.take_cue(&Cue { header: header(1000, u64::MAX, u32::MAX), kind: CueKind::Stop, ..Cue::default() });
+    assert_eq!(kind(&mut gate, 1000), StopKind::StopCue);
+    let mut later = mode(ModeClass::Run, 2, 1000);
+    later.cue.cue.header = header(1001, 6, 1);
+    gate.take_mode(&later);
+    gate.take_permit(&Permit { cue_seq: 6, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1001), StopKind::None);
 }
 
 #[test]

@@ -7,11 +7,13 @@ use super::{Action, Machine, Now};
 
 impl Machine {
     pub(super) fn on_cue(&mut self, cue: &Cue, now: Now) {
-        let id = (cue.header.incarnation, cue.header.seq);
-        if id <= self.last_cue {
+        if cue.header.order() <= self.last_cue {
             return;
         }
-        self.last_cue = id;
+        // One from the future is refused below, and makes none of the present old.
+        if age_ns(now.run_ns, cue.header.stamp_ns) < u64::MAX {
+            self.last_cue = cue.header.order();
+        }
         if !cue.kind.is_moving() {
             // Locomotion took it already; here it ends the cue in force.
             self.mode.cue = CueInForce::default();

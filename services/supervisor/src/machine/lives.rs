@@ -127,7 +127,9 @@ impl Machine {
                 s.joined = false;
                 self.actions.push(Action::Release(service, s.incarnation));
             }
-            Phase::Off | Phase::Dying | Phase::Leaving { .. } => {}
+            // Its end is on the way, and is the last of it.
+            Phase::Dying => s.phase = Phase::Leaving { kill_at_ns: u64::MAX, asked: false },
+            Phase::Off | Phase::Leaving { .. } => {}
         }
         self.update_roster(now);
     }

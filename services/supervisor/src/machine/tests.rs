@@ -552,6 +552,21 @@ fn a_service_on_demand_comes_and_goes_without_touching_the_walk() {
 }
 
 #[test]
+fn a_service_that_is_let_go_while_it_is_dying_stays_off() {
+    let mut bench = Bench::running();
+    bench.handle(Event::Demand(ServiceId::Recorder));
+    bench.pass(100);
+    let now = bench.now();
+    bench.machine.condemn(StopReason::service(StopKind::ServiceHung, ServiceId::Recorder, 1), now);
+    bench.machine.handle(Event::Release(ServiceId::Recorder), now);
+    bench.machine.handle(Event::Died(ServiceId::Recorder, 1, "killed".to_owned()), now);
+    bench.alive.retain(|(service, ..)| *service != ServiceId::Recorder);
+    bench.pass(1000);
+    let recorder = bench.machine.status(0).into_iter().find(|s| s.service == ServiceId::Recorder);
+    assert_eq!(recorder.map(|s| s.phase), Some(Phase::Off));
+}
+
+#[test]
 fn a_service_that_does_not_leave_in_time_is_killed() {
     let mut bench = Bench::running();
     bench.handle(Event::Demand(ServiceId::Recorder));

@@ -40,13 +40,14 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     let mut rig = Rig::new()?;
     let done = all_trials(&mut rig, &mut rows, args);
     rig.end();
-    done?;
+    // Whatever ended the trials, those that were done were done.
     let report = report(&rows);
     if as_json {
         out::json(&report)?;
     } else {
         tell(&rows, &report);
     }
+    done?;
     let met = rows.iter().filter(|row| !row.outcomes.is_empty()).all(Row::is_met);
     Ok(if met { EXIT_OK } else { EXIT_NOT_REACHED })
 }
@@ -79,13 +80,9 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), 
     Ok(())
 }
 
-/// A walk that was to go on and stood for its way (a robot that stood aslant after the fault before comes near a wall) is
-/// tried again; where others load the machine, whatever it stood for.
+/// A walk that was to go on and stood for its way is tried again; where others load the machine, whatever it stood for.
 fn is_tried_again(cell: &Cell, outcome: &Outcome, slack: f64) -> bool {
-    let of_its_way =
-        |kind: &StopKind| matches!(kind, StopKind::PolicyStop | StopKind::AllUnsafe | StopKind::RemainderUnsafe);
-    let for_its_way = !outcome.reasons.is_empty() && outcome.reasons.iter().all(of_its_way);
-    cell.expect == Expect::None && outcome.unmet.is_some() && (for_its_way || slack > 1.0)
+    cell.expect == Expect::None && outcome.unmet.is_some() && (outcome.is_of_its_way() || slack > 1.0)
 }
 
 impl Cell {
@@ -116,8 +113,8 @@ impl Row {
     /// The service whose deaths the row is about.
     fn killed(&self) -> Option<ServiceId> {
         match self.cell.target {
-            // The world's end is nobody's stop.
-            Target::Service(ServiceId::Simulator) => None,
+            // The world's end is nobody's stop, and that of the recorder is none.
+            Target::Service(ServiceId::Simulator | ServiceId::Recorder) => None,
             Target::Service(service) if self.cell.fault == Fault::Kill => Some(service),
             _ => None,
         }
@@ -200,7 +197,7 @@ mod tests {
             .map(|cell| Row { outcomes: vec![outcome(1.0), outcome(2.5)], cell })
             .collect();
         let report = report(&rows);
-        assert_eq!(report["cells"].as_array().map(Vec::len), Some(11));
+        assert_eq!(report["cells"].as_array().map(Vec::len), Some(12));
         assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&14.into(), &4.into()));
         assert_eq!(report["kills"]["max"], 2.5);
         assert_eq!(report["cells"][0]["stop_ms"]["p50"], 1.0);

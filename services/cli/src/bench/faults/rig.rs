@@ -15,6 +15,7 @@ use crate::args::{PaceArgs, WalkArgs, WorldArgs};
 use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
 use crate::launch::{Launch, Running};
+use crate::out::{elements, text};
 use crate::prepare;
 
 /// The corridor's length, metres: some thousand trials of a metre or two.
@@ -30,6 +31,9 @@ const CUE_AGAIN: Duration = Duration::from_millis(300);
 /// Looks at what the tap saw come this often.
 pub const LOOK: Duration = Duration::from_millis(1);
 
+/// And at the recorder, which the supervisor tells of.
+const RECORDER_LOOK: Duration = Duration::from_millis(20);
+
 /// One run, and what is needed for the next.
 #[derive(Debug)]
 pub struct Rig {
@@ -38,6 +42,8 @@ pub struct Rig {
     live: Option<Live>,
     /// Runs that were started.
     pub runs: u32,
+    /// Folder of the recording, while there is one.
+    recording: Option<TempDir>,
 }
 
 #[derive(Debug)]
@@ -100,7 +106,7 @@ impl Rig {
         let place = tempfile::tempdir().map_err(Failure::of_run)?;
         let mut settings = settings_at(&place)?;
         change(&mut settings);
-        Ok(Self { settings, place, live: None, runs: 0 })
+        Ok(Self { settings, place, live: None, runs: 0, recording: None })
     }
 
     /// A folder for files of the bench, gone with it.
@@ -183,6 +189,45 @@ impl Rig {
         self.ask(&json!({ "verb": "cue", "cue": "forward" })).is_some_and(|answer| answer["ok"] == true)
     }
 
+    /// Has the run recorded, and waits until it is.
+    ///
+    /// # Errors
+    /// Where it is not.
+    pub fn record(&mut self) -> Result<(), Failure> {
+        self.end_recording();
+        let folder = tempfile::tempdir_in(self.place.path()).map_err(Failure::of_run)?;
+        self.ask(&json!({ "verb": "record", "path": folder.path().join("walk.mcap") }));
+        self.recording = Some(folder);
+        if self.wait_for_recorder("ready") { Ok(()) } else { Err(Failure::run("the recorder does not record")) }
+    }
+
+    /// Has the run recorded no longer; the recording goes.
+    pub fn end_recording(&mut self) {
+        if let Some(folder) = self.recording.take() {
+            self.ask(&json!({ "verb": "record_stop" }));
+            self.wait_for_recorder("off");
+            drop(folder);
+        }
+    }
+
+    /// Whether it is.
+    pub fn is_recording(&self) -> bool {
+        self.recording.is_some()
+    }
+
+    fn wait_for_recorder(&mut self, state: &str) -> bool {
+        let until = Instant::now() + WALKS_WITHIN;
+        while Instant::now() < until && self.is_alive() && !self.interrupted() {
+            let status = self.ask(&json!({ "verb": "status" })).unwrap_or_default();
+            let is_it = |service: &&Value| text(service, "/name") == "recorder";
+            if elements(&status, "/services").iter().find(is_it).is_some_and(|s| text(s, "/state") == state) {
+                return true;
+            }
+            std::thread::sleep(RECORDER_LOOK);
+        }
+        false
+    }
+
     /// Whether the corridor is nearly walked to its end.
     pub fn is_near_the_end(&self) -> bool {
         self.seen(|seen| seen.truth.is_some_and(|t| t.x_m > f64::from(CORRIDOR_M) - TURN_M))
@@ -235,6 +280,7 @@ impl Rig {
 
     /// Ends the run, if there is one: its report, if it left one.
     pub fn end(&mut self) -> Option<Value> {
+        self.recording = None;
         let mut live = self.live.take()?;
         live.running.end();
         // The listener was of this run, and how that ended was seen.

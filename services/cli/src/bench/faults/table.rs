@@ -79,9 +79,9 @@ pub const RESTARTED: [ServiceId; 8] = [
     ServiceId::Shield,
 ];
 
-/// The services of a simulated walk.
+/// The services of a simulated walk that is recorded.
 fn services() -> impl Iterator<Item = ServiceId> {
-    RESTARTED.into_iter().chain([ServiceId::Supervisor, ServiceId::Simulator])
+    RESTARTED.into_iter().chain([ServiceId::Supervisor, ServiceId::Simulator, ServiceId::Recorder])
 }
 
 /// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and
@@ -179,7 +179,7 @@ mod tests {
     fn patterns_mean_cells() {
         assert!(matches("health/*", "health/lidar") && matches("*", "") && matches("a*c", "abbc"));
         assert!(!matches("health/*", "lidar/scan") && !matches("a*c", "abbd"));
-        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 10);
+        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 11);
         assert_eq!(cells(Some("lidar/scan:off, policy:exit-on-start")).expect("there are some").len(), 2);
         assert!(cells(Some("lidar/scan:kill")).is_err());
         assert!(cells(None).expect("the matrix is whole").iter().all(|cell| cell.target.to_string() != "host"));

@@ -43,6 +43,15 @@ pub struct Outcome {
     pub unmet: Option<String>,
 }
 
+impl Outcome {
+    /// Whether the robot stood for its way alone: after the fault before it may stand aslant, and come near a wall.
+    pub fn is_of_its_way(&self) -> bool {
+        let of_its_way =
+            |kind: &StopKind| matches!(kind, StopKind::PolicyStop | StopKind::AllUnsafe | StopKind::RemainderUnsafe);
+        !self.reasons.is_empty() && self.reasons.iter().all(of_its_way)
+    }
+}
+
 /// Does the cell's fault to a walking robot; limits count `slack` times.
 ///
 /// # Errors
@@ -50,7 +59,15 @@ pub struct Outcome {
 pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Outcome, Failure> {
     let mut tries = TRIES;
     let (truth, epoch, struck_ns) = loop {
+        if cell.needs_a_recorder() {
+            rig.walk()?;
+            rig.record()?;
+        }
         let (truth, epoch) = walking(rig, dice)?;
+        if cell.needs_a_recorder() && !rig.is_recording() {
+            // The corridor was at its end, and another run began.
+            continue;
+        }
         match strike(rig, cell, dice) {
             Ok(struck_ns) => break (truth, epoch, struck_ns),
             // Who was to suffer it has just died of something else.
@@ -68,6 +85,9 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
     outcome.reasons = rig.seen(|seen| seen.reasons.clone());
     let faulted = rig.seen(|seen| seen.modes.iter().any(|(_, mode)| mode.class != ModeClass::Run));
     outcome.unmet = judge(cell, &outcome, collided, faulted, slack);
+    if cell.needs_a_recorder() {
+        rig.end_recording();
+    }
     if cell.ends_the_run() {
         rig.end();
     }
@@ -111,6 +131,11 @@ impl Cell {
     /// Whether the stop is the brake's, which no command at the link tells of.
     fn is_locomotions(&self) -> bool {
         self.target == Target::Service(ServiceId::Locomotion)
+    }
+
+    /// Whether it is of the recorder, which runs only where one is wanted.
+    fn needs_a_recorder(&self) -> bool {
+        self.target == Target::Service(ServiceId::Recorder) || self.fault == Fault::FullDisk
     }
 
     /// Whether it touches cues, which come only when somebody gives one.
