@@ -109,8 +109,8 @@ pub enum StopKind {
     /// Hold: a scan contradicts the last one that was judged on, wholesale. The lidar measures wrongly, or the robot
     /// was carried elsewhere: look at the lidar, or start another run.
     ScanContradicts,
-    /// Hold, until the epoch is greater: odometry contradicts what the robot was commanded. Odometry is frozen or out of
-    /// scale, or the robot does not obey (blocked, slipping, pushed): look which, and give a new cue.
+    /// Hold, until the epoch is greater: odometry contradicts what the robot was commanded. Odometry is frozen or out
+    /// of scale, or the robot does not obey (blocked, slipping, pushed): look which, and give a new cue.
     OdometryContradicts,
 }
 
