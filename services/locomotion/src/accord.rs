@@ -22,7 +22,7 @@ const GAP_NS: u64 = 100_000_000;
 const REACH_M: f64 = 1e6;
 /// or turns so often, radians.
 const REACH_RAD: f64 = 1e3;
-/// The most that is kept: a window and the lag at 200 Hz of poses, and of as many commands.
+/// The most that is kept: a window, the lag and odometry's age, at 100 Hz of poses and three times as many wakes.
 const KEPT: usize = 256;
 
 type Track = VecDeque<(u64, Pose2)>;

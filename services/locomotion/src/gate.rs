@@ -7,9 +7,6 @@ use settings::{LinkKind, Settings};
 
 use crate::accord::Accord;
 
-/// Stops that a gate may have slept through.
-const EPOCHS_AT_ONCE: u64 = 100;
-
 /// What the gate holds a permit against.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GateLimits {
@@ -132,10 +129,16 @@ impl Gate {
         if self.mode.is_none() && mode.class == ModeClass::Run {
             self.latch_at(mode.epoch, StopReason::of(StopKind::Boot));
         }
-        if let Some(old) = self.mode
-            && !self.may_follow(&old, mode)
-        {
-            return;
+        if let Some(old) = self.mode {
+            if !mode.may_follow(&old) {
+                return;
+            }
+            // The epoch before was false: motion needs a greater one than this. A latch beyond the false one is of
+            // another kind: for good.
+            if mode.epoch < old.epoch && self.latched_epoch.is_none_or(|latched| latched <= old.epoch) {
+                self.latched_epoch = Some(mode.epoch);
+                self.latch_reason = StopReason::of(StopKind::ModeStale);
+            }
         }
         self.mode = Some(*mode);
         // A policy that died is waited for only as long as it is the one named.
@@ -151,21 +154,6 @@ impl Gate {
         if mode.cue.valid && self.stop_cue.is_some_and(|stop| mode.cue.cue.header.order() > stop) {
             self.stop_cue = None;
         }
-    }
-
-    /// Whether a mode may follow another. An epoch rises by one at a time: one that leaps is no supervisor's. Of one
-    /// that falls the one before was never true, for the supervisor only counts up; motion then needs a greater one.
-    fn may_follow(&mut self, old: &Mode, mode: &Mode) -> bool {
-        if mode.epoch >= old.epoch {
-            return mode.epoch - old.epoch <= EPOCHS_AT_ONCE;
-        }
-        let is_later = mode.header.seq > old.header.seq;
-        // A latch beyond the false epoch is of another kind: for good.
-        if is_later && self.latched_epoch.is_none_or(|latched| latched <= old.epoch) {
-            self.latched_epoch = Some(mode.epoch);
-            self.latch_reason = StopReason::of(StopKind::ModeStale);
-        }
-        is_later
     }
 
     /// A cue has come: only stop takes effect here, at once.

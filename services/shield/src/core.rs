@@ -29,9 +29,6 @@ const STANDBY_NS: u64 = NS_PER_S / 20;
 /// After a jump the poses must go on without one for this long.
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
-/// Stops that a shield may have slept through.
-const EPOCHS_AT_ONCE: u64 = 100;
-
 /// What the core needs to know.
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
@@ -173,12 +170,7 @@ impl Core {
 
     /// The newest mode.
     pub fn take_mode(&mut self, mode: &Mode) {
-        // An epoch rises by one at a time: one that leaps is no supervisor's, and one that falls unmasks that before.
-        let follows = |old: Mode| {
-            let falls_or_is_late = mode.epoch < old.epoch && mode.header.seq <= old.header.seq;
-            !falls_or_is_late && mode.epoch <= old.epoch.saturating_add(EPOCHS_AT_ONCE)
-        };
-        if self.mode.is_none_or(follows) {
+        if self.mode.is_none_or(|old| mode.may_follow(&old)) {
             self.mode = Some(*mode);
         }
     }

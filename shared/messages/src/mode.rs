@@ -309,7 +309,21 @@ impl Mode {
     pub const fn allows_policy(&self, incarnation: u32) -> bool {
         incarnation != 0 && (incarnation == self.active_policy || incarnation == self.previous_policy)
     }
+
+    /// Whether it may follow `old`. An epoch rises by one at a time: one that leaps is no supervisor's. Of one that falls
+    /// the one before was never true, for the supervisor only counts up.
+    #[must_use]
+    pub const fn may_follow(&self, old: &Self) -> bool {
+        if self.epoch < old.epoch {
+            self.header.seq > old.header.seq
+        } else {
+            self.epoch - old.epoch <= EPOCHS_AT_ONCE
+        }
+    }
 }
+
+/// Stops that a reader may have slept through.
+const EPOCHS_AT_ONCE: u64 = 100;
 
 /// What locomotion does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]

@@ -141,7 +141,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         borrowed: 2,
         loans: 2,
         wakes: true,
-        why: "up to 200 Hz: two a step, of two steps, and as much again for a reader that is late by 20 ms",
+        why: "up to 100 Hz: one a step, of two steps, and room for a reader that is late by 60 ms",
     },
     TopicSpec {
         id: TopicId::Cue,
