@@ -314,11 +314,7 @@ impl Mode {
     /// the one before was never true, for the supervisor only counts up.
     #[must_use]
     pub const fn may_follow(&self, old: &Self) -> bool {
-        if self.epoch < old.epoch {
-            self.header.seq > old.header.seq
-        } else {
-            self.epoch - old.epoch <= EPOCHS_AT_ONCE
-        }
+        if self.epoch < old.epoch { self.header.seq > old.header.seq } else { self.epoch - old.epoch <= EPOCHS_AT_ONCE }
     }
 }
 
