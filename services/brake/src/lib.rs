@@ -6,7 +6,7 @@ mod watch;
 use std::os::fd::OwnedFd;
 
 use links::{BrakePath, open_brake_path};
-use messages::{ServiceId, StopKind};
+use messages::ServiceId;
 use rustix::process::{Pid, PidfdFlags, Signal, pidfd_open, pidfd_send_signal};
 use transport::{FromChild, Io, Line, Received, Service, ToChild, TransportError, monotonic_ns};
 
@@ -123,7 +123,7 @@ impl Service for Brake {
         self.read_beats(io);
         let (engagement, stalled) = self.watch.tick(monotonic_ns());
         if stalled {
-            io.tell(&FromChild::Note { text: format!("brake overslept: {}", StopKind::BrakeEngaged.name()) });
+            io.tell(&FromChild::Note { text: "brake overslept: its counts start again".to_owned() });
         }
         self.engage(io, engagement);
         if self.watch.is_engaged() || self.ends_by_ns.is_some() {

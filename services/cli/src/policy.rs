@@ -26,9 +26,18 @@ pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
 }
 
 fn swap(args: &SwapArgs, as_json: bool) -> Result<u8, Failure> {
-    let whole = |path: &Option<PathBuf>| path.as_deref().map(whole_path).transpose();
+    let whole = |path: &Option<PathBuf>| {
+        let found = path.as_deref().map(whole_path).transpose()?;
+        found.as_deref().map(named).transpose()
+    };
     let request = json!({ "verb": "policy_swap", "exe": whole(&args.exe)?, "model": whole(&args.model)? });
     follow(&args.run, &request, as_json)
+}
+
+/// A path as it goes over the control socket.
+pub fn named(path: &Path) -> Result<String, Failure> {
+    let unnamed = || Failure::input(format!("{}: the path is not UTF-8", path.display()));
+    path.to_str().map(str::to_owned).ok_or_else(unnamed)
 }
 
 /// The supervisor works in a folder of its own.

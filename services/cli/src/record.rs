@@ -9,6 +9,7 @@ use crate::control::ask;
 use crate::exit::{EXIT_NO_RUN, Failure};
 use crate::launch::Signals;
 use crate::out::{elements, say, text};
+use crate::policy;
 use crate::prepare::new_recording;
 use crate::recording_files;
 
@@ -25,7 +26,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
     let path = new_recording(&args.output)?;
     let signals = Signals::of_this_process()?;
     let run = named(&args.run)?;
-    ask(Some(&run), &json!({ "verb": "record", "path": path }))?;
+    ask(Some(&run), &json!({ "verb": "record", "path": policy::named(&path)? }))?;
     if !as_json {
         say(format!("recording {run} to {}; Ctrl-C ends the recording", path.display()));
     }

@@ -95,7 +95,8 @@ impl Script {
 
     /// The cue to give now, if any.
     pub fn due(&mut self, now: &Situation<'_>) -> Option<(CueKind, CueSource)> {
-        if now.now_ns < self.next_look_ns {
+        // Where nobody speaks for the handler, every cue is the operator's to give: again as well.
+        if now.now_ns < self.next_look_ns || (self.route.is_none() && !self.forward_when_ready) {
             return None;
         }
         self.next_look_ns = (now.now_ns / LOOK_NS + 1) * LOOK_NS;
@@ -223,12 +224,21 @@ mod tests {
 
     #[test]
     fn after_a_done_turn_forward_is_what_is_given_again() {
-        let mut script = Script { wanted: Some(CueKind::Left), ..Script::silent() };
+        let mut script = Script { wanted: Some(CueKind::Left), ..Script::forward_when_ready() };
         // A turn that is done goes on as forward.
         let cue = Cue { kind: CueKind::Forward, source: CueSource::TurnDone, ..Cue::default() };
         let run = Mode { class: ModeClass::Run, cue: CueInForce { valid: true, cue }, ..Mode::default() };
         script.due(&at(1000, &run));
         script.due(&at(2000, &fault(true)));
         assert_eq!(script.due(&at(4000, &fault(true))), Some((CueKind::Forward, CueSource::ScriptAgain)));
+    }
+
+    #[test]
+    fn who_is_silent_gives_no_cue_again() {
+        let mut script = Script::silent();
+        script.due(&at(1000, &running(CueKind::Forward, 1)));
+        for t in (2000..20_000).step_by(50) {
+            assert_eq!(script.due(&at(t, &Mode { epoch: 2, ..fault(true) })), None, "{t}");
+        }
     }
 }

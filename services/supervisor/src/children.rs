@@ -40,6 +40,19 @@ pub struct Running {
     pub left: bool,
 }
 
+impl Running {
+    /// Ends what a process that has ended, but is not reaped yet, has left: it leads a group of its own.
+    fn kill_what_it_started(&self) {
+        let now = rustix::event::Timespec { tv_sec: 0, tv_nsec: 0 };
+        let ended =
+            rustix::event::poll(&mut [PollFd::new(&self.pidfd, PollFlags::IN)], Some(&now)).is_ok_and(|n| n > 0);
+        if let Some(group) = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw).filter(|_| ended) {
+            // As a rule there is nobody.
+            let _ = rustix::process::kill_process_group(group, Signal::KILL);
+        }
+    }
+}
+
 /// All children.
 #[derive(Debug)]
 pub struct Children {
@@ -239,6 +252,7 @@ impl Children {
     /// Takes the child off the list, if it has ended: its exit, in words.
     pub fn reap(&mut self, token: u64, io: &Io) -> Option<(Running, String)> {
         let i = self.running.iter().position(|child| child.token == token || child.token + 1 == token)?;
+        self.running[i].kill_what_it_started();
         let status = self.running[i].child.try_wait().ok().flatten()?;
         let child = self.running.swap_remove(i);
         io.unwatch(&child.pidfd);
@@ -256,6 +270,9 @@ fn closing_first(line: Line) -> Line {
     // Where so many may not be open, the line stays what it is.
     rustix::io::fcntl_dupfd_cloexec(&line, HIGH).map_or(line, Line::from_fd)
 }
+
+/// The longest file that a policy may write, its log included; its shared memory is far smaller.
+const POLICY_FILE_BYTES: u64 = 16 << 20;
 
 /// What has to be done in the child between fork and exec.
 fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
@@ -282,6 +299,11 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
         // A core dump would keep the lifeline open for as long as it takes. 1 rather than 0: some kernels still run a
         // piped core handler at 0.
         rustix::process::setrlimit(Resource::Core, Rlimit { current: Some(1), maximum: Some(1) })?;
+        if service == ServiceId::Policy {
+            // Whatever an executable of others prints, it does not fill the disk: it dies of it.
+            let log = Rlimit { current: Some(POLICY_FILE_BYTES), maximum: Some(POLICY_FILE_BYTES) };
+            rustix::process::setrlimit(Resource::Fsize, log)?;
+        }
         if at_our_death.is_some() {
             rustix::process::set_parent_process_death_signal(at_our_death)?;
             if rustix::process::getppid() != Some(parent) {

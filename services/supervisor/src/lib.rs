@@ -11,6 +11,7 @@ mod children;
 pub mod control;
 mod ending;
 mod faults;
+mod last_words;
 pub mod machine;
 pub mod plan;
 mod recording;
@@ -19,9 +20,6 @@ mod step_watch;
 pub mod stops;
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
-use std::path::Path;
 
 use messages::{
     ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, Permit, PolicyAction, ServiceId,
@@ -35,6 +33,7 @@ use children::Children;
 use control::{ControlServer, Request};
 use ending::Ending;
 use faults::Faults;
+use last_words::last_words;
 use machine::{Action, Event, Machine, Now, PolicySpec};
 use report::Figures;
 use step_watch::StepWatch;
@@ -43,6 +42,8 @@ pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 
 /// The mode is published at every change and at least this often.
 const MODE_PERIOD_NS: u64 = 50_000_000;
+/// A cue, or a resume, is meant for so long.
+const STILL_MEANT_NS: u64 = 1_000_000_000;
 /// Beats are read and judged this often.
 pub(crate) const TICK_NS: u64 = 20_000_000;
 /// Logs of so many lives of a service are kept.
@@ -273,7 +274,7 @@ impl Supervisor {
         }
         if let Some((child, status)) = reaped.filter(|(child, _)| !child.left) {
             let words = || last_words(io, child.service, child.incarnation, &status);
-            let why = report::brief(child.failed.unwrap_or_else(words));
+            let why = report::brief(&child.failed.unwrap_or_else(words));
             self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
             self.machine.handle(Event::Died(child.service, child.incarnation, why), now);
         }
@@ -329,9 +330,14 @@ impl Supervisor {
         // A stop waits for no answer, and nothing that came with it undoes it.
         requests.sort_by_key(|(_, request)| *request != Request::Stop);
         let stops = requests.first().is_some_and(|(_, request)| *request == Request::Stop);
+        // What waited for a supervisor that slept was meant for another moment.
+        let slept = !io.domain.clock.is_stepped() && io.now_ns() > self.next_tick_ns + STILL_MEANT_NS;
         for (client, request) in requests {
             let answer = match request {
                 Request::Resume | Request::Cue { .. } if stops => json!({ "error": "overtaken by a stop" }),
+                Request::Resume | Request::Cue { .. } if slept => {
+                    json!({ "error": "the supervisor slept; say it again" })
+                }
                 request => self.answer(request, io)?,
             };
             self.act(io)?;
@@ -426,7 +432,7 @@ impl Supervisor {
             "world": truth,
             "locomotion": locomotion,
             "invalid_messages": self.figures.invalid_messages(),
-            "notes": self.figures.notes_json(),
+            "notes": self.figures.last_notes_json(),
         })
     }
 
@@ -441,7 +447,7 @@ impl Supervisor {
             "stands_because": doing,
             "not_ready_because": self.machine.not_ready(Self::now(io)),
             "stops": stops,
-            "notes": self.figures.notes_json(),
+            "notes": self.figures.last_notes_json(),
         })
     }
 
@@ -456,7 +462,7 @@ impl Supervisor {
             "active": life(mode.active_policy),
             "previous": (mode.previous_policy != 0).then(|| life(mode.previous_policy)),
             "in_force": policies.spec(),
-            "swaps": policies.records(),
+            "swaps": policies.last_records(),
         })
     }
 
@@ -490,25 +496,6 @@ pub fn collisions_json(truth: &WorldTruth) -> Value {
     json!({
         "robot": truth.robot_collisions, "handler": truth.handler_collisions, "hit_by_others": truth.hit_by_others,
     })
-}
-
-/// The last line that a dead child wrote, beside how it ended. However much it wrote, only the end is read.
-fn last_words(io: &Io, service: ServiceId, incarnation: u32, status: &str) -> String {
-    let tail = tail_of(&io.domain.dir.log(service, incarnation)).unwrap_or_default();
-    let text = String::from_utf8_lossy(&tail);
-    let last = text.lines().rev().find(|line| !line.trim().is_empty() && !line.contains("RUST_BACKTRACE"));
-    last.map_or_else(|| status.to_owned(), |line| format!("{status}; its last words: {line}"))
-}
-
-/// The last 4 KiB of a file.
-fn tail_of(path: &Path) -> std::io::Result<Vec<u8>> {
-    const TAIL_BYTES: u64 = 4096;
-    let mut file = File::open(path)?;
-    let begin = file.metadata()?.len().saturating_sub(TAIL_BYTES);
-    file.seek(SeekFrom::Start(begin))?;
-    let mut tail = Vec::new();
-    file.take(TAIL_BYTES).read_to_end(&mut tail)?;
-    Ok(tail)
 }
 
 impl Service for Supervisor {

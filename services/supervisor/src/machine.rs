@@ -351,7 +351,8 @@ impl Machine {
         }
         for s in &mut self.services {
             s.deaths_ns.clear();
-            if s.phase == Phase::Spent {
+            // What nobody asks for any more is not begun again: the operator resumes a walk.
+            if s.phase == Phase::Spent && !s.plan.on_demand {
                 s.phase = Phase::Down { start_at_ns: now.wall_ns };
                 s.joins_at_ns = now.run_ns + self.limits.restart_time_ns;
             }

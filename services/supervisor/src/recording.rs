@@ -23,6 +23,10 @@ impl Supervisor {
 
     /// The operator wants the run recorded in `path`.
     pub(crate) fn record(&mut self, path: PathBuf, io: &Io) -> Value {
+        if self.recorder(io).is_some_and(|(phase, _)| phase == Phase::Spent) {
+            // The recording before came to nothing, and is over.
+            self.machine.handle(Event::Release(ServiceId::Recorder), Self::now(io));
+        }
         if self.recorder(io).is_none_or(|(phase, _)| phase != Phase::Off) {
             return json!({ "error": "the run is being recorded already" });
         }

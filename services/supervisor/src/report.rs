@@ -29,7 +29,7 @@ pub struct Figures {
 const LIVES_KEPT: usize = 8;
 /// So many notes are kept, the newest.
 const MAX_NOTES: usize = 400;
-/// And of each so many bytes: an answer that holds them all must fit a socket.
+/// And of each so many bytes.
 const BRIEF_BYTES: usize = 500;
 
 impl Figures {
@@ -75,7 +75,7 @@ impl Figures {
             self.notes.pop_front();
             self.notes_not_kept += 1;
         }
-        self.notes.push_back((run_ns, brief(text)));
+        self.notes.push_back((run_ns, brief(&text)));
     }
 
     /// Takes what the supervisor's own ports have done.
@@ -213,13 +213,25 @@ impl Figures {
     /// The notes, with run time.
     #[must_use]
     pub fn notes_json(&self) -> Value {
-        self.notes.iter().map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
+        notes_json(self.notes.iter())
+    }
+
+    /// The newest of them: so many that an answer holds them.
+    #[must_use]
+    pub fn last_notes_json(&self) -> Value {
+        const LAST: usize = 100;
+        notes_json(self.notes.iter().skip(self.notes.len().saturating_sub(LAST)))
     }
 }
 
-/// A text as it is kept: whoever wrote it, and however long.
+fn notes_json<'a>(notes: impl Iterator<Item = &'a (u64, String)>) -> Value {
+    notes.map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
+}
+
+/// A text as it is kept: whoever wrote it, and however long. What would steer a terminal does not.
 #[must_use]
-pub fn brief(mut text: String) -> String {
+pub fn brief(text: &str) -> String {
+    let mut text = text.replace(char::is_control, " ");
     if text.len() > BRIEF_BYTES {
         let end = (0..=BRIEF_BYTES).rev().find(|end| text.is_char_boundary(*end)).unwrap_or(0);
         text.truncate(end);

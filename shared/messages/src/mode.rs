@@ -310,8 +310,8 @@ impl Mode {
         incarnation != 0 && (incarnation == self.active_policy || incarnation == self.previous_policy)
     }
 
-    /// Whether it may follow `old`. An epoch rises by one at a time: one that leaps is no supervisor's. Of one that falls
-    /// the one before was never true, for the supervisor only counts up.
+    /// Whether it may follow `old`. An epoch rises by one at a time: one that leaps is no supervisor's. Of one that
+    /// falls the one before was never true, for the supervisor only counts up.
     #[must_use]
     pub const fn may_follow(&self, old: &Self) -> bool {
         if self.epoch < old.epoch { self.header.seq > old.header.seq } else { self.epoch - old.epoch <= EPOCHS_AT_ONCE }

@@ -84,7 +84,9 @@ pub fn runs_root() -> PathBuf {
 }
 
 fn named_root() -> Option<PathBuf> {
-    std::env::var_os("GUIDEDOG_RUNS").filter(|root| !root.is_empty()).map(PathBuf::from)
+    let named = std::env::var_os("GUIDEDOG_RUNS").filter(|root| !root.is_empty()).map(PathBuf::from)?;
+    // Prefixes in shared memory are of the path: the same words in two folders are two places.
+    Some(std::path::absolute(&named).unwrap_or(named))
 }
 
 /// Whether what is found where runs live may be believed. Anybody can make the default place in `/tmp` before its user

@@ -88,6 +88,9 @@ fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: 
 fn wait_for(rig: &mut Rig, number: u64, since: Instant, outcome: &mut Outcome) -> Result<(), Failure> {
     let mut decided = None;
     while since.elapsed() < OVER_WITHIN {
+        if rig.interrupted() || !rig.is_alive() {
+            return Err(Failure::run(format!("ended in the middle of swap {number}")));
+        }
         let shown = rig.ask(&json!({ "verb": "policy_show" })).unwrap_or(Value::Null);
         let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number);
         let state = swap.map_or("", |swap| text(swap, "/state"));

@@ -70,6 +70,9 @@ impl Machine {
     #[must_use]
     pub fn not_ready(&self, now: Now) -> Option<String> {
         let stepped = self.limits.stepped;
+        if self.mode.class == ModeClass::Lock {
+            return Some(format!("the run is locked: {}", self.mode.reason));
+        }
         for s in self.services.iter().filter(|s| s.is_critical()) {
             if s.phase != Phase::Ready || (stepped && !s.joined) {
                 return Some(format!("{} is not up", s.plan.service));

@@ -115,6 +115,13 @@ impl Policies {
         &self.records
     }
 
+    /// The newest of them: so many that an answer holds them.
+    #[must_use]
+    pub fn last_records(&self) -> &[SwapRecord] {
+        const LAST: usize = 12;
+        &self.records[self.records.len().saturating_sub(LAST)..]
+    }
+
     fn swap(&self) -> Option<(Stage, &SwapRecord)> {
         Some((self.stage?, self.records.last()?))
     }

@@ -47,7 +47,7 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     } else {
         tell(&rows, &report);
     }
-    done?;
+    done.map_err(|failure| Failure { told: as_json, ..failure })?;
     let met = rows.iter().filter(|row| !row.outcomes.is_empty()).all(Row::is_met);
     Ok(if met { EXIT_OK } else { EXIT_NOT_REACHED })
 }
