@@ -106,7 +106,7 @@ const START: &str = "-46.4,-11.5,0.0";
 #[test]
 fn what_standing_still_costs_is_measured_of_every_service() {
     let place = Place::new();
-    let (report, code) = place.json(&["bench", "idle", "--seconds", "1", "--json"]);
+    let (report, code) = place.json(&["bench", "idle", "--seconds", "2", "--json"]);
     let services = report["services"].as_array().unwrap_or_else(|| panic!("{report:#}"));
     assert_eq!((code, services.len()), (0, 10), "{report:#}");
     assert!(services.iter().all(|service| service["rss_kib"].as_f64() > Some(0.0)), "{report:#}");
