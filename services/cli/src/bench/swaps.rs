@@ -27,9 +27,14 @@ struct Outcome {
     missed_decisions: u64,
     /// Stops but the run's own beginning and end, and stops for want of a way, by their reasons.
     stops: Vec<String>,
+    /// Holds before a wall, which no swap has a part in.
+    holds_of_its_way: u64,
     /// Run time at which the robot of the run that goes on walked.
     walks_since_s: Option<f64>,
 }
+
+/// Holds of a robot that comes near a wall.
+const OF_ITS_WAY: [&str; 3] = ["policy_stop", "all_unsafe", "remainder_unsafe"];
 
 /// `guidedog bench swaps`: the exit code.
 ///
@@ -130,10 +135,16 @@ impl Outcome {
         let Some(report) = report else { return };
         self.missed_decisions += count(report, "/missed_decisions");
         let since_s = self.walks_since_s.take().unwrap_or(0.0);
-        // The corridor is straight and empty, and nobody gives another cue: once it walks, nothing stops it rightly.
+        // The corridor is straight and nobody gives another cue: once it walks, only what is beside its way stops it
+        // rightly.
         let stops = elements(report, "/stops").iter().filter(|stop| number(stop, "/at_s") >= since_s);
-        let reasons = stops.map(|stop| text(stop, "/reason")).filter(|reason| *reason != "shutting_down");
-        self.stops.extend(reasons.map(str::to_owned));
+        for reason in stops.map(|stop| text(stop, "/reason")).filter(|reason| *reason != "shutting_down") {
+            if OF_ITS_WAY.contains(&reason) {
+                self.holds_of_its_way += 1;
+            } else {
+                self.stops.push(reason.to_owned());
+            }
+        }
     }
 
     fn json(&self, asked: u32) -> Value {
@@ -141,7 +152,8 @@ impl Outcome {
             .map(|p| json!({ "n": p.n, "p50": p.p50_us / 1000.0, "p99": p.p99_us / 1000.0, "max": p.max_us / 1000.0 }));
         json!({
             "swaps": asked, "done": self.decided_ns.len(), "failed": self.failed,
-            "missed_decisions": self.missed_decisions, "stops": self.stops, "decided_ms": ms,
+            "missed_decisions": self.missed_decisions, "stops": self.stops,
+            "holds_of_its_way": self.holds_of_its_way, "decided_ms": ms,
         })
     }
 
@@ -150,6 +162,7 @@ impl Outcome {
         self.failed.iter().for_each(|why| say(format!("failed: {why}")));
         say(format!("{} decisions missed, {} stops", self.missed_decisions, self.stops.len()));
         self.stops.iter().for_each(|reason| say(format!("stopped: {reason}")));
+        say(format!("{} holds before a wall", self.holds_of_its_way));
         if let Some(p) = Percentiles::of(self.decided_ns.clone()) {
             let [p50, p99, max] = [p.p50_us, p.p99_us, p.max_us].map(|us| us / 1000.0);
             say(format!("from the request to the first permit: p50 {p50:.0} ms, p99 {p99:.0} ms, max {max:.0} ms"));
