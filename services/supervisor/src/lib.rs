@@ -128,10 +128,16 @@ impl Supervisor {
             match action {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
-                Action::Kill(service, life) if self.never_starts(service, life, io) => {}
-                Action::Kill(service, life) => self.children.kill(service, life),
-                Action::Release(service, life) if self.never_starts(service, life, io) => {}
-                Action::Release(service, life) => self.children.tell_life(service, life, &ToChild::Leave),
+                Action::Kill(service, life) => {
+                    if !self.never_starts(service, life, io) {
+                        self.children.kill(service, life);
+                    }
+                }
+                Action::Release(service, life) => {
+                    if !self.never_starts(service, life, io) {
+                        self.children.tell_life(service, life, &ToChild::Leave);
+                    }
+                }
                 Action::Spawn(service, incarnation) => {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
                 }
