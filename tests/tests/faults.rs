@@ -266,3 +266,28 @@ fn in_stepped_time_a_killed_driver_joins_again() {
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();
 }
+
+#[test]
+fn ctrl_c_ends_a_walk_whose_supervisor_is_stopped() {
+    let place = Place::new();
+    let walk = place.command(&["walk", "--scenario", "corridor", "--name", "walk", "--json"]).spawn().expect("starts");
+    let ready = || {
+        let (status, code) = place.json(&["status", "--run", "walk", "--json"]);
+        (code == 0 && status["mode"]["class"] == "run").then(|| status["supervisor_pid"].as_u64())
+    };
+    let since = Instant::now();
+    let supervisor = loop {
+        if let Some(pid) = ready() {
+            break pid.and_then(|pid| u32::try_from(pid).ok()).expect("a process id");
+        }
+        assert!(since.elapsed() < WATCHDOG, "the walk never began");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    };
+    signal(supervisor, "STOP");
+    signal(walk.id(), "INT");
+    let output = walk.wait_with_output().expect("it is ours");
+    assert!(since.elapsed() < WATCHDOG && !is_alive(supervisor));
+    let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
+    assert_eq!(report["run"], "walk", "{report:#}");
+    place.assert_empty();
+}

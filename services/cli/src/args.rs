@@ -310,11 +310,14 @@ pub enum ImportFormat {
 #[derive(Debug, Args)]
 pub struct RecordArgs {
     /// The recording to write (.mcap; depth frames in .depth.mcap beside it)
-    #[arg(short, long, value_name = "RECORDING")]
-    pub output: PathBuf,
+    #[arg(short, long, value_name = "RECORDING", required_unless_present = "stop")]
+    pub output: Option<PathBuf>,
     /// End it after so long, such as 30s
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub duration: Option<Millis>,
+    /// End the recording that another `record` began, which may have been killed
+    #[arg(long, conflicts_with_all = ["output", "duration"])]
+    pub stop: bool,
     /// Which run.
     #[command(flatten)]
     pub run: RunArg,
@@ -369,7 +372,7 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub duration: Option<Millis>,
     /// Play it N times; without N until Ctrl-C
-    #[arg(long = "loop", value_name = "N", num_args = 0..=1, default_missing_value = "0")]
+    #[arg(long = "loop", value_name = "N", num_args = 0..=1, default_missing_value = "0", value_parser = times)]
     pub times: Option<u32>,
     /// Show where the policy and the shield that are configured now decide differently; exit code 7 if they do
     #[arg(long, conflicts_with_all = ["streams", "times"])]
@@ -471,6 +474,10 @@ fn speed(text: &str) -> Result<f64, String> {
 
 fn run_name(text: &str) -> Result<String, String> {
     transport::check_run_name(text).map(|()| text.to_owned())
+}
+
+fn times(text: &str) -> Result<u32, String> {
+    text.parse().map_err(|_| "it is no number of times; the recording stands before --loop".to_owned())
 }
 
 fn duration(text: &str) -> Result<Millis, String> {

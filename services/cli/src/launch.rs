@@ -181,8 +181,9 @@ impl Signals {
     fn on_signal(&self) {
         self.came.store(true, Ordering::Relaxed);
         if let Some(child) = self.child().as_ref() {
-            // It may have ended by itself.
+            // It may have ended by itself. One that was stopped hears nothing until it goes on.
             let _ = rustix::process::pidfd_send_signal(child, Signal::TERM);
+            let _ = rustix::process::pidfd_send_signal(child, Signal::CONT);
         }
     }
 

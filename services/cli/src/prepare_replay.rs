@@ -31,6 +31,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     let info = reader.info().clone();
     let recorded = reader.settings().map_err(Failure::of_input)?;
     let missing = reader.depth_missing().map(Path::to_owned);
+    reader.check_bytes().map_err(Failure::of_input)?;
     let mut pixels = 0;
     // All of it, so that a damaged recording is told now and not in the middle of the run.
     for record in reader {

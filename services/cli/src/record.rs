@@ -2,13 +2,14 @@
 
 use std::time::{Duration, Instant};
 
+use messages::ServiceId;
 use serde_json::{Value, json};
 
 use crate::args::{RecordArgs, RunArg};
 use crate::control::ask;
-use crate::exit::{EXIT_NO_RUN, Failure};
+use crate::exit::{EXIT_NO_RUN, EXIT_REFUSED, Failure};
 use crate::launch::Signals;
-use crate::out::{elements, say, text};
+use crate::out::{self, elements, number, say, text};
 use crate::policy;
 use crate::prepare::new_recording;
 use crate::recording_files;
@@ -21,11 +22,13 @@ const END_WITHIN: Duration = Duration::from_secs(10);
 /// `guidedog record`
 ///
 /// # Errors
-/// Where the recording is there already or cannot be written, and as [`ask`].
+/// Where the recording is there already, cannot be written or came to its end before its time, and as [`ask`].
 pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
-    let path = new_recording(&args.output)?;
+    let Some(output) = &args.output else { return stop(&args.run, as_json) };
+    let path = new_recording(output)?;
     let signals = Signals::of_this_process()?;
     let run = named(&args.run)?;
+    let mut troubles = Troubles::from_now_on(&run)?;
     ask(Some(&run), &json!({ "verb": "record", "path": policy::named(&path)? }))?;
     if !as_json {
         say(format!("recording {run} to {}; Ctrl-C ends the recording", path.display()));
@@ -35,27 +38,84 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
     let lasts = args.duration.map(|duration| Duration::from_nanos(duration.ns()));
     while !signals.came() && lasts.is_none_or(|lasts| begun.elapsed() < lasts) {
         std::thread::sleep(LOOK_EVERY);
-        match recorder(&run)?.as_deref() {
-            // The run is at its end, and with it the recording.
-            None => break,
+        // Where the run is at its end, so is the recording.
+        let Some(status) = status(&run)? else { break };
+        troubles.look(&status);
+        match recorder(&status) {
             Some("off" | "spent") => {
-                return Err(Failure::run(format!("run {run}: the recorder ended: {}", last_note(&run))));
+                return Err(Failure::run(format!("run {run}: the recorder ended: {}", troubles.last())));
             }
-            Some(state) => was_ready |= state == "ready",
+            state => was_ready |= state == Some("ready"),
         }
     }
-    let ended = Instant::now();
-    match ask(Some(&run), &json!({ "verb": "record_stop" })) {
-        Err(failure) if failure.code != EXIT_NO_RUN => return Err(failure),
-        _ => {}
+    end(&run, &mut troubles)?;
+    if !was_ready && !path.exists() {
+        return Err(Failure::run(format!("run {run}: nothing was recorded: {}", troubles.last())));
     }
-    while recorder(&run)?.is_some_and(|state| state != "off") && ended.elapsed() < END_WITHIN {
+    recording_files::lives(&path, as_json)
+}
+
+/// `guidedog record --stop`: ends a recording whose `record` is gone.
+fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
+    let run = named(run)?;
+    let mut troubles = Troubles::from_now_on(&run)?;
+    let answer = ask(Some(&run), &json!({ "verb": "record_stop" }))?;
+    wait_for_end(&run, &mut troubles)?;
+    if as_json {
+        return out::json(&answer);
+    }
+    say(format!("run {run} is no longer recorded"));
+    Ok(())
+}
+
+/// Has the recorder end its files, and waits until it has; that the run has ended meanwhile is as well.
+fn end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
+    match ask(Some(run), &json!({ "verb": "record_stop" })) {
+        // Somebody else has ended it.
+        Err(failure) if !matches!(failure.code, EXIT_NO_RUN | EXIT_REFUSED) => Err(failure),
+        _ => wait_for_end(run, troubles),
+    }
+}
+
+fn wait_for_end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
+    let begun = Instant::now();
+    while let Some(status) = status(run)? {
+        troubles.look(&status);
+        if recorder(&status).is_none_or(|state| state == "off") || begun.elapsed() >= END_WITHIN {
+            break;
+        }
         std::thread::sleep(LOOK_EVERY);
     }
-    if !was_ready && !path.exists() {
-        return Err(Failure::run(format!("run {run}: nothing was recorded: {}", last_note(&run))));
+    Ok(())
+}
+
+/// What goes wrong with the recorder, told when it happens: a disk that is full an hour before the end is no news then.
+struct Troubles {
+    /// Notes up to this run time have been looked at, seconds.
+    seen_s: f64,
+    last: String,
+}
+
+impl Troubles {
+    fn from_now_on(run: &str) -> Result<Self, Failure> {
+        let status = ask(Some(run), &json!({ "verb": "status" }))?;
+        Ok(Self { seen_s: number(&status, "/now_s"), last: "no note".to_owned() })
     }
-    recording_files::info(&path, as_json)
+
+    fn look(&mut self, status: &Value) {
+        for note in elements(status, "/notes").iter().filter(|note| number(note, "/at_s") > self.seen_s) {
+            let said = text(note, "/text");
+            if said.starts_with(ServiceId::Recorder.name()) {
+                say(said);
+                said.clone_into(&mut self.last);
+            }
+        }
+        self.seen_s = elements(status, "/notes").last().map_or(self.seen_s, |note| number(note, "/at_s"));
+    }
+
+    fn last(&self) -> &str {
+        &self.last
+    }
 }
 
 /// The name of the run that is meant, which stays the same while it is recorded.
@@ -64,18 +124,16 @@ fn named(run: &RunArg) -> Result<String, Failure> {
     Ok(text(&status, "/run").to_owned())
 }
 
-/// How far the recorder is; nothing where the run is gone.
-fn recorder(run: &str) -> Result<Option<String>, Failure> {
-    let status = match ask(Some(run), &json!({ "verb": "status" })) {
-        Err(failure) if failure.code == EXIT_NO_RUN => return Ok(None),
-        status => status?,
-    };
-    let state = |service: &Value| service["name"] == "recorder";
-    let recorder = elements(&status, "/services").iter().find(|service| state(service));
-    Ok(recorder.map(|recorder| text(recorder, "/state").to_owned()))
+/// What the run says of itself; nothing where it is gone.
+fn status(run: &str) -> Result<Option<Value>, Failure> {
+    match ask(Some(run), &json!({ "verb": "status" })) {
+        Err(failure) if failure.code == EXIT_NO_RUN => Ok(None),
+        status => status.map(Some),
+    }
 }
 
-fn last_note(run: &str) -> String {
-    let status = ask(Some(run), &json!({ "verb": "status" })).unwrap_or_default();
-    elements(&status, "/notes").last().map_or_else(|| "no note".to_owned(), |note| text(note, "/text").to_owned())
+/// How far the recorder is.
+fn recorder(status: &Value) -> Option<&str> {
+    let recorder = elements(status, "/services").iter().find(|service| service["name"] == ServiceId::Recorder.name());
+    recorder.map(|recorder| text(recorder, "/state"))
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use recording::{Info, Part, ReadError, Reader, RecoverError, Recovered, recover};
+use recording::{Info, Part, ReadError, Reader, RecoverError, Recovered, life_path, recover};
 use serde_json::{Value, json};
 
 use crate::args::{RecordingArgs, RecordingVerb};
@@ -37,22 +37,64 @@ fn of_reading(error: &ReadError) -> Failure {
 }
 
 /// What a recording says about itself.
+fn info(path: &Path, as_json: bool) -> Result<(), Failure> {
+    let info = WholeInfo::of(path)?;
+    if as_json {
+        return out::json(&info.json()?);
+    }
+    info.lines().iter().for_each(say);
+    Ok(())
+}
+
+/// What was recorded in `path` says about itself, and what restarted recorders wrote beside it.
 ///
 /// # Errors
-/// Where it cannot be read.
-pub fn info(path: &Path, as_json: bool) -> Result<(), Failure> {
-    let reader = Reader::open(path).map_err(|error| of_reading(&error))?;
-    let missing = reader.depth_missing().map(|file| file.display().to_string());
-    if as_json {
-        let mut told = told(path, reader.info())?;
-        told["depth_missing"] = json!(missing);
+/// Where a file is not whole; the others are told nevertheless.
+pub fn lives(path: &Path, as_json: bool) -> Result<(), Failure> {
+    let further = (2..).map(|life| life_path(path, life)).take_while(|path| path.exists());
+    let (mut whole, mut failures) = (Vec::new(), Vec::new());
+    for path in std::iter::once(path.to_owned()).chain(further) {
+        match WholeInfo::of(&path) {
+            Ok(info) => whole.push(info),
+            Err(failure) => failures.push(failure.message),
+        }
+    }
+    if !as_json {
+        whole.iter().flat_map(WholeInfo::lines).for_each(say);
+    } else if failures.is_empty()
+        && let [first, others @ ..] = &whole[..]
+    {
+        let mut told = first.json()?;
+        told["further"] = others.iter().map(WholeInfo::json).collect::<Result<_, _>>()?;
         return out::json(&told);
     }
-    lines(path, reader.info()).iter().for_each(say);
-    if let Some(missing) = missing {
-        say(format!("  depth: {missing} is missing"));
+    if failures.is_empty() { Ok(()) } else { Err(Failure::run(failures.join("; "))) }
+}
+
+/// What a recording says about itself, its depth frames included.
+struct WholeInfo {
+    path: PathBuf,
+    info: Info,
+    depth_missing: Option<String>,
+}
+
+impl WholeInfo {
+    fn of(path: &Path) -> Result<Self, Failure> {
+        let reader = Reader::open(path).map_err(|error| of_reading(&error))?;
+        let depth_missing = reader.depth_missing().map(|file| file.display().to_string());
+        Ok(Self { path: path.to_owned(), info: reader.info().clone(), depth_missing })
     }
-    Ok(())
+
+    fn json(&self) -> Result<Value, Failure> {
+        let mut told = told(&self.path, &self.info)?;
+        told["depth_missing"] = json!(self.depth_missing);
+        Ok(told)
+    }
+
+    fn lines(&self) -> Vec<String> {
+        let missing = self.depth_missing.iter().map(|missing| format!("  depth: {missing} is missing"));
+        lines(&self.path, &self.info).into_iter().chain(missing).collect()
+    }
 }
 
 fn check(path: &Path, as_json: bool) -> Result<(), Failure> {
@@ -60,6 +102,7 @@ fn check(path: &Path, as_json: bool) -> Result<(), Failure> {
     let info = reader.info().clone();
     let missing = reader.depth_missing().map(Path::to_owned);
     reader.settings().map_err(|error| of_reading(&error))?;
+    reader.check_bytes().map_err(|error| of_reading(&error))?;
     let mut records: BTreeMap<&str, u64> = BTreeMap::new();
     for record in reader {
         let record = record.map_err(|error| of_reading(&error))?;

@@ -8,13 +8,13 @@ mod queue;
 mod show;
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use messages::{
     Cue, CueRequest, DepthFrame, Health, LidarScan, LocomotionState, Mode, Odometry, Permit, PolicyAction, PortRole,
     TopicId, WorldTruth,
 };
-use recording::{About, Part, Record, RunAbout, Writer};
+use recording::{About, Part, Record, RunAbout, Writer, life_path};
 use settings::{LinkKind, Settings, Source};
 use transport::{FrameSubscriber, FromChild, Io, Service, Subscriber, TransportError, unix_time_s};
 
@@ -69,7 +69,7 @@ impl Recorder {
         let text = std::fs::read_to_string(io.domain.dir.settings()).map_err(TransportError::service)?;
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let order = io.domain.dir.read_recording_order()?;
-        let path = numbered(&order.path, io.identity().incarnation.saturating_sub(order.lives_before));
+        let path = life_path(&order.path, io.identity().incarnation.saturating_sub(order.lives_before));
         let with_depth = settings.record.depth && settings.depth.source != Source::Absent;
         let about = about(&settings, &path, with_depth, io);
         let begin = |part: Part, room: usize, io: &Io| {
@@ -157,11 +157,6 @@ impl Recorder {
     }
 }
 
-/// The file of a restarted recorder: `NAME.2.mcap` and so on; nothing is ever overwritten.
-fn numbered(path: &Path, life: u32) -> PathBuf {
-    if life <= 1 { path.to_owned() } else { path.with_extension(format!("{life}.mcap")) }
-}
-
 fn about(settings: &Settings, path: &Path, with_depth: bool, io: &Io) -> About {
     let depth_file = Part::Depth.path(path).file_name().map(|name| name.to_string_lossy().into_owned());
     About {
@@ -244,17 +239,5 @@ impl Service for Recorder {
 
     fn fill_health(&self, health: &mut Health) {
         health.not_recorded = self.not_recorded;
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::numbered;
-    use std::path::Path;
-
-    #[test]
-    fn every_life_has_a_file_of_its_own() {
-        assert_eq!(numbered(Path::new("/a/walk.mcap"), 1), Path::new("/a/walk.mcap"));
-        assert_eq!(numbered(Path::new("/a/walk.mcap"), 3), Path::new("/a/walk.3.mcap"));
     }
 }

@@ -127,7 +127,8 @@ impl Compare {
         std::mem::take(&mut self.lines)
     }
 
-    /// The figures, for the report. What has no counterpart in the end is different too.
+    /// The figures, for the report. What has no counterpart in the end is different too; where the whole run is played
+    /// (`exact`) it was decided differently.
     pub fn figures(&self, exact: bool) -> Value {
         let (mut permits, mut actions) = (self.of_permits, self.of_actions);
         for [then, now] in self.permits.values() {
@@ -138,11 +139,12 @@ impl Compare {
             actions.different += u64::from(then.is_some());
             actions.additional += u64::from(now.is_some());
         }
+        let alone = self.permits.values().filter(|_| exact).count() as u64;
         json!({
             "exact": exact,
             "permits": permits,
             "actions": actions,
-            "decided_differently": self.decided_differently,
+            "decided_differently": self.decided_differently + alone,
             "first_difference": self.first_difference,
         })
     }
@@ -180,7 +182,8 @@ mod tests {
         let figures = compare.figures(true);
         let counts = ["recorded", "equal", "different", "additional"].map(|name| figures["permits"][name].as_u64());
         assert_eq!(counts, [Some(4), Some(1), Some(3), Some(1)], "{figures}");
-        assert_eq!(figures["decided_differently"], 1);
+        // One outcome, and two that the other side has not.
+        assert_eq!(figures["decided_differently"], 3);
         let lines = compare.take_lines();
         assert_eq!((lines.len(), &lines[0]["replayed"]["outcome"]), (1, &"remainder_unsafe".into()));
     }

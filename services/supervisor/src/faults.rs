@@ -68,6 +68,9 @@ impl Supervisor {
         if let Some(kind) = kind.filter(|kind| !target.faults().contains(kind)) {
             return refused(format!("{target} cannot have the fault {}", kind.name()));
         }
+        if for_ms.is_some() && kind == Some(Fault::Hang) && target == Target::Service(ServiceId::Supervisor) {
+            return refused("a supervisor that hangs cannot end its own fault; send it SIGCONT".to_owned());
+        }
         let for_ns = for_ms.map(|ms| ms.saturating_mul(1_000_000));
         let injection = Injection { target, fault: kind, seed, since_ns: io.now_ns(), for_ns };
         let at_ns = monotonic_ns();

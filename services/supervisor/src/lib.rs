@@ -369,7 +369,9 @@ impl Supervisor {
             }
             Request::Record { path } => self.record(path, io),
             Request::RecordStop => self.end_recording(io),
-            Request::PolicySwap { exe, model } => swap_answer(self.machine.swap_policy(PolicySpec { exe, model }, now)),
+            Request::PolicySwap { exe, model } => {
+                swap_answer(PolicySpec { exe, model }.checked().and_then(|spec| self.machine.swap_policy(spec, now)))
+            }
             Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
             Request::PolicyShow => self.show_policy(),
             Request::Inject { target, fault, for_ms, seed } => {

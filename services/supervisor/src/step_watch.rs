@@ -8,6 +8,9 @@ use transport::Oversleep;
 /// The supervisor looks this often.
 const PERIOD_NS: u64 = 50_000_000;
 
+/// What was acknowledged so long ago, nobody asks for: members do every step.
+const KEPT_STEPS: u64 = 1000;
+
 /// What every member has acknowledged, and since when time stands.
 #[derive(Debug)]
 pub struct StepWatch {
@@ -43,6 +46,10 @@ impl StepWatch {
     /// Not while the supervisor itself holds time; and what this very loop overslept does not count.
     pub fn late(&mut self, step: u64, roster: &[Member], held: bool, now_ns: u64) -> Option<Vec<Member>> {
         let slept_ns = self.oversleep.slept_ns(now_ns);
+        if step != self.step {
+            // The dead are members no longer.
+            self.acknowledged.retain(|_, last| *last + KEPT_STEPS >= step);
+        }
         if step != self.step || held {
             (self.step, self.since_ns) = (step, now_ns);
             return None;

@@ -10,7 +10,7 @@ use messages::TopicId;
 
 use crate::channel::{CHANNELS, Channel};
 use crate::chunk::{Entry, each_entry};
-use crate::index::{Flaw, Index, body, read_index, read_record};
+use crate::index::{Flaw, Index, body, check_data, read_index, read_record};
 use crate::info::{METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::record::Order;
 use crate::{FORMAT_VERSION, Info, ReadError, Record, lengths};
@@ -26,6 +26,7 @@ pub struct FileReader {
     bytes: u64,
     info: Info,
     settings_at: Option<u64>,
+    data_end: u64,
     channels: BTreeMap<u16, &'static Channel>,
     chunks: VecDeque<ChunkIndex>,
     waiting: BinaryHeap<Reverse<Waiting>>,
@@ -65,6 +66,7 @@ impl FileReader {
             file,
             bytes,
             info,
+            data_end: index.data_end,
             settings_at: index.metadata.iter().find(|place| place.name == SETTINGS_NAME).map(|place| place.offset),
             chunks: index.chunks.into(),
             waiting: BinaryHeap::new(),
@@ -89,6 +91,11 @@ impl FileReader {
             byte,
             what: format!("metadata entry `{SETTINGS_KEY}` is missing"),
         })
+    }
+
+    /// Compares the file's bytes with its checksum; what lies in chunks has checksums of its own.
+    pub fn check_bytes(&mut self) -> Result<(), ReadError> {
+        check_data(&mut self.file, self.data_end).map_err(|flaw| name_flaw(&self.path, self.bytes, flaw))
     }
 
     /// Passes over the chunks that end before `time_ns`.

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 
+use crc32fast::Hasher;
 use mcap::records::{ChunkIndex, MetadataIndex, Record, op};
 
 use crate::lengths;
@@ -23,9 +24,17 @@ const FOOTER_BYTES: u64 = 20;
 /// No record, compressed or not, may be larger: a file must not make its reader use up the memory.
 pub const RECORD_BYTES_MAX: u64 = 64 << 20;
 
+/// A checksum is taken of so many bytes at a time.
+const PIECE_BYTES: usize = 1 << 20;
+
+/// Length of the body of the record behind the last chunk: one checksum.
+const DATA_END_BYTES: u64 = 4;
+
 /// What the summary says.
 #[derive(Debug, Default)]
 pub struct Index {
+    /// Where the data ends, and the summary is still to come.
+    pub data_end: u64,
     /// By their first log time.
     pub chunks: Vec<ChunkIndex>,
     /// Topic and encoding by channel id.
@@ -88,7 +97,10 @@ pub fn read_index(file: &mut File, len: u64) -> Result<Index, Flaw> {
         return Err(Flaw::damaged(summary_at, format_args!("a summary of {summary_bytes} bytes")));
     }
     let summary = read_at(file, summary_at, summary_bytes)?;
-    let mut index = Index::default();
+    check_summary(&summary, &raw).map_err(|what| Flaw::damaged(summary_at, what))?;
+    let data_end = summary_at.checked_sub(PREFIX_BYTES + DATA_END_BYTES).filter(|at| *at >= mark);
+    let data_end = data_end.ok_or_else(|| Flaw::damaged(footer_at, "the footer's summary lies before all data"))?;
+    let mut index = Index { data_end, ..Index::default() };
     let mut rest = &summary[..];
     while !rest.is_empty() {
         let byte = footer_at - rest.len() as u64;
@@ -119,6 +131,43 @@ impl Index {
         }
         Ok(())
     }
+}
+
+/// The footer's checksum is of the summary and of the footer up to the checksum itself; 0: none was taken.
+fn check_summary(summary: &[u8], footer: &[u8]) -> Result<(), &'static str> {
+    let Some((covered, &crc)) = footer.split_last_chunk() else { return Err("the footer has no checksum") };
+    let mut hasher = Hasher::new();
+    hasher.update(summary);
+    hasher.update(covered);
+    match u32::from_le_bytes(crc) {
+        0 => Ok(()),
+        // A fuzzer would never come past it.
+        crc if crc == hasher.finalize() || cfg!(fuzzing) => Ok(()),
+        _ => Err("the summary is not what its checksum says"),
+    }
+}
+
+/// Reads all that stands before `data_end`, and compares it with the checksum that stands there.
+pub fn check_data(file: &mut File, data_end: u64) -> Result<(), Flaw> {
+    let failed = |source| Flaw::Io { byte: data_end, source };
+    let end = read_at(file, data_end, PREFIX_BYTES + DATA_END_BYTES)?;
+    let crc = match (end.split_first(), end.split_last_chunk()) {
+        (Some((&op::DATA_END, _)), Some((_, &crc))) => u32::from_le_bytes(crc),
+        _ => return Err(Flaw::damaged(data_end, "the data has no end there")),
+    };
+    file.rewind().map_err(failed)?;
+    let mut data = file.take(data_end);
+    let (mut hasher, mut piece) = (Hasher::new(), vec![0; PIECE_BYTES]);
+    loop {
+        match data.read(&mut piece).map_err(failed)? {
+            0 => break,
+            n => hasher.update(piece.get(..n).unwrap_or_default()),
+        }
+    }
+    if crc != 0 && crc != hasher.finalize() {
+        return Err(Flaw::damaged(data_end, "what stands before is not what its checksum says"));
+    }
+    Ok(())
 }
 
 /// The body of a whole record.

@@ -73,6 +73,16 @@ pub enum ReadError {
         /// What is wrong.
         what: String,
     },
+    /// The file of depth frames is that of another recording.
+    #[error("{} does not belong to {}: it was recorded in {run}", path.display(), recording.display())]
+    OtherRecording {
+        /// The file of depth frames.
+        path: PathBuf,
+        /// The recording that names it.
+        recording: PathBuf,
+        /// What the file says of its run.
+        run: String,
+    },
     /// A record makes no sense.
     #[error("{} has a bad record of {topic} at {log_time_ns} ns (chunk at byte {byte}): {what}", path.display())]
     Record {
@@ -136,6 +146,7 @@ impl Reader {
         let is_there = beside.as_ref().is_some_and(|beside| beside.is_file());
         let depth = beside.as_ref().filter(|_| is_there).map(|beside| FileReader::open(beside)).transpose()?;
         if let Some(depth) = &depth {
+            check_same_run(path, &info, beside.as_deref(), depth.info())?;
             take_along(&mut info, depth.info());
         }
         let depth_missing = beside.filter(|_| !is_there);
@@ -160,6 +171,16 @@ impl Reader {
     /// Where they cannot be read.
     pub fn settings(&mut self) -> Result<Option<String>, ReadError> {
         self.small.settings()
+    }
+
+    /// Compares every byte of the recording with its checksums, which takes as long as reading it. Reading its records
+    /// checks only those: a changed byte of the settings is found here.
+    ///
+    /// # Errors
+    /// Where a file is damaged or cannot be read.
+    pub fn check_bytes(&mut self) -> Result<(), ReadError> {
+        self.small.check_bytes()?;
+        self.depth.as_mut().map_or(Ok(()), FileReader::check_bytes)
     }
 
     /// Passes over what was recorded before `time_ns`, as far as that goes without reading it. The records are then no
@@ -189,6 +210,19 @@ impl Reader {
         *head = next?;
         Ok(record)
     }
+}
+
+/// Both files of a recording begin with the same words about its run.
+fn check_same_run(path: &Path, info: &Info, beside: Option<&Path>, depth: &Info) -> Result<(), ReadError> {
+    let of = |info: &Info| {
+        let run = info.about.run.as_ref();
+        (info.about.first_wall_clock_s.map(f64::to_bits), run.map(|run| (run.name.clone(), run.incarnation)))
+    };
+    if of(info) == of(depth) {
+        return Ok(());
+    }
+    let path_of_depth = beside.unwrap_or(path).to_owned();
+    Err(ReadError::OtherRecording { path: path_of_depth, recording: path.to_owned(), run: depth.about.source.clone() })
 }
 
 /// Adds what the depth file says.

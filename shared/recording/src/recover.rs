@@ -61,11 +61,23 @@ struct Found {
 }
 
 /// Makes a whole recording at `to` of the torn one at `from`, as far as it can be read: to its first record that is not
-/// whole, or that makes no sense. It takes a whole recording as well. `from` stays as it is.
+/// whole, or that makes no sense. It takes a whole recording as well. `from` stays as it is; where `to` cannot be written
+/// to its end, what there is of it is removed.
 ///
 /// # Errors
 /// Where `from` cannot be read or is no live recording of ours, and where `to` exists or cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
+    let mut began = false;
+    write_whole(from, to, &mut began).inspect_err(|_| {
+        if began {
+            // Why it could not be written is what counts.
+            let _ = std::fs::remove_file(to);
+        }
+    })
+}
+
+/// `began` tells whether there is a file at `to` that is ours.
+fn write_whole(from: &Path, to: &Path, began: &mut bool) -> Result<Recovered, RecoverError> {
     let mut torn = Torn::open(from)?;
     let mut found = Found::default();
     let mut writer: Option<Writer> = None;
@@ -79,6 +91,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
                     Some(writer) => writer,
                     none => none.insert(found.begin(from, to, None)?),
                 };
+                *began = true;
                 records.iter().try_for_each(|kept| kept.write(writer)).and_then(|()| writer.flush())?;
             }
         }
@@ -87,6 +100,7 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
         Some(writer) => writer,
         None => found.begin(from, to, why.as_ref().map(|what| (torn.byte, what)))?,
     };
+    *began = true;
     let info = writer.finish(found.finish(to))?;
     Ok(Recovered { from: from.to_owned(), to: to.to_owned(), info, bytes: torn.bytes, cut_at_byte: torn.byte, why })
 }
@@ -152,6 +166,8 @@ impl Torn {
             Err(flaw) => return Ok(Step::Flaw(name_flaw(&self.path, self.bytes, flaw).to_string())),
         };
         let records = match raw.first().copied().unwrap_or_default() {
+            // No record has this number: a file system that lost the end fills it with zeros.
+            0 => return Ok(Step::Flaw("nothing was written here".to_owned())),
             // The data is over, and what the summary says is said anew.
             op::DATA_END | op::FOOTER => {
                 self.byte = self.bytes;

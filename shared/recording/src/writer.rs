@@ -141,6 +141,13 @@ impl Part {
     }
 }
 
+/// The recording of a recorder's `life`, counted from 1, where `NAME.mcap` was ordered: `NAME.2.mcap` and so on for one
+/// that was restarted. Nothing is ever overwritten.
+#[must_use]
+pub fn life_path(ordered: &Path, life: u32) -> PathBuf {
+    if life <= 1 { ordered.to_owned() } else { ordered.with_extension(format!("{life}.mcap")) }
+}
+
 /// What a recording is written to.
 pub trait Sink: Write + Seek + Send {}
 
@@ -205,7 +212,11 @@ impl Writer {
             })?;
         let failed = |source| WriteError::Io { action: "create", path: path.to_owned(), source };
         let same = file.try_clone().map_err(failed)?;
-        let writer = Self::live_into(path, Box::new(file), part, about, settings)?;
+        let writer = Self::live_into(path, Box::new(file), part, about, settings);
+        let writer = writer.inspect_err(|_| {
+            // A file with nothing in it is no recording; why it could not be begun is what counts.
+            let _ = fs::remove_file(path);
+        })?;
         Ok(Self { file: Some(same), ..writer })
     }
 

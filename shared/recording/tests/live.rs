@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 
 use common::{chain, scan};
-use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, recover};
+use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, life_path, recover};
 use messages::{
     Cue, CueInForce, CueKind, CueRequest, CueSource, DepthHeader, Header, LocomotionState, Mode, ModeClass, Odometry,
     Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopKind, StopReason, TopicId, Twist2,
@@ -258,4 +258,84 @@ fn a_recording_leads_to_no_other_folder_and_nothing_is_overwritten() {
     let error = Reader::open(&path).unwrap_err();
     assert!(matches!(&error, ReadError::Damaged { what, .. } if what.contains("no file name")), "{error}");
     assert!(Writer::live(&path, Part::Small, &about(None), "").is_err(), "it is there already");
+}
+
+#[test]
+fn a_changed_byte_anywhere_is_found_by_the_checksums() {
+    let folder = tempdir().unwrap();
+    let (path, changed_path) = (folder.path().join("a.mcap"), folder.path().join("changed.mcap"));
+    let records: Vec<Record> = (1..=20).map(|seq| Record::Permit(Box::new(permit(seq)))).collect();
+    record(&path, Part::Small, &records);
+    let whole = fs::read(&path).unwrap();
+    Reader::open(&path).unwrap().check_bytes().unwrap();
+    let ends_at = whole.len();
+    for at in (0..ends_at).step_by(53).chain(ends_at - 40..ends_at) {
+        let mut changed = whole.clone();
+        changed[at] ^= 0x04;
+        fs::write(&changed_path, changed).unwrap();
+        let checked = Reader::open(&changed_path).and_then(|mut reader| reader.check_bytes());
+        assert!(checked.is_err(), "byte {at} of {ends_at}");
+    }
+}
+
+#[test]
+fn a_depth_file_of_another_recording_is_told() {
+    let folder = tempdir().unwrap();
+    let [ours, other] = ["ours.mcap", "other.mcap"].map(|name| folder.path().join(name));
+    for (path, at_s) in [(&ours, 1.0), (&other, 2.0)] {
+        let depth = Part::Depth.path(path);
+        let mut about = about(Some(&depth.file_name().unwrap().to_string_lossy()));
+        about.first_wall_clock_s = Some(at_s);
+        for part in [Part::Small, Part::Depth] {
+            Writer::live(&part.path(path), part, &about, "").unwrap().finish(about.clone()).unwrap();
+        }
+    }
+    Reader::open(&ours).unwrap();
+    fs::copy(Part::Depth.path(&other), Part::Depth.path(&ours)).unwrap();
+    let error = Reader::open(&ours).unwrap_err();
+    assert!(matches!(error, ReadError::OtherRecording { .. }), "{error}");
+}
+
+#[test]
+fn zeros_at_the_end_are_no_records() {
+    let folder = tempdir().unwrap();
+    let (path, torn, out) =
+        (folder.path().join("a.mcap"), folder.path().join("torn.mcap"), folder.path().join("out.mcap"));
+    let mut writer = Writer::live(&path, Part::Small, &about(None), "").unwrap();
+    writer.write(&Record::Permit(Box::new(permit(1)))).unwrap();
+    writer.flush().unwrap();
+    let mut bytes = fs::read(&path).unwrap();
+    let written = bytes.len() as u64;
+    bytes.resize(bytes.len() + (64 << 20), 0);
+    fs::write(&torn, bytes).unwrap();
+    let recovered = recover(&torn, &out).unwrap();
+    assert_eq!((recovered.cut_at_byte, recovered.info.records["shield/permit"]), (written, 1));
+    assert_eq!(recovered.why.as_deref(), Some("nothing was written here"));
+}
+
+#[test]
+fn a_recovery_that_fails_leaves_nothing() {
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    // The whole one says more of itself than the torn one did: its depth file has a longer name.
+    let out = folder.path().join(format!("{}.mcap", "o".repeat(200)));
+    let fails = (2500..3000).rev().step_by(50).find(|&bytes| {
+        let _ = fs::remove_file(&path);
+        let long = About { source: "s".repeat(bytes), ..about(Some("a.depth.mcap")) };
+        let mut writer = Writer::live(&path, Part::Small, &long, "").unwrap();
+        writer.write(&Record::Permit(Box::new(permit(1)))).unwrap();
+        writer.flush().unwrap();
+        let recovered = recover(&path, &out);
+        matches!(recovered, Err(RecoverError::Write(_)))
+    });
+    assert!(fails.is_some() && !out.exists(), "what could not be finished is gone: {fails:?}");
+    fs::write(&out, "somebody's").unwrap();
+    assert!(recover(&path, &out).is_err());
+    assert_eq!(fs::read(&out).unwrap(), b"somebody's", "what was there stays");
+}
+
+#[test]
+fn every_life_of_a_recorder_has_a_file_of_its_own() {
+    assert_eq!(life_path(Path::new("/a/walk.mcap"), 1), Path::new("/a/walk.mcap"));
+    assert_eq!(life_path(Path::new("/a/walk.mcap"), 3), Path::new("/a/walk.3.mcap"));
 }

@@ -74,7 +74,7 @@ pub struct FaultsArgs {
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub repeat: u32,
     /// No trial begins after so many seconds
-    #[arg(long, value_name = "S")]
+    #[arg(long, value_name = "S", value_parser = clap::value_parser!(u64).range(1..))]
     pub budget_s: Option<u64>,
     /// Limits count so many times, for machines that are shared
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]

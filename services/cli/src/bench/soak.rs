@@ -60,6 +60,9 @@ struct Taken {
 /// # Errors
 /// Where a run cannot be started or a service does not come back.
 pub fn bench(args: &SoakArgs, as_json: bool) -> Result<u8, Failure> {
+    if args.kills == 0 && args.quiet.is_none() {
+        return Err(Failure::input("nothing to do: no kills, and no --quiet time"));
+    }
     let (mut report, mut well) = (json!({}), true);
     if args.kills > 0 {
         let kills = kill_many(args.kills)?;

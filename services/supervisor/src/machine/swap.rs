@@ -26,6 +26,23 @@ pub struct PolicySpec {
     pub model: Option<PathBuf>,
 }
 
+impl PolicySpec {
+    /// An operator's wish, once it says what can be started.
+    ///
+    /// # Errors
+    /// Where it names nothing, or a path that would be looked for from wherever the supervisor works.
+    pub fn checked(self) -> Result<Self, String> {
+        let paths = [&self.exe, &self.model];
+        if paths.iter().all(|path| path.is_none()) {
+            return Err("neither an executable nor a model is named".to_owned());
+        }
+        if let Some(path) = paths.into_iter().flatten().find(|path| !path.is_absolute()) {
+            return Err(format!("{}: the path is not absolute", path.display()));
+        }
+        Ok(self)
+    }
+}
+
 /// What a candidate has to show.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct SwapLimits {
@@ -366,6 +383,14 @@ impl Machine {
         }
     }
 
+    fn kill_shadow(&mut self, now: Now) {
+        if let Some(s) = self.policy_slot(Role::Shadow)
+            && let Phase::Leaving { kill_at_ns, .. } = &mut s.phase
+        {
+            *kill_at_ns = now.wall_ns + KILL_AFTER_NS;
+        }
+    }
+
     /// A policy has died, or is condemned alive: whether that is the swap's business alone, and no fault.
     pub(super) fn policy_lost(&mut self, incarnation: u32, dead: bool, why: &str, now: Now) -> bool {
         let Some((stage, record)) = self.policies.swap() else { return false };
@@ -389,6 +414,8 @@ impl Machine {
                 let told = format!("the policy before ({incarnation}) is gone: {why}; there is no way back");
                 self.actions.push(Action::Note(told.clone()));
                 self.end_swap("done", Some(told), now);
+                // One that hangs does not hear that it may leave.
+                self.kill_shadow(now);
                 true
             }
             Stage::Returning { .. } => {
