@@ -61,8 +61,8 @@ struct Found {
 }
 
 /// Makes a whole recording at `to` of the torn one at `from`, as far as it can be read: to its first record that is not
-/// whole, or that makes no sense. It takes a whole recording as well. `from` stays as it is; where `to` cannot be written
-/// to its end, what there is of it is removed.
+/// whole, or that makes no sense. It takes a whole recording as well. `from` stays as it is; of a `to` that could not
+/// be written to its end nothing is left.
 ///
 /// # Errors
 /// Where `from` cannot be read or is no live recording of ours, and where `to` exists or cannot be written.
