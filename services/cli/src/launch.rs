@@ -228,8 +228,10 @@ impl Running {
     pub fn end(&mut self) {
         let pid = i32::try_from(self.child.id()).ok().and_then(Pid::from_raw);
         if let Some(pid) = pid.filter(|_| !self.has_ended()) {
-            // It is not reaped, so the id is still its own; it may have ended by itself.
+            // It is not reaped, so the id is still its own; it may have ended by itself. One that is stopped hears
+            // nothing.
             let _ = rustix::process::kill_process(pid, Signal::TERM);
+            let _ = rustix::process::kill_process(pid, Signal::CONT);
         }
     }
 

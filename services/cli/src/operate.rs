@@ -3,8 +3,6 @@
 use messages::stops::{STOPS, StopInfo};
 use serde_json::{Value, json};
 
-use messages::fault::{FAULTS, Fault, Target};
-
 use crate::args::{CueArgs, InjectArgs, RunArg};
 use crate::control::ask;
 use crate::exit::Failure;
@@ -86,18 +84,7 @@ pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`], and where target or fault is none.
 pub fn inject(args: &InjectArgs, as_json: bool) -> Result<(), Failure> {
-    let fault = Fault::from_name(&args.fault);
-    if fault.is_none() && args.fault != "none" {
-        let known: Vec<&str> = FAULTS.iter().map(|row| row.name).collect();
-        return Err(Failure::input(format!("there is no fault {}; known: {}, none", args.fault, known.join(", "))));
-    }
-    let Some(target) = Target::from_name(&args.target, fault) else {
-        return Err(Failure::input(format!("there is no stream and no service {}", args.target)));
-    };
-    if let Some(fault) = fault.filter(|fault| !target.faults().contains(fault)) {
-        let can: Vec<&str> = target.faults().iter().map(|fault| fault.name()).collect();
-        return Err(Failure::input(format!("{target} can be {}, not {}", can.join(", "), fault.name())));
-    }
+    let (target, _) = messages::fault::parse(&args.target, &args.fault).map_err(Failure::input)?;
     let for_ms = args.lasts.map(|lasts| lasts.ns() / 1_000_000);
     let request =
         json!({ "verb": "inject", "target": args.target, "fault": args.fault, "for_ms": for_ms, "seed": args.seed });

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use recording::Part;
+use recording::{Part, later_lives};
 use settings::{Millis, Profile, Settings, Source};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
@@ -77,11 +77,11 @@ pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
     if path.extension().is_none_or(|extension| extension != "mcap") {
         return Err(Failure::input(format!("{}: a recording is called NAME.mcap", path.display())));
     }
-    for part in [Part::Small, Part::Depth] {
-        let file = part.path(&path);
-        if file.symlink_metadata().is_ok() {
-            return Err(Failure::input(format!("{} already exists", file.display())));
-        }
+    // A recorder that is restarted goes on in a file of its own.
+    let parts = [Part::Small, Part::Depth].map(|part| part.path(&path));
+    let there = parts.into_iter().filter(|file| file.symlink_metadata().is_ok());
+    if let Some(file) = there.chain(later_lives(&path)).next() {
+        return Err(Failure::input(format!("{} already exists", file.display())));
     }
     match path.parent() {
         Some(folder) if folder.is_dir() => Ok(path),
@@ -114,6 +114,7 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     for path in paths.into_iter().flatten() {
         *path = folder.join(&path);
     }
+    settings.planned_paths_mut().for_each(|path| *path = folder.join(&path));
     Ok(settings)
 }
 
@@ -133,6 +134,7 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         settings.record.path = Some(path);
     }
     settings.faults.allowed |= args.pace.faults;
+    allow_planned(&settings)?;
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
         *walk = settings::Walk {
@@ -163,6 +165,19 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         walk.cues = Some(absolute(cues)?);
     }
     Ok(settings)
+}
+
+/// Faults that are planned in a run that allows none are told now, and not when their time comes.
+///
+/// # Errors
+/// Where there are any.
+pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
+    if settings.plans_faults() && !settings.faults.allowed {
+        return Err(Failure::input(
+            "faults are planned ([[planned]]), and the run allows none: --faults, or faults.allowed",
+        ));
+    }
+    Ok(())
 }
 
 /// Reads everything that the run will read.

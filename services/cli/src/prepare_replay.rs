@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use messages::TopicId;
+use messages::{ServiceId, TopicId};
 use recording::{Info, Reader, Record};
-use settings::{CueOrigin, LinkKind, Profile, Replay, Settings, Source};
+use settings::{Ask, CueOrigin, LinkKind, Profile, Replay, Settings, Source};
 
 use crate::args::{PaceArgs, ReplayArgs, Stream, WorldArgs};
 use crate::exit::Failure;
@@ -58,6 +58,8 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     }
     settings.replay.recording = Some(prepare::absolute(&args.recording)?);
     choose_part(args, &info, &mut settings.replay)?;
+    keep_plan(args, &mut settings);
+    prepare::allow_planned(&settings)?;
     settings::check(&settings).map_err(Failure::input)?;
     let experiment = recorded.is_some() && (args.pace.config.is_some() || !args.streams.is_empty());
     if settings.has_world() {
@@ -72,7 +74,11 @@ fn base(args: &ReplayArgs, recorded: Option<&str>) -> Result<Settings, Failure> 
     match recorded {
         Some(text) => {
             let name = format!("the settings recorded in {}", args.recording.display());
-            let mut settings = settings::load_over(&name, text, config).map_err(Failure::of_input)?;
+            let mut recorded = settings::load_over(&name, text, None).map_err(Failure::of_input)?;
+            // A recording, whoever made it, starts no program here.
+            recorded.planned.retain(|planned| !matches!(planned.ask, Ask::PolicySwap { .. } | Ask::PolicyRollback));
+            let text = toml::to_string(&recorded).map_err(Failure::of_input)?;
+            let mut settings = settings::load_over(&name, &text, config).map_err(Failure::of_input)?;
             // The recorded run may itself have been a replay.
             settings.replay = settings::Replay::default();
             prepare::rooted(settings, config)
@@ -104,6 +110,34 @@ fn choose_part(args: &ReplayArgs, info: &Info, replay: &mut Replay) -> Result<()
         return Err(Failure::input(format!("{} lasts {lasts_s:.2} s only", args.recording.display())));
     }
     Ok(())
+}
+
+/// What was planned for the recorded run happens again where it can: at the same times, and where it is not in the
+/// streams already.
+fn keep_plan(args: &ReplayArgs, settings: &mut Settings) {
+    let replay = &settings.replay;
+    let same_times = (replay.from, replay.to, replay.times) == (None, None, 1);
+    if !same_times || (args.pace.speed.is_none() && !args.against) {
+        settings.planned.clear();
+        return;
+    }
+    let is_played = |source: Source| source == Source::Replayed;
+    let (lidar, depth, odometry) =
+        (is_played(settings.lidar.source), is_played(settings.depth.source), is_played(settings.odometry.source));
+    let cue = settings.cue.source == CueOrigin::Replayed;
+    let played = |service: &ServiceId| match service {
+        ServiceId::Lidar => lidar,
+        ServiceId::Depth => depth,
+        ServiceId::Odometry => odometry,
+        ServiceId::Cue => cue,
+        _ => false,
+    };
+    settings.planned.retain(|planned| match &planned.ask {
+        Ask::Cue { .. } => !cue,
+        Ask::Inject { target, fault, .. } => messages::fault::parse(target, fault)
+            .is_ok_and(|(target, _)| !target.publishers().iter().any(|service| played(service))),
+        _ => true,
+    });
 }
 
 /// Which streams of a recording are played.

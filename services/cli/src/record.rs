@@ -42,6 +42,8 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
         let Some(status) = status(&run)? else { break };
         troubles.look(&status);
         match recorder(&status) {
+            // Somebody else has ended it.
+            Some("off") if was_ready => break,
             Some("off" | "spent") => {
                 return Err(Failure::run(format!("run {run}: the recorder ended: {}", troubles.last())));
             }
@@ -91,30 +93,29 @@ fn wait_for_end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
 
 /// What goes wrong with the recorder, told when it happens: a disk that is full an hour before the end is no news then.
 struct Troubles {
-    /// Notes up to this run time have been looked at, seconds.
-    seen_s: f64,
-    last: String,
+    /// Run time from which on notes count, seconds.
+    from_s: f64,
+    told: Vec<Value>,
 }
 
 impl Troubles {
     fn from_now_on(run: &str) -> Result<Self, Failure> {
         let status = ask(Some(run), &json!({ "verb": "status" }))?;
-        Ok(Self { seen_s: number(&status, "/now_s"), last: "no note".to_owned() })
+        Ok(Self { from_s: number(&status, "/now_s"), told: Vec::new() })
     }
 
     fn look(&mut self, status: &Value) {
-        for note in elements(status, "/notes").iter().filter(|note| number(note, "/at_s") > self.seen_s) {
+        for note in elements(status, "/notes").iter().filter(|note| number(note, "/at_s") >= self.from_s) {
             let said = text(note, "/text");
-            if said.starts_with(ServiceId::Recorder.name()) {
+            if said.starts_with(ServiceId::Recorder.name()) && !self.told.contains(note) {
                 say(said);
-                said.clone_into(&mut self.last);
+                self.told.push(note.clone());
             }
         }
-        self.seen_s = elements(status, "/notes").last().map_or(self.seen_s, |note| number(note, "/at_s"));
     }
 
     fn last(&self) -> &str {
-        &self.last
+        self.told.last().map_or("no note", |note| text(note, "/text"))
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use recording::{Info, Part, ReadError, Reader, RecoverError, Recovered, life_path, recover};
+use recording::{Info, Part, ReadError, Reader, RecoverError, Recovered, later_lives, recover};
 use serde_json::{Value, json};
 
 use crate::args::{RecordingArgs, RecordingVerb};
@@ -51,24 +51,25 @@ fn info(path: &Path, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// Where a file is not whole; the others are told nevertheless.
 pub fn lives(path: &Path, as_json: bool) -> Result<(), Failure> {
-    let further = (2..).map(|life| life_path(path, life)).take_while(|path| path.exists());
-    let (mut whole, mut failures) = (Vec::new(), Vec::new());
-    for path in std::iter::once(path.to_owned()).chain(further) {
+    let (mut whole, mut torn) = (Vec::new(), Vec::new());
+    for path in std::iter::once(path.to_owned()).chain(later_lives(path)) {
         match WholeInfo::of(&path) {
             Ok(info) => whole.push(info),
-            Err(failure) => failures.push(failure.message),
+            Err(failure) => torn.push(failure.message),
         }
     }
-    if !as_json {
-        whole.iter().flat_map(WholeInfo::lines).for_each(say);
-    } else if failures.is_empty()
-        && let [first, others @ ..] = &whole[..]
-    {
-        let mut told = first.json()?;
-        told["further"] = others.iter().map(WholeInfo::json).collect::<Result<_, _>>()?;
-        return out::json(&told);
+    let failure = (!torn.is_empty()).then(|| Failure::run(torn.join("; ")));
+    if as_json {
+        let mut told = whole.iter().map(WholeInfo::json).collect::<Result<Vec<_>, _>>()?;
+        let mut first = if failure.is_none() { told.remove(0) } else { json!({ "torn": torn }) };
+        first["further"] = json!(told);
+        let Some(failure) = failure else { return out::json(&first) };
+        first["error"] = json!(failure.message);
+        out::json(&first)?;
+        return Err(Failure { told: true, ..failure });
     }
-    if failures.is_empty() { Ok(()) } else { Err(Failure::run(failures.join("; "))) }
+    whole.iter().flat_map(WholeInfo::lines).for_each(say);
+    failure.map_or(Ok(()), Err)
 }
 
 /// What a recording says about itself, its depth frames included.

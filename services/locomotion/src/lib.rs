@@ -201,7 +201,8 @@ impl Service for Locomotion {
     fn on_fd(&mut self, io: &mut Io, token: u64) -> Result<(), TransportError> {
         if let Some((service, incarnation)) = self.lines.closed(token, io) {
             let stops = self.gate.line_closed(service, incarnation);
-            if stops && !self.applied.is_zero() {
+            // In stepped time nothing is written between two steps: the next one begins with the stop.
+            if stops && !self.applied.is_zero() && !io.domain.clock.is_stepped() {
                 self.write(Twist2::ZERO)?;
             }
         }

@@ -128,8 +128,8 @@ impl Compare {
     }
 
     /// The figures, for the report. What has no counterpart in the end is different too; where the whole run is played
-    /// (`exact`) it was decided differently.
-    pub fn figures(&self, exact: bool) -> Value {
+    /// to its end, it was decided differently.
+    pub fn figures(&self, exact: bool, to_its_end: bool) -> Value {
         let (mut permits, mut actions) = (self.of_permits, self.of_actions);
         for [then, now] in self.permits.values() {
             permits.different += u64::from(then.is_some());
@@ -139,7 +139,7 @@ impl Compare {
             actions.different += u64::from(then.is_some());
             actions.additional += u64::from(now.is_some());
         }
-        let alone = self.permits.values().filter(|_| exact).count() as u64;
+        let alone = self.permits.values().filter(|_| exact && to_its_end).count() as u64;
         json!({
             "exact": exact,
             "permits": permits,
@@ -179,7 +179,7 @@ mod tests {
         compare.permit(Side::Now, &Permit { margin_m: 1e-17, ..permit(2) });
         compare.permit(Side::Now, &Permit { outcome: Outcome::RemainderUnsafe, ..permit(3) });
         compare.permit(Side::Now, &permit(9));
-        let figures = compare.figures(true);
+        let figures = compare.figures(true, true);
         let counts = ["recorded", "equal", "different", "additional"].map(|name| figures["permits"][name].as_u64());
         assert_eq!(counts, [Some(4), Some(1), Some(3), Some(1)], "{figures}");
         // One outcome, and two that the other side has not.
@@ -196,7 +196,7 @@ mod tests {
         compare.permit(Side::Now, &decision(2));
         compare.action(Side::Recorded, &PolicyAction { decision: 42, ..PolicyAction::default() });
         compare.action(Side::Now, &PolicyAction { decision: 2, ..PolicyAction::default() });
-        let figures = compare.figures(false);
+        let figures = compare.figures(false, false);
         assert_eq!((&figures["permits"]["additional"], &figures["actions"]["additional"]), (&0.into(), &0.into()));
         assert_eq!(figures["decided_differently"], 0);
     }

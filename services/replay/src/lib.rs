@@ -187,7 +187,7 @@ impl Replay {
 
     fn figures(&self) -> serde_json::Value {
         let info = self.playlist.info();
-        let exact = self.playlist.is_exact();
+        let (exact, to_its_end) = (self.playlist.is_exact(), self.playlist.run_end_ns().is_some());
         json!({
             "reached": self.playlist.next_topic().is_none(),
             "recording": info.about.source,
@@ -197,7 +197,7 @@ impl Replay {
             "distance_m": self.distance_m,
             "collisions": { "robot": 0, "handler": 0, "hit_by_others": 0 },
             "input_anomalies": info.about.anomalies,
-            "compared": self.judge.as_ref().map(|judge| judge.compare.figures(exact)),
+            "compared": self.judge.as_ref().map(|judge| judge.compare.figures(exact, to_its_end)),
         })
     }
 

@@ -17,6 +17,7 @@ use crate::ending::Ending;
 use crate::faults::Faults;
 use crate::machine::Machine;
 use crate::plan::Plan;
+use crate::planned::PlannedRequests;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
 use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
@@ -122,6 +123,7 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
     supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
     let mut report =
         supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);
+    report["policy_swaps"] = json!(supervisor.machine.policies().last_records());
     report["failure"] = json!(supervisor.failure);
     let failure = supervisor.failure.clone();
     drop(supervisor);
@@ -174,6 +176,7 @@ impl Supervisor {
             figures: Figures::default(),
             ending: Ending::No,
             faults: Faults::new(settings.faults.allowed),
+            planned: PlannedRequests::of(settings),
             health,
             cues: io.subscriber()?,
             locomotion: io.subscriber()?,
@@ -189,6 +192,7 @@ impl Supervisor {
             oversleep: Oversleep::new(TICK_NS),
             mode_due_ns: 0,
             steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),
+            condemned: Vec::new(),
             acks: io.quiet_subscriber()?,
             janitor: Janitor::start(&io.domain)?,
             waiting: Vec::new(),

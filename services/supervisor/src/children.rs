@@ -227,15 +227,22 @@ impl Children {
         }
     }
 
+    /// Tells every life of a service something on its control line.
+    pub fn tell_all(&self, service: ServiceId, message: &ToChild) {
+        for child in self.running.iter().filter(|child| child.service == service) {
+            self.tell_life(service, child.incarnation, message);
+        }
+    }
+
     /// Lets so many next starts of a service fail: an injected fault.
     pub fn doom(&mut self, service: ServiceId, times: u32) {
         self.doomed.retain(|doomed| *doomed != service);
         self.doomed.extend((0..times).map(|_| service));
     }
 
-    /// Signals the newest life of a service: an injected fault.
-    pub fn signal(&self, service: ServiceId, signal: Signal) {
-        if let Some(child) = self.newest(service) {
+    /// Signals an incarnation.
+    pub fn signal(&self, service: ServiceId, incarnation: u32, signal: Signal) {
+        for child in self.running.iter().filter(|c| c.service == service && c.incarnation == incarnation) {
             // It may have ended by itself.
             let _ = rustix::process::pidfd_send_signal(&child.pidfd, signal);
         }
@@ -243,10 +250,7 @@ impl Children {
 
     /// Ends an incarnation.
     pub fn kill(&self, service: ServiceId, incarnation: u32) {
-        for child in self.running.iter().filter(|c| c.service == service && c.incarnation == incarnation) {
-            // It may have ended by itself.
-            let _ = rustix::process::pidfd_send_signal(&child.pidfd, Signal::KILL);
-        }
+        self.signal(service, incarnation, Signal::KILL);
     }
 
     /// Takes the child off the list, if it has ended: its exit, in words.

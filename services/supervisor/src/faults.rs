@@ -39,13 +39,12 @@ impl Faults {
         }
     }
 
-    /// What a new life of a publisher has to suffer: what is left of the faults of its streams.
+    /// What a new life of a publisher has to suffer: the faults of its streams, which know their end.
     fn inherited(&self, service: ServiceId, now_ns: u64) -> Vec<Injection> {
         let of_it = |(injection, until_ns): &(Injection, u64)| {
             let stream = matches!(injection.target, Target::Stream(..));
             let lasts = stream && now_ns < *until_ns && injection.target.publishers().contains(&service);
-            let for_ns = injection.for_ns.map(|_| until_ns - now_ns);
-            lasts.then_some(Injection { for_ns, ..*injection })
+            lasts.then_some(*injection)
         };
         self.lasting.iter().filter_map(of_it).collect()
     }
@@ -54,20 +53,14 @@ impl Faults {
 impl Supervisor {
     /// Injects a fault, or mends it: the answer to the operator. Refused where it would do nothing.
     pub(crate) fn inject(&mut self, target: &str, fault: &str, for_ms: Option<u64>, seed: u64, io: &Io) -> Value {
-        let kind = Fault::from_name(fault);
         let refused = |why: String| json!({ "error": format!("fault refused: {why}") });
         if !self.faults.allowed {
             return refused("this run allows none; start it with --faults".to_owned());
         }
-        if kind.is_none() && fault != "none" {
-            return refused(format!("there is no fault {fault}"));
-        }
-        let Some(target) = Target::from_name(target, kind) else {
-            return refused(format!("there is no target {target}"));
+        let (target, kind) = match messages::fault::parse(target, fault) {
+            Ok(named) => named,
+            Err(why) => return refused(why),
         };
-        if let Some(kind) = kind.filter(|kind| !target.faults().contains(kind)) {
-            return refused(format!("{target} cannot have the fault {}", kind.name()));
-        }
         if for_ms.is_some() && kind == Some(Fault::Hang) && target == Target::Service(ServiceId::Supervisor) {
             return refused("a supervisor that hangs cannot end its own fault; send it SIGCONT".to_owned());
         }
@@ -96,7 +89,8 @@ impl Supervisor {
             if *service == ServiceId::Supervisor {
                 told |= io.inject(injection);
             } else if self.machine.is_ready(*service) {
-                self.children.tell(*service, &ToChild::Inject { injection: *injection });
+                // A candidate publishes there as well.
+                self.children.tell_all(*service, &ToChild::Inject { injection: *injection });
                 told = true;
             }
         }
@@ -119,21 +113,33 @@ impl Supervisor {
         if !self.machine.is_ready(service) {
             return Err(format!("{service} is not up in this run"));
         }
+        let Some(life) = self.victim(service) else { return Err(format!("{service} is not up in this run")) };
         match injection.fault {
-            Some(Fault::Kill) => self.children.signal(service, Signal::KILL),
-            Some(Fault::Hang) => self.children.signal(service, Signal::STOP),
+            Some(Fault::Kill) => self.children.signal(service, life, Signal::KILL),
+            Some(Fault::Hang) => self.children.signal(service, life, Signal::STOP),
             Some(Fault::ExitOnStart) => {
                 self.children.doom(service, messages::fault::EXITS_ON_START);
-                self.children.signal(service, Signal::KILL);
+                self.children.signal(service, life, Signal::KILL);
             }
             fault => {
                 if fault.is_none() {
-                    self.children.signal(service, Signal::CONT);
+                    self.children.signal(service, life, Signal::CONT);
                 }
-                self.children.tell(service, &ToChild::Inject { injection: *injection });
+                self.children.tell_life(service, life, &ToChild::Inject { injection: *injection });
             }
         }
         Ok(())
+    }
+
+    /// The life of a service that a fault of its process is meant for: of two policies the one in force.
+    pub(crate) fn victim(&self, service: ServiceId) -> Option<u32> {
+        let active = self.machine.mode().active_policy;
+        let running = self.children.running();
+        let in_force = |c: &&crate::children::Running| (c.service, c.incarnation) == (ServiceId::Policy, active);
+        running.iter().find(in_force).map(|c| c.incarnation).filter(|_| service == ServiceId::Policy).or_else(|| {
+            let lives = running.iter().filter(|c| c.service == service);
+            lives.map(|c| c.incarnation).max()
+        })
     }
 
     fn inject_host(&mut self, injection: &Injection, io: &Io) -> Result<(), String> {
@@ -226,7 +232,7 @@ mod tests {
         let off = Injection { target: scan, fault: Some(Fault::Off), seed: 1, since_ns: 500, for_ns: Some(1000) };
         faults.keep(off, 500);
         faults.keep(Injection { target: Target::Service(ServiceId::Lidar), fault: Some(Fault::Leak), ..off }, 500);
-        assert_eq!(faults.inherited(ServiceId::Lidar, 1200), [Injection { for_ns: Some(300), ..off }]);
+        assert_eq!(faults.inherited(ServiceId::Lidar, 1200), [off]);
         assert_eq!(faults.inherited(ServiceId::Depth, 1200), []);
         assert_eq!(faults.inherited(ServiceId::Lidar, 1500), []);
         faults.keep(Injection { fault: None, ..off }, 1300);

@@ -13,7 +13,9 @@ mod ending;
 mod faults;
 mod last_words;
 pub mod machine;
+mod operator;
 pub mod plan;
+mod planned;
 mod recording;
 pub mod report;
 mod step_watch;
@@ -22,19 +24,19 @@ pub mod stops;
 use std::collections::BTreeMap;
 
 use messages::{
-    ClockAck, Cue, CueKind, CueRequest, Health, LocomotionState, Mode, ModeClass, Permit, PolicyAction, ServiceId,
-    WorldTruth, s_from_ns,
+    ClockAck, Cue, CueRequest, Health, LocomotionState, Member, Mode, Permit, PolicyAction, ServiceId, WorldTruth,
 };
-use serde_json::{Value, json};
+use serde_json::Value;
 use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
-use control::{ControlServer, Request};
+use control::ControlServer;
 use ending::Ending;
 use faults::Faults;
 use last_words::last_words;
 use machine::{Action, Event, Machine, Now, PolicySpec};
+use planned::PlannedRequests;
 use report::Figures;
 use step_watch::StepWatch;
 
@@ -65,6 +67,7 @@ pub struct Supervisor {
     waiting: Vec<(ServiceId, u32, u64)>,
     ending: Ending,
     faults: Faults,
+    planned: PlannedRequests,
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
     locomotion: Subscriber<LocomotionState>,
@@ -81,6 +84,8 @@ pub struct Supervisor {
     oversleep: Oversleep,
     mode_due_ns: u64,
     steps: StepWatch,
+    /// Stepped time: who is killed once all others have done the step.
+    condemned: Vec<Member>,
     /// Stepped time: what the members acknowledge.
     acks: Subscriber<ClockAck>,
     signals: std::os::fd::OwnedFd,
@@ -117,9 +122,9 @@ impl Supervisor {
         // memory.
         for action in &actions {
             if let Action::StopLine { epoch, reason } = action
-                && (!io.domain.clock.is_stepped() || reason.kind.is_operators())
+                && !io.domain.clock.is_stepped()
             {
-                // In stepped time a fault takes effect in the next step, for everybody alike.
+                // In stepped time a stop takes effect in the next step, for everybody alike.
                 self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch, reason: *reason });
             }
         }
@@ -129,7 +134,13 @@ impl Supervisor {
                 Action::StopLine { .. } => {}
                 Action::Begin => self.children.tell(ServiceId::Replay, &ToChild::Begin),
                 Action::Kill(service, life) => {
-                    if !self.never_starts(service, life, io) {
+                    if self.never_starts(service, life, io) {
+                        continue;
+                    }
+                    if io.domain.clock.is_stepped() {
+                        // Nobody else is to see it end in the middle of a step.
+                        self.condemned.push(Member { service, incarnation: life });
+                    } else {
                         self.children.kill(service, life);
                     }
                 }
@@ -331,147 +342,18 @@ impl Supervisor {
         Ok(())
     }
 
-    fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
-        let mut requests = self.control.requests(token, io);
-        // A stop waits for no answer, and nothing that came with it undoes it.
-        requests.sort_by_key(|(_, request)| *request != Request::Stop);
-        let stops = requests.first().is_some_and(|(_, request)| *request == Request::Stop);
-        // What waited for a supervisor that slept was meant for another moment.
-        let slept = !io.domain.clock.is_stepped() && io.now_ns() > self.next_tick_ns + STILL_MEANT_NS;
-        for (client, request) in requests {
-            let answer = match request {
-                Request::Resume | Request::Cue { .. } if stops => json!({ "error": "overtaken by a stop" }),
-                Request::Resume | Request::Cue { .. } if slept => {
-                    json!({ "error": "the supervisor slept; say it again" })
-                }
-                request => self.answer(request, io)?,
-            };
-            self.act(io)?;
-            self.control.answer(client, &answer, io);
+    /// Stepped time: what must find nobody in the middle of a step is done once all others have done it.
+    fn do_between_steps(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        let step = io.domain.clock.step();
+        if !self.steps.not_done(step, self.machine.roster().1).all(|member| self.condemned.contains(member)) {
+            return Ok(());
         }
-        Ok(())
-    }
-
-    fn answer(&mut self, request: Request, io: &mut Io) -> Result<Value, TransportError> {
-        let now = Self::now(io);
-        Ok(match request {
-            Request::Status => self.status(io),
-            Request::Why => self.why(io),
-            Request::Cue { cue } => self.operator_cue(cue, io)?,
-            Request::Stop => {
-                self.machine.handle(Event::OperatorStop, now);
-                json!({ "ok": true })
-            }
-            Request::Resume => {
-                let locked = self.machine.mode().class == ModeClass::Lock;
-                self.machine.handle(Event::OperatorResume, now);
-                if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
-            }
-            Request::Record { path } => self.record(path, io),
-            Request::RecordStop => self.end_recording(io),
-            Request::PolicySwap { exe, model } => {
-                swap_answer(PolicySpec { exe, model }.checked().and_then(|spec| self.machine.swap_policy(spec, now)))
-            }
-            Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
-            Request::PolicyShow => self.show_policy(),
-            Request::Inject { target, fault, for_ms, seed } => {
-                self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io)
-            }
-            Request::Quit => {
-                self.begin_end(io);
-                json!({ "ok": true })
-            }
-        })
-    }
-
-    /// Hands the operator's cue to the cue service; a refusal that is certain already is told at once.
-    fn operator_cue(&mut self, kind: CueKind, io: &Io) -> Result<Value, TransportError> {
-        let mode = *self.machine.mode();
-        if !kind.is_moving() && !self.machine.is_ready(ServiceId::Cue) {
-            // Nobody is there to pass it on: the robot stands all the same, and stays.
-            self.machine.handle(Event::OperatorStop, Self::now(io));
-            return Ok(json!({ "ok": true, "note": "the cue service is down: stopped and locked" }));
+        for member in std::mem::take(&mut self.condemned) {
+            self.children.kill(member.service, member.incarnation);
         }
-        let refused = match mode.class {
-            ModeClass::Lock if kind.is_moving() => Some(format!("the run is locked: {}", mode.reason)),
-            ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),
-            _ => None,
-        };
-        if let Some(why) = refused {
-            return Ok(json!({ "error": format!("cue refused: {why}") }));
-        }
-        self.requests.publish(io.now_ns(), CueRequest { kind, ..CueRequest::default() })?;
-        Ok(json!({ "ok": true }))
-    }
-
-    fn status(&self, io: &Io) -> Value {
-        let now = io.now_ns();
-        let truth = self.last_truth.map(|t| {
-            let walkers: Vec<[f64; 2]> =
-                t.walkers.iter().take(t.walker_count as usize).map(|walker| [walker.x_m, walker.y_m]).collect();
-            json!({
-                "robot": [t.world_from_robot.x_m, t.world_from_robot.y_m, t.world_from_robot.yaw_rad],
-                "handler": [t.world_from_handler.x_m, t.world_from_handler.y_m],
-                "walkers": walkers,
-                "distance_m": t.distance_m,
-                "collisions": collisions_json(&t),
-            })
-        });
-        let locomotion = self.last_locomotion.map(|l| {
-            json!({
-                "velocity": [l.applied.vx_mps, l.applied.vy_mps, l.applied.wz_radps],
-                "limited_by": l.limited_by.kind.name(),
-                "decision": l.decision,
-            })
-        });
-        let ages: serde_json::Map<String, Value> = self
-            .machine
-            .topic_ages(now)
-            .into_iter()
-            .map(|(topic, age)| (topic.name().to_owned(), json!(age as f64 / 1e6)))
-            .collect();
-        json!({
-            "run": io.domain.info.name,
-            "supervisor_pid": std::process::id(),
-            "now_s": s_from_ns(now),
-            "mode": report::mode_json(self.machine.mode()),
-            "services": report::services_json(&self.machine.status(now)),
-            "stream_age_ms": ages,
-            "world": truth,
-            "locomotion": locomotion,
-            "invalid_messages": self.figures.invalid_messages(),
-            "notes": self.figures.last_notes_json(),
-        })
-    }
-
-    fn why(&self, io: &Io) -> Value {
-        let now = io.now_ns();
-        let stops: Vec<Value> =
-            self.machine.stops.stops().iter().rev().take(20).map(|stop| report::stop_json(stop, now)).collect();
-        let doing = self.last_locomotion.map(|state| state.limited_by.to_string());
-        json!({
-            "run": io.domain.info.name,
-            "mode": report::mode_json(self.machine.mode()),
-            "stands_because": doing,
-            "not_ready_because": self.machine.not_ready(Self::now(io)),
-            "stops": stops,
-            "notes": self.figures.last_notes_json(),
-        })
-    }
-
-    fn show_policy(&self) -> Value {
-        let policies = self.machine.policies();
-        let life = |incarnation: u32| {
-            let about = self.abouts.get(&(ServiceId::Policy, incarnation));
-            json!({ "incarnation": incarnation, "runs": about })
-        };
-        let mode = self.machine.mode();
-        json!({
-            "active": life(mode.active_policy),
-            "previous": (mode.previous_policy != 0).then(|| life(mode.previous_policy)),
-            "in_force": policies.spec(),
-            "swaps": policies.last_records(),
-        })
+        self.machine.let_in(Self::now(io));
+        self.act(io)?;
+        if self.machine.holds_time(io.now_ns()) { Ok(()) } else { self.do_planned(io) }
     }
 
     /// Stepped time: who keeps time waiting for too long is hung.
@@ -483,7 +365,7 @@ impl Supervisor {
             self.steps.take(&ack);
         }
         let (version, roster) = self.machine.roster();
-        let waits_by_itself = version == 0 || self.machine.holds_time(now.run_ns);
+        let waits_by_itself = version == 0 || self.machine.holds_time(now.run_ns) || self.planned.waits_for_death();
         if let Some(late) = self.steps.late(io.domain.clock.step(), roster, waits_by_itself, now.wall_ns) {
             self.machine.handle(Event::TimeStands(&late), now);
         }
@@ -491,25 +373,11 @@ impl Supervisor {
     }
 }
 
-fn swap_answer(outcome: Result<u64, String>) -> Value {
-    match outcome {
-        Ok(number) => json!({ "ok": true, "swap": number }),
-        Err(why) => json!({ "error": format!("refused: {why}") }),
-    }
-}
-
-/// Collisions as reported.
-#[must_use]
-pub fn collisions_json(truth: &WorldTruth) -> Value {
-    json!({
-        "robot": truth.robot_collisions, "handler": truth.handler_collisions, "hit_by_others": truth.hit_by_others,
-    })
-}
-
 impl Service for Supervisor {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
         self.woken_ns = now;
+        self.steps.begin(self.machine.roster().1);
         self.read_topics(io)?;
         self.figures.own_ports(now, io.port_counters());
         if now >= self.next_tick_ns {
@@ -523,6 +391,9 @@ impl Service for Supervisor {
             self.machine.tick_judge(Self::now(io));
         }
         self.act(io)?;
+        if !io.domain.clock.is_stepped() {
+            self.do_planned(io)?;
+        }
         self.publish_mode(io)
     }
 
@@ -561,6 +432,9 @@ impl Service for Supervisor {
         self.children.hand_out_lines();
         self.end_faults(io);
         self.act(io)?;
+        if io.domain.clock.is_stepped() {
+            self.do_between_steps(io)?;
+        }
         self.go_on_ending(io)
     }
 
@@ -569,7 +443,7 @@ impl Service for Supervisor {
     }
 
     fn may_acknowledge(&self) -> bool {
-        !self.machine.holds_time(self.woken_ns)
+        !self.machine.holds_time(self.woken_ns) && (self.ending.has_begun() || !self.planned.is_due(self.woken_ns))
     }
 
     fn roster(&self) -> Option<(u64, &[messages::Member])> {

@@ -218,16 +218,7 @@ impl Machine {
             Event::Left(service, incarnation) => self.on_left(service, incarnation, now),
             Event::Beat(health) => self.on_beat(health, now),
             Event::TimeStands(late) => self.on_time_stands(late, now),
-            Event::BrakeEngaged(incarnation) => {
-                let reason = StopReason::service(StopKind::BrakeEngaged, ServiceId::Locomotion, incarnation);
-                self.enter(ModeClass::Fault, reason, now);
-                if let Some(s) = self.find(ServiceId::Locomotion, incarnation)
-                    && s.phase == Phase::Ready
-                {
-                    // The brake has killed it; its end is on the way.
-                    s.phase = Phase::Dying;
-                }
-            }
+            Event::BrakeEngaged(incarnation) => self.on_brake_engaged(incarnation, now),
             Event::Cue(cue) => self.on_cue(cue, now),
             Event::Decision(action) => self.on_decision(action, now),
             Event::Permit(permit) => self.on_permit(permit, now),
@@ -255,6 +246,19 @@ impl Machine {
         self.update_ready(now);
     }
 
+    /// The brake stands in for locomotion. Where locomotion's end was seen first, that was the stop already.
+    fn on_brake_engaged(&mut self, incarnation: u32, now: Now) {
+        let Some(s) = self.find(ServiceId::Locomotion, incarnation) else { return };
+        match s.phase {
+            // The brake has killed it; its end is on the way.
+            Phase::Ready => s.phase = Phase::Dying,
+            Phase::Starting { .. } => {}
+            _ => return,
+        }
+        let reason = StopReason::service(StopKind::BrakeEngaged, ServiceId::Locomotion, incarnation);
+        self.enter(ModeClass::Fault, reason, now);
+    }
+
     /// Wall time passed: starts what is due, condemns what did not get ready.
     pub fn tick_starts(&mut self, now: Now) {
         if self.ending {
@@ -262,7 +266,8 @@ impl Machine {
         }
         for i in 0..self.services.len() {
             let stage = self.services[i].plan.stage;
-            let is_there = |s: &Watched| matches!(s.phase, Phase::Ready | Phase::Off | Phase::Leaving { .. });
+            let is_there =
+                |s: &Watched| matches!(s.phase, Phase::Ready | Phase::Off | Phase::Leaving { .. }) || s.waits_to_join();
             let below_ready = self.services.iter().all(|s| s.plan.stage >= stage || is_there(s));
             let incarnation = self.next_incarnation(self.services[i].plan.service);
             let s = &mut self.services[i];

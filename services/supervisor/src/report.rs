@@ -64,7 +64,7 @@ impl Figures {
     /// What the world last showed, where it died without a word.
     pub fn world_at_least(&mut self, truth: Option<&WorldTruth>) {
         if let (None, Some(truth)) = (&self.world, truth) {
-            let collisions = crate::collisions_json(truth);
+            let collisions = collisions_json(truth);
             self.world = Some(json!({ "reached": false, "distance_m": truth.distance_m, "collisions": collisions }));
         }
     }
@@ -222,6 +222,14 @@ impl Figures {
         const LAST: usize = 100;
         notes_json(self.notes.iter().skip(self.notes.len().saturating_sub(LAST)))
     }
+}
+
+/// Collisions as reported.
+#[must_use]
+pub fn collisions_json(truth: &WorldTruth) -> Value {
+    json!({
+        "robot": truth.robot_collisions, "handler": truth.handler_collisions, "hit_by_others": truth.hit_by_others,
+    })
 }
 
 fn notes_json<'a>(notes: impl Iterator<Item = &'a (u64, String)>) -> Value {

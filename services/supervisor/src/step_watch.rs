@@ -17,6 +17,8 @@ pub struct StepWatch {
     limit_ns: u64,
     acknowledged: BTreeMap<(ServiceId, u32), u64>,
     step: u64,
+    /// Who was a member when the step was given.
+    members: Vec<Member>,
     /// Wall time since which the step is the same.
     since_ns: u64,
     oversleep: Oversleep,
@@ -30,6 +32,7 @@ impl StepWatch {
             limit_ns,
             acknowledged: BTreeMap::new(),
             step: 0,
+            members: Vec::new(),
             since_ns: now_ns,
             oversleep: Oversleep::new(PERIOD_NS),
         }
@@ -42,15 +45,22 @@ impl StepWatch {
         *last = step.max(*last);
     }
 
-    /// The members that have not done the step, once it takes too long; none of them: the master gives no next one.
-    /// Not while the supervisor itself holds time; and what this very loop overslept does not count.
+    /// The supervisor takes a step, which was given to this roster.
+    pub fn begin(&mut self, roster: &[Member]) {
+        self.members.clear();
+        self.members.extend(roster.iter().filter(|m| m.service != ServiceId::Supervisor));
+    }
+
+    /// The members that have not done the step, once it takes too long; none of them: the master gives no next one,
+    /// unless the supervisor itself holds time. What this very loop overslept does not count.
     pub fn late(&mut self, step: u64, roster: &[Member], held: bool, now_ns: u64) -> Option<Vec<Member>> {
         let slept_ns = self.oversleep.slept_ns(now_ns);
+        let late: Vec<Member> = self.not_done(step, roster).copied().collect();
         if step != self.step {
             // The dead are members no longer.
             self.acknowledged.retain(|_, last| *last + KEPT_STEPS >= step);
         }
-        if step != self.step || held {
+        if step != self.step || (held && late.is_empty()) {
             (self.step, self.since_ns) = (step, now_ns);
             return None;
         }
@@ -59,8 +69,14 @@ impl StepWatch {
             return None;
         }
         self.since_ns = now_ns;
-        let done = |m: &Member| self.acknowledged.get(&(m.service, m.incarnation)).is_some_and(|last| *last >= step);
-        Some(roster.iter().filter(|m| m.service != ServiceId::Supervisor && !done(m)).copied().collect())
+        Some(late)
+    }
+
+    /// Who still has the step to do: of those that it was given to, those that are members still.
+    pub fn not_done<'a>(&'a self, step: u64, roster: &'a [Member]) -> impl Iterator<Item = &'a Member> {
+        let done =
+            move |m: &Member| self.acknowledged.get(&(m.service, m.incarnation)).is_some_and(|last| *last >= step);
+        self.members.iter().filter(move |m| roster.contains(m) && !done(m))
     }
 }
 
@@ -82,6 +98,7 @@ mod tests {
 
     /// What is found while step 7 lasts, looked at every 50 ms.
     fn found(watch: &mut StepWatch, held: bool) -> Vec<Vec<Member>> {
+        watch.begin(&ROSTER);
         (0..30).filter_map(|i| watch.late(7, &ROSTER, held, i * 50 * MS)).collect()
     }
 
@@ -104,8 +121,16 @@ mod tests {
     #[test]
     fn time_that_is_held_and_a_watch_that_slept_condemn_nobody() {
         let mut watch = StepWatch::new(1000 * MS, 0);
+        watch.take(&ack(LIDAR, 7));
+        watch.take(&ack(SHIELD, 7));
         assert!(found(&mut watch, true).is_empty());
+        // Who hangs while time is held is late all the same; who joined meanwhile was not given the step.
         let mut watch = StepWatch::new(1000 * MS, 0);
+        watch.begin(&ROSTER[..2]);
+        let late: Vec<_> = (0..30).filter_map(|i| watch.late(7, &ROSTER, true, i * 50 * MS)).collect();
+        assert_eq!(late, [vec![LIDAR]]);
+        let mut watch = StepWatch::new(1000 * MS, 0);
+        watch.begin(&ROSTER);
         assert_eq!(watch.late(7, &ROSTER, false, 0), None);
         assert_eq!(watch.late(7, &ROSTER, false, 5000 * MS), None);
         // One that sleeps now and then still finds out, by the time that it was awake.

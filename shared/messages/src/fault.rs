@@ -207,6 +207,25 @@ impl Target {
     }
 }
 
+/// The target and the fault of those names; no fault for "none", which mends the target.
+///
+/// # Errors
+/// Where there is no such fault or target, or the target cannot have the fault; the reason says what there is.
+pub fn parse(target: &str, fault: &str) -> Result<(Target, Option<Fault>), String> {
+    let names = |faults: &[Fault]| faults.iter().map(|fault| fault.name()).collect::<Vec<_>>().join(", ");
+    let kind = Fault::from_name(fault);
+    if kind.is_none() && fault != "none" {
+        return Err(format!("there is no fault {fault}; known: {}, none", names(&FAULTS.map(|row| row.fault))));
+    }
+    let Some(found) = Target::from_name(target, kind) else {
+        return Err(format!("there is no stream and no service {target}"));
+    };
+    match kind.filter(|kind| !found.faults().contains(kind)) {
+        Some(kind) => Err(format!("{found} can be {}, not {}", names(found.faults()), kind.name())),
+        None => Ok((found, kind)),
+    }
+}
+
 impl core::fmt::Display for Target {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         match self {

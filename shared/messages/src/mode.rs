@@ -144,12 +144,6 @@ impl StopKind {
         matches!(self, Self::ModeStale | Self::LifelineClosed | Self::Boot | Self::OdometryContradicts)
     }
 
-    /// Whether a person or the run's end stops the robot, not a fault.
-    #[must_use]
-    pub const fn is_operators(self) -> bool {
-        matches!(self, Self::OperatorStop | Self::ShuttingDown)
-    }
-
     /// The name, as in reports: snake case.
     #[must_use]
     pub const fn name(self) -> &'static str {

@@ -151,8 +151,8 @@ fn check_summary(summary: &[u8], footer: &[u8]) -> Result<(), &'static str> {
 pub fn check_data(file: &mut File, data_end: u64) -> Result<(), Flaw> {
     let failed = |source| Flaw::Io { byte: data_end, source };
     let end = read_at(file, data_end, PREFIX_BYTES + DATA_END_BYTES)?;
-    let crc = match (end.split_first(), end.split_last_chunk()) {
-        (Some((&op::DATA_END, _)), Some((_, &crc))) => u32::from_le_bytes(crc),
+    let crc = match (split_prefix(&end), end.split_last_chunk()) {
+        (Some((op::DATA_END, DATA_END_BYTES)), Some((_, &crc))) => u32::from_le_bytes(crc),
         _ => return Err(Flaw::damaged(data_end, "the data has no end there")),
     };
     file.rewind().map_err(failed)?;

@@ -50,4 +50,4 @@ pub use reader::{ReadError, Reader};
 pub use record::{Order, Record};
 pub use recover::{RecoverError, Recovered, recover};
 pub use viewer::{Level, Viewer, log_json, time_json};
-pub use writer::{Existing, Part, Sink, WriteError, Writer, life_path};
+pub use writer::{Existing, Part, Sink, WriteError, Writer, later_lives, life_path};

@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::channel::{CHANNELS, Channel};
 use crate::chunk::{Entry, each_entry};
 use crate::file_reader::name_flaw;
-use crate::index::{Flaw, MAGIC, body, read_at, read_record};
+use crate::index::{Flaw, MAGIC, body, check_data, read_at, read_record};
 use crate::info::{BEGUN_NAME, METADATA_NAME, OLDEST_VERSION, SETTINGS_KEY, SETTINGS_NAME, format_version};
 use crate::writer::{Part, Writer};
 use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError, lengths};
@@ -32,7 +32,7 @@ pub struct Recovered {
     pub bytes: u64,
     /// From here on nothing could be read; the torn file's length where nothing is missing but the end.
     pub cut_at_byte: u64,
-    /// What is wrong there.
+    /// What is wrong there; at the end: with the torn file as a whole.
     pub why: Option<String>,
 }
 
@@ -169,7 +169,13 @@ impl Torn {
             // No record has this number: a file system that lost the end fills it with zeros.
             0 => return Ok(Step::Flaw("nothing was written here".to_owned())),
             // The data is over, and what the summary says is said anew.
-            op::DATA_END | op::FOOTER => {
+            op::DATA_END => {
+                let checked = check_data(&mut self.file, self.byte);
+                self.byte = self.bytes;
+                let Err(flaw) = checked else { return Ok(Step::Over) };
+                return Ok(Step::Flaw(name_flaw(&self.path, self.bytes, flaw).to_string()));
+            }
+            op::FOOTER => {
                 self.byte = self.bytes;
                 return Ok(Step::Over);
             }

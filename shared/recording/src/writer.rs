@@ -20,6 +20,9 @@ const CHUNK_BYTES: u64 = 4 << 20;
 /// The fastest level, so that recording live costs little.
 const ZSTD_LEVEL: u32 = 1;
 
+/// Later lives of a recorder that are looked for; a restart budget allows far fewer at a time.
+const LIVES_MAX: u32 = 99;
+
 /// What to do where the file to write is already there.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub enum Existing {
@@ -146,6 +149,11 @@ impl Part {
 #[must_use]
 pub fn life_path(ordered: &Path, life: u32) -> PathBuf {
     if life <= 1 { ordered.to_owned() } else { ordered.with_extension(format!("{life}.mcap")) }
+}
+
+/// The recordings of a recorder's later lives that are there.
+pub fn later_lives(ordered: &Path) -> impl Iterator<Item = PathBuf> {
+    (2..=LIVES_MAX).map(|life| life_path(ordered, life)).filter(|path| path.symlink_metadata().is_ok())
 }
 
 /// What a recording is written to.

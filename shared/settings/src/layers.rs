@@ -87,6 +87,10 @@ pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Sett
 
 /// The line of the key that a reason begins with, where the file has it.
 fn line_of(text: &str, reason: &str) -> Option<usize> {
+    if let Some(number) = reason.strip_prefix("planned[").and_then(|rest| rest.split(']').next()?.parse().ok()) {
+        let mut tables = text.lines().enumerate().filter(|(_, line)| line.trim() == "[[planned]]");
+        return tables.nth(number).map(|(i, _)| i + 1);
+    }
     let (section, key) = reason.split_whitespace().next()?.rsplit_once('.')?;
     let mut current = String::new();
     for (i, line) in text.lines().enumerate() {
@@ -187,6 +191,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
+    crate::planned::check(settings)?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
     }

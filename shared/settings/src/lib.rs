@@ -4,11 +4,13 @@
 //! by itself, so an error names the line that caused it.
 
 mod layers;
+mod planned;
 mod recorded;
 mod sections;
 mod units;
 
 pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
+pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,

@@ -8,6 +8,7 @@ use guidance::{DelayedHarness, HarnessError, InteractionModel, RigidHarness, Rot
 use messages::{Pose2, Pose3};
 use serde::{Deserialize, Serialize};
 
+use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
@@ -51,6 +52,9 @@ pub struct Settings {
     pub replay: Replay,
     /// What is recorded.
     pub record: RecordSettings,
+    /// What is planned to happen.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub planned: Vec<Planned>,
 }
 
 impl Settings {

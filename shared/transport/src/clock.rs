@@ -44,6 +44,8 @@ pub struct Clock {
     kind: ClockKind,
     started_ns: u64,
     step: Cell<u64>,
+    /// The first step that this process took.
+    first_step: Cell<u64>,
     stepped_now_ns: Cell<u64>,
 }
 
@@ -51,7 +53,7 @@ impl Clock {
     /// A clock of the run that started at `started_ns` of the monotonic clock.
     #[must_use]
     pub fn new(kind: ClockKind, started_ns: u64) -> Self {
-        Self { kind, started_ns, step: Cell::new(0), stepped_now_ns: Cell::new(0) }
+        Self { kind, started_ns, step: Cell::new(0), first_step: Cell::new(0), stepped_now_ns: Cell::new(0) }
     }
 
     /// Run time, nanoseconds.
@@ -87,6 +89,13 @@ impl Clock {
         !self.is_stepped() || step < self.step.get()
     }
 
+    /// Whether a message was published in a step before this process joined. Which of those it could still see would
+    /// hang on how long its start took.
+    #[must_use]
+    pub(crate) fn is_before_joining(&self, step: u64) -> bool {
+        self.is_stepped() && self.first_step.get() > 1 && step < self.first_step.get()
+    }
+
     /// Whether a message may say this of its time. Nobody is more than a step ahead of a member, for the next one waits
     /// for its acknowledgement; and a stamp from far in the future would outlast every later one where only what is
     /// newer is taken. Who is no member yet cannot tell.
@@ -101,6 +110,9 @@ impl Clock {
 
     /// Enters a step.
     pub(crate) fn enter(&self, step: u64, now_ns: u64) {
+        if self.step.get() == 0 {
+            self.first_step.set(step);
+        }
         self.step.set(step);
         self.stepped_now_ns.set(now_ns);
     }

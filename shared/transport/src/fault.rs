@@ -54,8 +54,8 @@ impl std::fmt::Debug for Faults {
 
 impl Faults {
     /// Takes an injection: a later one into the same target replaces the one before.
-    pub fn take(&self, injection: &Injection, now_ns: u64) {
-        let until_ns = injection.for_ns.map_or(u64::MAX, |span| now_ns.saturating_add(span));
+    pub fn take(&self, injection: &Injection) {
+        let until_ns = injection.for_ns.map_or(u64::MAX, |span| injection.since_ns.saturating_add(span));
         match (injection.target, injection.fault) {
             (Target::Stream(topic, of), fault) => {
                 self.streams.borrow_mut().retain(|one| (one.topic, one.of) != (topic, of));
@@ -221,7 +221,7 @@ mod tests {
 
     fn passages(fault: Fault, at_ns: impl Iterator<Item = u64>) -> Vec<Passage> {
         let faults = Faults::default();
-        faults.take(&Injection { target: SCAN, fault: Some(fault), seed: 3, since_ns: 0, for_ns: None }, 0);
+        faults.take(&Injection { target: SCAN, fault: Some(fault), seed: 3, since_ns: 0, for_ns: None });
         let mut filter = Filter::<()>::default();
         let active = faults.of(TopicId::LidarScan, ServiceId::None, 0).expect("it was injected");
         at_ns.map(|now| filter.passage(&active, now)).collect()
@@ -248,9 +248,9 @@ mod tests {
         let of = |faults: &Faults, now| faults.of(TopicId::LidarScan, ServiceId::None, now).map(|f| f.fault);
         let late =
             Injection { target: SCAN, fault: Some(Fault::Delayed), seed: 1, since_ns: 0, for_ns: Some(500 * MS) };
-        faults.take(&late, 100 * MS);
-        assert_eq!(of(&faults, 599 * MS), Some(Fault::Delayed));
-        assert_eq!(of(&faults, 600 * MS), None);
+        faults.take(&late);
+        assert_eq!(of(&faults, 499 * MS), Some(Fault::Delayed));
+        assert_eq!(of(&faults, 500 * MS), None);
         let sent = std::rc::Rc::new(std::cell::Cell::new(0));
         for due_ns in [200 * MS, 300 * MS] {
             let (sent, active) = (std::rc::Rc::clone(&sent), faults.of(TopicId::LidarScan, ServiceId::None, 100 * MS));
@@ -263,7 +263,7 @@ mod tests {
         assert_eq!(faults.next_late_ns(), Some(200 * MS));
         faults.send_late(250 * MS).expect("it is sent");
         assert_eq!((sent.get(), faults.next_late_ns()), (1, Some(300 * MS)));
-        faults.take(&Injection { fault: None, ..late }, 260 * MS);
+        faults.take(&Injection { fault: None, ..late });
         faults.send_late(400 * MS).expect("nothing is to be sent");
         assert_eq!((sent.get(), faults.next_late_ns(), of(&faults, 260 * MS)), (1, None, None));
     }

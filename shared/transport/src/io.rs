@@ -151,7 +151,7 @@ impl Io {
     /// Applies an injected fault to what this process publishes, or mends it; `false` in a run without faults.
     pub fn inject(&self, injection: &Injection) -> bool {
         if self.domain.info.faults {
-            self.shared.faults.take(injection, self.now_ns());
+            self.shared.faults.take(injection);
         }
         self.domain.info.faults
     }

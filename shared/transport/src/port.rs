@@ -349,7 +349,8 @@ impl<M: Message + ZeroCopySend> Subscriber<M> {
     /// Where a connection is broken.
     pub fn take(&mut self) -> Result<Option<M>, TransportError> {
         while let Some(message) = self.next_visible()? {
-            if self.inlet.is_news(message.header()) {
+            let old = self.inlet.shared.clock.is_before_joining(message.header().step);
+            if !old && self.inlet.is_news(message.header()) {
                 return Ok(Some(message));
             }
         }

@@ -121,16 +121,27 @@ impl WaitLoop {
             if self.serve_lines(io, service)? == Flow::End || service.is_done() {
                 return Ok(());
             }
-            self.take_steps(io, service)?;
+            if self.take_steps(io, service)? == Flow::End {
+                return Ok(());
+            }
             self.acknowledge(io, service)?;
         }
     }
 
-    fn take_steps<S: Service>(&mut self, io: &mut Io, service: &mut S) -> Result<(), TransportError> {
+    /// What lies in the lines by now: what happened before a step was given is known to everybody in it.
+    fn serve_waiting_lines<S: Service>(&mut self, io: &mut Io, service: &mut S) -> Result<Flow, TransportError> {
+        io.wait(Some(0), &mut self.tokens)?;
+        self.serve_lines(io, service)
+    }
+
+    fn take_steps<S: Service>(&mut self, io: &mut Io, service: &mut S) -> Result<Flow, TransportError> {
         let me = Member { service: io.identity().service, incarnation: io.identity().incarnation };
         while let Some(step) = self.steps.as_mut().map_or(Ok(None), Subscriber::receive)? {
             if !step.members().contains(&me) || step.header.step <= io.domain.clock.step() {
                 continue;
+            }
+            if self.serve_waiting_lines(io, service)? == Flow::End {
+                return Ok(Flow::End);
             }
             io.domain.clock.enter(step.header.step, step.header.stamp_ns);
             io.faults().drag(io.now_ns());
@@ -139,7 +150,7 @@ impl WaitLoop {
             self.beat(io, service)?;
             self.unacknowledged = true;
         }
-        Ok(())
+        Ok(Flow::On)
     }
 
     /// Acknowledges the step, or tells a new roster while the step is held.
@@ -194,6 +205,8 @@ impl WaitLoop {
             }
             if service.time_is_over() {
                 self.tell_time_over(io, service)?;
+            } else if self.serve_waiting_lines(io, service)? == Flow::End {
+                return Ok(());
             } else {
                 self.give_step(io, service, &mut master, pace_ns)?;
             }

@@ -14,22 +14,36 @@ fn watcher_of(service: ServiceId) -> ServiceId {
 }
 
 impl Machine {
+    /// A service says that it is ready. In stepped time it is up when it joins: when its word comes is wall time's
+    /// business.
     pub(super) fn on_ready(&mut self, service: ServiceId, incarnation: u32, now: Now) {
+        let joins_later = self.limits.stepped && self.roster_version > 0;
         if let Some(s) = self.find(service, incarnation)
             && matches!(s.phase, Phase::Starting { .. })
         {
-            s.phase = Phase::Ready;
-            s.count_from(now.run_ns);
-            let role = s.role;
-            match service {
-                ServiceId::Policy if role == Role::Shadow => self.candidate_ready(now),
-                ServiceId::Policy => self.mode.active_policy = incarnation,
-                ServiceId::Shield => self.mode.active_shield = incarnation,
-                _ => {}
+            if joins_later {
+                s.said_ready = true;
+                s.phase = Phase::Starting { ready_by_ns: u64::MAX };
+            } else {
+                self.comes_up(service, incarnation, now);
             }
-            self.mode_changed = true;
         }
         self.update_roster(now);
+    }
+
+    /// It is at work from now on.
+    pub(super) fn comes_up(&mut self, service: ServiceId, incarnation: u32, now: Now) {
+        let Some(s) = self.find(service, incarnation) else { return };
+        s.phase = Phase::Ready;
+        s.count_from(now.run_ns);
+        let role = s.role;
+        match service {
+            ServiceId::Policy if role == Role::Shadow => self.candidate_ready(now),
+            ServiceId::Policy => self.mode.active_policy = incarnation,
+            ServiceId::Shield => self.mode.active_shield = incarnation,
+            _ => {}
+        }
+        self.mode_changed = true;
     }
 
     pub(super) fn on_armed(&mut self, service: ServiceId, incarnation: u32, by: u32, now: Now) {
@@ -56,25 +70,36 @@ impl Machine {
             return;
         }
         if matches!(s.phase, Phase::Leaving { .. }) {
-            s.phase = Phase::Off;
-            return;
+            (s.phase, s.joined) = (Phase::Off, false);
+            return self.update_roster(now);
         }
         let condemned = s.phase == Phase::Dying;
         let (critical, restartable) = (s.is_critical(), s.plan.restartable);
         if service == ServiceId::Policy && self.policy_died(incarnation, critical && !condemned, why, now) {
             return;
         }
+        let begun = self.roster_version > 0;
         let Some(s) = self.find(service, incarnation) else { return };
+        // In stepped time: no fault, for it took no part yet, and the next life keeps its time to join.
+        let took_no_part = begun && s.joins_at_ns != 0;
         s.joined = false;
-        s.deaths_ns.push_back(now.wall_ns);
-        while s.deaths_ns.front().is_some_and(|at| now.wall_ns - at > limits.budget_window_ns) {
+        // However fast stepped time goes, the budget is that of run time.
+        let died_ns = match limits.stepped {
+            true if took_no_part => s.joins_at_ns,
+            true => now.run_ns,
+            false => now.wall_ns,
+        };
+        s.deaths_ns.push_back(died_ns);
+        while s.deaths_ns.front().is_some_and(|at| died_ns.saturating_sub(*at) > limits.budget_window_ns) {
             s.deaths_ns.pop_front();
         }
         let deaths = s.deaths_ns.len() as u32;
         let spent = deaths > limits.restart_budget;
         let pause = limits.back_off_ns.saturating_mul(1 << (deaths - 1).min(16)).min(limits.back_off_max_ns);
         s.phase = if spent { Phase::Spent } else { Phase::Down { start_at_ns: now.wall_ns + pause } };
-        s.joins_at_ns = now.run_ns + limits.restart_time_ns;
+        if !took_no_part {
+            s.joins_at_ns = now.run_ns + limits.restart_time_ns;
+        }
         s.restarts += u32::from(!spent);
         if !restartable {
             self.actions.push(Action::EndRun(format!("{service} died: {why}")));
@@ -86,7 +111,7 @@ impl Machine {
         if spent && critical {
             let reason = StopReason::service(StopKind::RestartBudgetSpent, service, incarnation);
             self.enter(ModeClass::Lock, reason, now);
-        } else if critical && !condemned {
+        } else if critical && !condemned && !took_no_part {
             self.enter(ModeClass::Fault, reason, now);
         }
         self.update_roster(now);
@@ -155,7 +180,7 @@ impl Machine {
             return;
         }
         let Some(s) = self.find(reason.service, reason.incarnation) else { return };
-        (s.phase, s.joined) = (Phase::Dying, false);
+        s.phase = Phase::Dying;
         if critical {
             self.enter(ModeClass::Fault, reason, now);
         }

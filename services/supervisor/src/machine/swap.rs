@@ -420,6 +420,7 @@ impl Machine {
             }
             Stage::Returning { .. } => {
                 self.end_swap("rolled_back", Some(format!("rolled back; meanwhile {incarnation}: {why}")), now);
+                self.kill_shadow(now);
                 incarnation == candidate
             }
             _ => false,

@@ -99,12 +99,14 @@ pub(super) struct Watched {
     pub pid: u32,
     /// Its line is watched.
     pub armed: bool,
+    /// Stepped time: it is ready, and waits for its time to join.
+    pub said_ready: bool,
     /// Stepped time: a member of the roster.
     pub joined: bool,
-    /// Stepped time: joins at this run time.
+    /// Stepped time: joins at this run time; 0 once it has.
     pub joins_at_ns: u64,
     pub restarts: u32,
-    /// Wall times of the last deaths, for the budget.
+    /// Times of the last deaths, for the budget: wall time, in stepped time run time.
     pub deaths_ns: VecDeque<u64>,
     last_beat_ns: u64,
     /// Nothing before this is held against it, run time: its readiness, or the judge's own waking up.
@@ -124,6 +126,7 @@ impl Watched {
             incarnation: 0,
             pid: 0,
             armed: false,
+            said_ready: false,
             joined: false,
             joins_at_ns: 0,
             restarts: 0,
@@ -134,6 +137,11 @@ impl Watched {
             pose_jumps: 0,
             used: (0, 0),
         }
+    }
+
+    /// Stepped time: whether it is ready but for its time to join.
+    pub fn waits_to_join(&self) -> bool {
+        self.said_ready && matches!(self.phase, Phase::Starting { .. })
     }
 
     /// Whether motion needs it.
@@ -151,6 +159,7 @@ impl Watched {
         self.incarnation = incarnation;
         self.phase = Phase::Starting { ready_by_ns };
         self.armed = !self.plan.has_line;
+        self.said_ready = false;
         self.joined = false;
         self.pose_jumps = 0;
         self.last_beat_ns = 0;

@@ -287,7 +287,8 @@ where
     /// Where a connection is broken, or the caller holds more frames than the topic table lets it.
     pub fn take(&mut self) -> Result<Option<FrameSample<F>>, TransportError> {
         while let Some(sample) = self.next_visible()? {
-            if self.inlet.is_news(sample.meta().header()) {
+            let header = sample.meta().header();
+            if !self.inlet.shared.clock.is_before_joining(header.step) && self.inlet.is_news(header) {
                 return Ok(Some(sample));
             }
         }
