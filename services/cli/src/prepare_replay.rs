@@ -134,8 +134,9 @@ fn keep_plan(args: &ReplayArgs, settings: &mut Settings) {
     };
     settings.planned.retain(|planned| match &planned.ask {
         Ask::Cue { .. } => !cue,
-        Ask::Inject { target, fault, .. } => messages::fault::parse(target, fault)
-            .is_ok_and(|(target, _)| !target.publishers().iter().any(|service| played(service))),
+        Ask::Inject { target, fault, .. } => {
+            messages::fault::parse(target, fault).is_ok_and(|(target, _)| !target.publishers().iter().any(&played))
+        }
         _ => true,
     });
 }

@@ -13,6 +13,8 @@ use crate::TransportError;
 const LOCOMOTION_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
 const SIMULATOR_PRIORITY: libc::c_int = 22;
+/// Whoever measures what the machine itself costs waits for none of them.
+const WATCH_PRIORITY: libc::c_int = 23;
 
 /// Runs before all that is not real-time from now on, where the service stops the robot (or is the simulated one) and
 /// the machine lets it: it then stops in time on a processor that is kept busy, by whatever else dies as well.
@@ -29,15 +31,18 @@ pub(crate) fn hurry(service: ServiceId) {
     let _ = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const priority) };
 }
 
+/// Lets the calling thread run before everything of ours, for as long as it lives: whether it may.
+pub fn hurry_this_thread() -> bool {
+    let priority = libc::sched_param { sched_priority: WATCH_PRIORITY };
+    // SAFETY: as in `hurry`.
+    unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) == 0 }
+}
+
 /// Whether a service started from here may run before what is not real-time.
 #[must_use]
 pub fn may_hurry() -> bool {
-    let tried = std::thread::spawn(|| {
-        let priority = libc::sched_param { sched_priority: SIMULATOR_PRIORITY };
-        // SAFETY: as in `hurry`; only this thread is changed, and it ends here.
-        unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) == 0 }
-    });
-    tried.join().unwrap_or(false)
+    // Only the thread is changed, and it ends here.
+    std::thread::spawn(hurry_this_thread).join().unwrap_or(false)
 }
 
 /// A descriptor that becomes readable at SIGHUP, which the supervisor's death sends to who stops the robot.

@@ -1,5 +1,6 @@
 //! `bench faults`: every fault of every target on the real processes, at random moments of a walk, against the matrix.
 
+mod machine;
 pub mod rig;
 pub mod table;
 pub mod tap;
@@ -14,6 +15,7 @@ use serde_json::{Value, json};
 use crate::args::FaultsArgs;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::out::{self, say, table as columns};
+use machine::Pauses;
 use rig::Rig;
 use table::{Cell, Expect, cells};
 use trial::Outcome;
@@ -38,10 +40,12 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     let mut rows: Vec<Row> =
         cells(args.cells.as_deref())?.into_iter().map(|cell| Row { cell, outcomes: Vec::new() }).collect();
     let mut rig = Rig::new()?;
-    let done = all_trials(&mut rig, &mut rows, args);
+    let pauses = Pauses::watch();
+    let done = all_trials(&mut rig, &mut rows, pauses.as_ref(), args);
     rig.end();
     // Whatever ended the trials, those that were done were done.
-    let report = report(&rows);
+    let mut report = report(&rows);
+    report["machine"] = json!(pauses.map(|pauses| pauses.json()));
     if as_json {
         out::json(&report)?;
     } else {
@@ -53,7 +57,7 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
 }
 
 /// Every cell once, then every cell again, so that a budget that runs out has met all of them alike.
-fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), Failure> {
+fn all_trials(rig: &mut Rig, rows: &mut [Row], pauses: Option<&Pauses>, args: &FaultsArgs) -> Result<(), Failure> {
     let until = args.budget_s.map(|seconds| Instant::now() + Duration::from_secs(seconds));
     let mut dice = Dice::new(args.seed);
     for round in 0..args.repeat {
@@ -72,6 +76,9 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], args: &FaultsArgs) -> Result<(), 
                 let reasons: Vec<&str> = outcome.reasons.iter().copied().map(StopKind::name).collect();
                 let name = row.cell.name();
                 say(format!("{name}, trial {}: {why} (stood for: {})", round + 1, reasons.join(", ")));
+                if let Some(ms) = pauses.and_then(|pauses| pauses.longest_ms(outcome.struck_ns, outcome.zero_ns()?)) {
+                    say(format!("  the machine itself paused for {ms:.1} ms then"));
+                }
                 say(format!("  wanted: {}, since {}", row.cell.expect.name(), row.cell.why));
             }
             row.outcomes.push(outcome);
@@ -180,6 +187,11 @@ fn tell(rows: &[Row], report: &Value) {
             "{} deaths of {what}: p50 {} ms, p99 {} ms, p99.9 {} ms, max {} ms",
             pool["n"], pool["p50"], pool["p99"], pool["p999"], pool["max"]
         ));
+    }
+    let machine = &report["machine"];
+    if machine.is_object() {
+        let (n, max) = (&machine["pauses_over_1_ms"], machine["max_ms"].as_f64().unwrap_or(0.0));
+        say(format!("the machine itself: {n} pauses of over 1 ms, {max:.1} ms at most"));
     }
 }
 

@@ -31,6 +31,8 @@ const RECOVERS_WITHIN: Duration = Duration::from_secs(20);
 /// What came of a fault.
 #[derive(Debug, Clone, Default)]
 pub struct Outcome {
+    /// The fault, on the monotonic clock, nanoseconds.
+    pub struck_ns: u64,
     /// From the fault to zero at the link (of locomotion's own faults: at the robot), milliseconds.
     pub stop_ms: Option<f64>,
     /// Way from the fault to standstill, metres.
@@ -44,6 +46,11 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// When zero came, on the monotonic clock, nanoseconds.
+    pub fn zero_ns(&self) -> Option<u64> {
+        self.stop_ms.map(|ms| self.struck_ns + (ms * 1e6) as u64)
+    }
+
     /// Whether the robot stood for its way alone: after the fault before it may stand aslant, and come near a wall.
     pub fn is_of_its_way(&self) -> bool {
         let of_its_way =
@@ -75,7 +82,7 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
             Err(failure) => return Err(failure),
         }
     };
-    let mut outcome = Outcome::default();
+    let mut outcome = Outcome { struck_ns, ..Outcome::default() };
     watch(rig, cell, struck_ns, truth.distance_m, &mut outcome);
     let ended_ns = if cell.is_momentary() { struck_ns } else { mend(rig, cell) };
     if !cell.ends_the_run() {
