@@ -145,6 +145,7 @@ fn recover_all(from: &Path, to: &Path, as_json: bool) -> Result<(), Failure> {
         let cut = part.bytes - part.cut_at_byte;
         say(format!("{} -> {}", part.from.display(), part.to.display()));
         match &part.why {
+            Some(why) if cut == 0 => say(format!("  taken over whole, but: {why}")),
             Some(why) => say(format!("  cut at byte {}, {cut} bytes lost: {why}", part.cut_at_byte)),
             None => say("  nothing but its end was missing"),
         }
