@@ -10,10 +10,12 @@ pub mod handler;
 pub mod hull;
 pub mod interaction;
 pub mod memory;
+pub mod observation;
 pub mod scan;
 pub mod se2;
 pub mod shield;
 pub mod track;
+pub mod travel_line;
 pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
@@ -26,7 +28,8 @@ pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, Evidence, Judgement, Motion, Shield, ShieldConfig, Suppressed};
 pub use track::PoseTrack;
-pub use wayfinding::{Delta, Episode, HandlerErrors, Reward, RewardConfig};
+pub use travel_line::{Foot, TravelLine};
+pub use wayfinding::{Delta, Episode, HandlerErrors, Measure, Reward, RewardConfig};
 
 #[cfg(test)]
 mod testing {

@@ -14,6 +14,7 @@ use nalgebra::Rotation2;
 use crate::cue::target_yaw_rad;
 use crate::interaction::place;
 use crate::se2::{Point, Se2, wrap_angle};
+use crate::travel_line::TravelLine;
 
 /// One cue, from where the handler was when they gave it.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,6 +61,9 @@ pub struct RewardConfig {
     pub collision_penalty: f64,
     /// `lambda`, reward for a step.
     pub time_penalty: f64,
+    /// Reward for a step in which the robot was not told to stand: with it, who has arrived stands still. Ours; 0 in the
+    /// paper.
+    pub motion_penalty: f64,
     /// How Delta is read.
     pub delta: Delta,
     /// Time of a step, seconds; only [`Delta::Level`] needs it.
@@ -73,6 +77,7 @@ impl Default for RewardConfig {
             heading_margin_rad: 0.2,
             collision_penalty: 0.3,
             time_penalty: 0.01,
+            motion_penalty: 0.0,
             delta: Delta::Difference,
             dt_s: 0.5,
         }
@@ -88,7 +93,7 @@ pub struct Terms {
     pub heading: f64,
     /// `- c^collide`.
     pub collision: f64,
-    /// `- lambda`.
+    /// `- lambda`, and what motion costs.
     pub time: f64,
 }
 
@@ -100,33 +105,71 @@ impl Terms {
     }
 }
 
+/// What `d_t` and the target orientation of eq. 1 are measured by. The paper says neither.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Measure {
+    /// From the cue's start: the straight-line distance from it, and the cue's fixed target.
+    Start(Episode),
+    /// Along the travel line that the cue means: the way along it, and its direction there. What a turn into the wrong
+    /// opening gains is nothing.
+    Line(TravelLine),
+}
+
+/// How far along its line a handler can have come in one step, metres.
+const STEP_MAX_M: f64 = 1.0;
+
+impl Measure {
+    /// Where the handler has got to, metres, and the error of their heading, radians; they were at `before_m`.
+    fn of(&self, before_m: f64, world_from_handler: &Se2) -> (f64, f64) {
+        match self {
+            Self::Start(episode) => {
+                (episode.travel_m(world_from_handler), episode.heading_error_rad(world_from_handler))
+            }
+            Self::Line(line) => {
+                let at = place(world_from_handler);
+                let foot = line.foot_within(at, before_m - STEP_MAX_M, before_m + STEP_MAX_M);
+                (foot.way_m, line.heading_error_rad(foot.way_m, world_from_handler.rotation.angle()))
+            }
+        }
+    }
+}
+
 /// The reward of an episode, step by step (Kim et al. 2023, eq. 1).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Reward {
     config: RewardConfig,
-    episode: Episode,
+    measure: Measure,
     travel_m: f64,
     error_rad: f64,
 }
 
 impl Reward {
-    /// At the beginning of an episode, the handler being where the cue was given.
+    /// At the beginning of an episode, the handler being there.
     #[must_use]
-    pub fn begin(config: RewardConfig, episode: Episode) -> Self {
-        let mut reward = Self { config, travel_m: 0.0, error_rad: 0.0, episode };
-        reward.error_rad = reward.error_of(&reward.episode.world_from_start);
+    pub fn begin(config: RewardConfig, measure: Measure, world_from_handler: &Se2) -> Self {
+        let mut reward = Self { config, measure, travel_m: 0.0, error_rad: 0.0 };
+        if let Measure::Line(line) = &reward.measure {
+            reward.travel_m = line.foot(place(world_from_handler)).way_m;
+        }
+        (reward.travel_m, reward.error_rad) = reward.measured(world_from_handler);
         reward
     }
 
-    fn error_of(&self, world_from_handler: &Se2) -> f64 {
-        (self.episode.heading_error_rad(world_from_handler).abs() - self.config.heading_margin_rad).max(0.0)
+    fn measured(&self, world_from_handler: &Se2) -> (f64, f64) {
+        let (travel_m, error_rad) = self.measure.of(self.travel_m, world_from_handler);
+        (travel_m, (error_rad.abs() - self.config.heading_margin_rad).max(0.0))
     }
 
-    /// The step that brought the handler there.
-    pub fn step(&mut self, world_from_handler: &Se2, collided: bool) -> Terms {
+    /// How far the handler has got, metres: `d_t`.
+    #[must_use]
+    pub fn travel_m(&self) -> f64 {
+        self.travel_m
+    }
+
+    /// The step that brought the handler there; `moved` where the robot was told to move.
+    pub fn step(&mut self, world_from_handler: &Se2, moved: bool, collided: bool) -> Terms {
         let (before_m, before_rad) = (self.travel_m, self.error_rad);
-        self.travel_m = self.episode.travel_m(world_from_handler);
-        self.error_rad = self.error_of(world_from_handler);
+        (self.travel_m, self.error_rad) = self.measured(world_from_handler);
         let error = match self.config.delta {
             Delta::Difference => self.error_rad - before_rad,
             Delta::Level => self.error_rad * self.config.dt_s,
@@ -135,7 +178,7 @@ impl Reward {
             progress: self.travel_m - before_m,
             heading: -self.config.heading_weight * error,
             collision: if collided { -self.config.collision_penalty } else { 0.0 },
-            time: -self.config.time_penalty,
+            time: -self.config.time_penalty - if moved { self.config.motion_penalty } else { 0.0 },
         }
     }
 }
@@ -168,8 +211,9 @@ impl HandlerErrors {
 
 #[cfg(test)]
 mod tests {
-    use super::{Delta, Episode, HandlerErrors, Reward, RewardConfig};
+    use super::{Delta, Episode, HandlerErrors, Measure, Reward, RewardConfig};
     use crate::se2::{Point, Se2, se2};
+    use crate::travel_line::TravelLine;
     use messages::{CueKind, Pose2};
     use std::f64::consts::FRAC_PI_2;
 
@@ -181,31 +225,32 @@ mod tests {
         Episode { cue, world_from_start: at(1.0, 2.0, FRAC_PI_2) }
     }
 
-    fn config(delta: Delta) -> RewardConfig {
-        RewardConfig { delta, ..RewardConfig::default() }
+    fn reward(delta: Delta, cue: CueKind) -> Reward {
+        let config = RewardConfig { delta, motion_penalty: 0.002, ..RewardConfig::default() };
+        Reward::begin(config, Measure::Start(episode(cue)), &at(1.0, 2.0, FRAC_PI_2))
     }
 
     #[test]
     fn going_on_along_the_cue_is_progress_and_stepping_back_costs_it() {
-        let mut reward = Reward::begin(config(Delta::Difference), episode(CueKind::Forward));
-        let on = reward.step(&at(1.0, 2.25, FRAC_PI_2), false);
+        let mut reward = reward(Delta::Difference, CueKind::Forward);
+        let on = reward.step(&at(1.0, 2.25, FRAC_PI_2), true, false);
         assert!((on.progress - 0.25).abs() < 1e-12 && on.heading == 0.0);
-        assert!((on.sum() - 0.24).abs() < 1e-12);
-        assert!((reward.step(&at(1.0, 2.1, FRAC_PI_2), false).progress + 0.15).abs() < 1e-12);
+        assert!((on.sum() - 0.238).abs() < 1e-12);
+        assert!((reward.step(&at(1.0, 2.1, FRAC_PI_2), true, false).progress + 0.15).abs() < 1e-12);
     }
 
     #[test]
     fn a_turn_is_rewarded_once_as_a_difference_and_asked_for_all_the_time_as_a_level() {
         // The target is 90 degrees to the left: at the start the error is 90 degrees less the margin.
         let error = FRAC_PI_2 - 0.2;
-        let mut shaped = Reward::begin(config(Delta::Difference), episode(CueKind::Left));
-        assert_eq!(shaped.step(&at(1.0, 2.0, FRAC_PI_2), false).heading, 0.0);
-        let turned = shaped.step(&at(1.0, 2.0, 2.0 * FRAC_PI_2), false).heading;
+        let mut shaped = reward(Delta::Difference, CueKind::Left);
+        assert_eq!(shaped.step(&at(1.0, 2.0, FRAC_PI_2), true, false).heading, 0.0);
+        let turned = shaped.step(&at(1.0, 2.0, 2.0 * FRAC_PI_2), true, false).heading;
         assert!((turned - 0.5 * error).abs() < 1e-12);
-        let mut level = Reward::begin(config(Delta::Level), episode(CueKind::Left));
-        let standing = level.step(&at(1.0, 2.0, FRAC_PI_2), false).heading;
+        let mut level = reward(Delta::Level, CueKind::Left);
+        let standing = level.step(&at(1.0, 2.0, FRAC_PI_2), true, false).heading;
         assert!((standing + 0.5 * 0.5 * error).abs() < 1e-12);
-        assert_eq!(level.step(&at(1.0, 2.0, 2.0 * FRAC_PI_2), false).heading, 0.0);
+        assert_eq!(level.step(&at(1.0, 2.0, 2.0 * FRAC_PI_2), true, false).heading, 0.0);
     }
 
     #[test]
@@ -217,9 +262,23 @@ mod tests {
 
     #[test]
     fn a_collision_and_every_step_cost() {
-        let mut reward = Reward::begin(config(Delta::Difference), episode(CueKind::Forward));
-        let terms = reward.step(&at(1.0, 2.0, FRAC_PI_2), true);
+        let mut reward = reward(Delta::Difference, CueKind::Forward);
+        let terms = reward.step(&at(1.0, 2.0, FRAC_PI_2), false, true);
         assert!((terms.sum() + 0.31).abs() < 1e-12);
+        assert!((reward.step(&at(1.0, 2.0, FRAC_PI_2), true, false).sum() + 0.012).abs() < 1e-12);
+    }
+
+    #[test]
+    fn along_the_travel_line_a_turn_into_the_wrong_opening_gains_nothing() {
+        let line = TravelLine::new(&[Point::new(0.0, 0.0), Point::new(3.0, 0.0), Point::new(3.0, 5.0)]).expect("a line");
+        let start = at(2.5, 0.0, 0.0);
+        let walk = |end: Se2| {
+            let mut reward = Reward::begin(RewardConfig::default(), Measure::Line(line.clone()), &start);
+            reward.step(&end, true, false)
+        };
+        let (asked, wrong) = (walk(at(3.0, 0.4, FRAC_PI_2)), walk(at(3.0, -0.4, -FRAC_PI_2)));
+        assert!((asked.progress - 0.9).abs() < 1e-9 && asked.heading == 0.0);
+        assert!((wrong.progress - 0.5).abs() < 1e-9 && wrong.heading < -0.5);
     }
 
     #[test]

@@ -12,8 +12,9 @@ use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::noise::{Source, generator};
-use crate::prism::Prism;
+use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
+use crate::redwood::Redwood;
 use crate::scene::PERSON_HEIGHT_M;
 use crate::{ConfigError, Scene};
 
@@ -38,6 +39,8 @@ pub struct DepthConfig {
     pub range_max_m: f64,
     /// Noise of a stereo camera: one standard deviation is this times the depth squared, 1/metres. 0 for none.
     pub noise_per_m: f64,
+    /// Intensity of the Redwood noise (Choi et al. 2015), 0 to 10. 0 for none.
+    pub redwood: f64,
 }
 
 impl Default for DepthConfig {
@@ -50,6 +53,7 @@ impl Default for DepthConfig {
             range_min_m: 0.3,
             range_max_m: 10.0,
             noise_per_m: 0.001,
+            redwood: 0.0,
         }
     }
 }
@@ -71,7 +75,8 @@ impl DepthConfig {
         ConfigError::check("robot_from_camera.pitch_rad", camera.pitch_rad, -1.3, 1.3)?;
         ConfigError::check("range_min_m", self.range_min_m, 0.05, 10.0)?;
         ConfigError::check("range_max_m", self.range_max_m, self.range_min_m + 0.1, 65.0)?;
-        ConfigError::check("noise_per_m", self.noise_per_m, 0.0, 0.1)
+        ConfigError::check("noise_per_m", self.noise_per_m, 0.0, 0.1)?;
+        ConfigError::check("redwood", self.redwood, 0.0, 10.0)
     }
 }
 
@@ -87,6 +92,7 @@ pub struct DepthSensor {
     faces: Vec<Face>,
     /// Standard normal numbers; none without noise.
     table: Vec<f32>,
+    redwood: Option<Redwood>,
 }
 
 impl DepthSensor {
@@ -105,9 +111,19 @@ impl DepthSensor {
             cy_px: 0.5 * (height as f64 - 1.0),
         };
         let mut random = generator(Source::Table, seed, 0, 0);
-        let count = if config.noise_per_m > 0.0 { TABLE_LEN + width } else { 0 };
+        let noisy = config.noise_per_m > 0.0 || config.redwood > 0.0;
+        let count = if noisy { TABLE_LEN + width } else { 0 };
         let table = (0..count).map(|_| StandardNormal.sample(&mut random)).collect();
-        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), table })
+        let redwood = (config.redwood > 0.0).then(|| Redwood::new(config.redwood, width, height, seed));
+        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), table, redwood })
+    }
+
+    /// Another camera of the same kind: other noise.
+    pub fn reseed(&mut self, seed: u64) {
+        self.seed = seed;
+        if let Some(redwood) = &mut self.redwood {
+            redwood.reseed(seed);
+        }
     }
 
     /// The configuration.
@@ -157,7 +173,7 @@ impl DepthSensor {
             for &face in &active {
                 faces[face].fill(row, &mut self.row);
             }
-            if !self.table.is_empty() {
+            if self.config.noise_per_m > 0.0 {
                 let start = random.random_range(0..TABLE_LEN);
                 // A depth's sigma of k d^2 is a sigma of k on its inverse.
                 let noise = self.config.noise_per_m as f32;
@@ -168,6 +184,12 @@ impl DepthSensor {
             self.write(out);
         }
         self.faces = faces;
+        if let Some(redwood) = &mut self.redwood {
+            let start = random.random_range(0..TABLE_LEN);
+            let stride = 2 * random.random_range(0..TABLE_LEN / 2) + 1;
+            let normal = |i: usize| self.table[(start + i * stride) % TABLE_LEN];
+            redwood.disturb(pixels, (0..).map(normal));
+        }
     }
 
     /// Inverse depth of floor or ceiling at a row, 1/metres: without roll it is the same along the row.
@@ -229,7 +251,7 @@ impl View {
         let around = Vector2::repeat(reach);
         for id in scene.world.prisms_near(self.eye - around, self.eye + around) {
             let prism = &scene.world.prisms()[id as usize];
-            if prism.seen {
+            if prism.seen_by != SeenBy::Nobody {
                 self.add(prism, faces);
             }
         }

@@ -51,6 +51,11 @@ impl SideIndex {
         index
     }
 
+    /// All faces, prism by prism.
+    pub(crate) fn sides(&self) -> &[Side] {
+        &self.sides
+    }
+
     /// Counts, then places: two passes over the same cells.
     fn fill(&mut self) {
         let mut starts = vec![0u32; self.size.0 * self.size.1 + 1];

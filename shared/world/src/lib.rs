@@ -11,6 +11,7 @@
 
 pub mod depth;
 pub mod error;
+pub mod generate;
 pub mod grid_map;
 mod grid_walk;
 mod index;
@@ -21,10 +22,13 @@ pub mod odometry;
 pub mod of_settings;
 pub mod people;
 pub mod physics;
+mod polar;
 pub mod prism;
 mod raster;
+mod redwood;
 pub mod scenario;
 pub mod scene;
+pub mod site;
 mod sweep;
 mod text_file;
 pub mod world;
@@ -32,13 +36,15 @@ mod world_file;
 
 pub use depth::{DepthConfig, DepthSensor};
 pub use error::{ConfigError, WorldError};
+pub use generate::{GeneratorConfig, generate};
 pub use grid_map::{Cell, GridMap};
 pub use lidar::{LidarConfig, LidarSensor};
 pub use odometry::{OdometryConfig, OdometryReading, OdometrySensor};
 pub use of_settings::scenario_of;
 pub use people::{People, Person, Walk};
 pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
-pub use prism::Prism;
+pub use prism::{Prism, SeenBy};
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
 pub use scene::Scene;
+pub use site::{Course, Opening, Side, Site};
 pub use world::World;

@@ -2,13 +2,13 @@
 
 use guidance::se2::Point;
 use messages::{Header, MAX_BEAMS, Pose2, ScanHeader};
-use nalgebra::Vector2;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
 use crate::noise::{Source, generator};
-use crate::scene::{PERSON_HEIGHT_M, ray_meets_disc};
+use crate::polar::PolarImage;
+use crate::scene::PERSON_HEIGHT_M;
 use crate::{ConfigError, Scene};
 
 /// What a lidar is like and where it sits. The default is that of a small round lidar (RPLIDAR A1 class) on the robot's
@@ -79,6 +79,7 @@ pub struct LidarSensor {
     config: LidarConfig,
     seed: u64,
     incarnation: u32,
+    image: PolarImage,
 }
 
 impl LidarSensor {
@@ -88,13 +89,20 @@ impl LidarSensor {
     /// Where the configuration is out of its bounds.
     pub fn new(config: LidarConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
         config.validate()?;
-        Ok(Self { config, seed, incarnation })
+        let image =
+            PolarImage::new(config.beams, config.angle_min_rad, config.angle_increment_rad, config.range_max_m);
+        Ok(Self { config, seed, incarnation, image })
     }
 
     /// The configuration.
     #[must_use]
     pub fn config(&self) -> &LidarConfig {
         &self.config
+    }
+
+    /// The same lidar with other noise.
+    pub fn reseed(&mut self, seed: u64) {
+        self.seed = seed;
     }
 
     /// What stands beside the ranges; the header is left for the publisher.
@@ -113,46 +121,59 @@ impl LidarSensor {
 
     /// Writes scan number `frame` in metres: one range for each beam, as many as `ranges` has room for. Infinite where
     /// nothing was hit, NaN where there is no reading (drop-out, or nearer than the least range).
-    pub fn scan(&self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
+    pub fn scan(&mut self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
+        self.draw(scene);
         let config = &self.config;
-        let world_from_lidar = scene.world_from(config.robot_from_lidar);
-        let origin = Point::from(world_from_lidar.translation.vector);
-        let first = config.angle_min_rad + world_from_lidar.rotation.angle();
+        let readings = ranges.iter_mut().take(config.beams).enumerate();
+        if config.sigma_m == 0.0 && config.drop_out == 0.0 {
+            for (beam, range) in readings {
+                *range = self.reading(self.image.range_m(beam), 0.0);
+            }
+            return;
+        }
         let mut random = generator(Source::Lidar, self.seed, self.incarnation, frame);
-        for (beam, range) in ranges.iter_mut().take(config.beams).enumerate() {
-            let angle = first + config.angle_increment_rad * beam as f64;
-            let truth = self.cast(scene, origin, Vector2::new(angle.cos(), angle.sin()));
+        for (beam, range) in readings {
             // Both are drawn for every beam, so that what one beam sees changes no other beam's noise.
             let (lost, noise): (f64, f64) = (random.random(), StandardNormal.sample(&mut random));
-            *range = match truth {
-                _ if lost < config.drop_out => f32::NAN,
-                None => f32::INFINITY,
-                Some(range_m) if range_m < config.range_min_m => f32::NAN,
-                Some(range_m) => self.reading(range_m + noise * config.sigma_m),
-            };
+            let reading = self.reading(self.image.range_m(beam), noise * config.sigma_m);
+            *range = if lost < config.drop_out { f32::NAN } else { reading };
         }
     }
 
-    /// The true range of a beam, metres.
-    fn cast(&self, scene: &Scene<'_>, origin: Point, direction: Vector2<f64>) -> Option<f64> {
-        let config = &self.config;
-        let mut nearest = scene.world.cast(origin, direction, config.height_m, config.range_max_m);
-        if config.height_m > PERSON_HEIGHT_M {
-            return nearest;
-        }
-        for (center, radius_m) in scene.bodies() {
-            if let Some(range_m) = ray_meets_disc(origin, direction, center, radius_m)
-                && range_m < nearest.unwrap_or(config.range_max_m)
-            {
-                nearest = Some(range_m);
+    /// The true ranges.
+    fn draw(&mut self, scene: &Scene<'_>) {
+        let (config, image) = (&self.config, &mut self.image);
+        let world_from_lidar = scene.world_from(config.robot_from_lidar);
+        let lidar_from_world = world_from_lidar.inverse();
+        let origin = Point::from(world_from_lidar.translation.vector);
+        image.clear();
+        scene.world.faces_in_sight(origin, config.height_m, config.range_max_m, |a, b| {
+            image.draw_face(lidar_from_world * a, lidar_from_world * b);
+        });
+        if let Some(map) = scene.world.map() {
+            for beam in 0..config.beams {
+                let direction = world_from_lidar.rotation * image.direction(beam);
+                if let Some(range_m) = map.cast(origin, direction, config.range_max_m) {
+                    image.put(beam, range_m);
+                }
             }
         }
-        nearest
+        if config.height_m <= PERSON_HEIGHT_M {
+            for (center, radius_m) in scene.bodies() {
+                image.draw_disc(lidar_from_world * center, radius_m);
+            }
+        }
     }
 
-    /// A hit stays a hit, whatever the noise on it.
-    fn reading(&self, range_m: f64) -> f32 {
-        let (min, max) = (self.config.range_min_m as f32, self.config.range_max_m as f32);
-        (range_m as f32).clamp(min.next_up(), max.next_down())
+    /// What the lidar says of a true range. A hit stays a hit, whatever the noise on it.
+    fn reading(&self, truth_m: Option<f64>, noise_m: f64) -> f32 {
+        match truth_m {
+            None => f32::INFINITY,
+            Some(range_m) if range_m < self.config.range_min_m => f32::NAN,
+            Some(range_m) => {
+                let (min, max) = (self.config.range_min_m as f32, self.config.range_max_m as f32);
+                ((range_m + noise_m) as f32).clamp(min.next_up(), max.next_down())
+            }
+        }
     }
 }

@@ -12,6 +12,7 @@ pub(crate) enum Source {
     Odometry,
     OdometryScale,
     Table,
+    Redwood,
 }
 
 /// The generator of one frame of one incarnation of a sensor.

@@ -17,15 +17,26 @@ pub struct Prism {
     pub z0_m: f64,
     /// Upper edge above the floor, metres.
     pub z1_m: f64,
-    /// Whether lidar and camera see it; glass is not seen, and blocks all the same.
-    pub seen: bool,
+    /// Who sees it. What nobody sees blocks all the same.
+    pub seen_by: SeenBy,
+}
+
+/// Which sensors see something.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SeenBy {
+    /// Lidar and camera.
+    Both,
+    /// The camera alone: glass that is dirty, or has a print on it.
+    Camera,
+    /// Nobody: clean glass.
+    Nobody,
 }
 
 impl Prism {
     /// A thin wall along a polyline.
     #[must_use]
     pub fn wall(points: Vec<Point>, [z0_m, z1_m]: [f64; 2]) -> Self {
-        Self { outline: points, solid: false, z0_m, z1_m, seen: true }
+        Self { outline: points, solid: false, z0_m, z1_m, seen_by: SeenBy::Both }
     }
 
     /// A thin wall along an arc, as a polygon that is at most 2 mm off it. Angles in radians, counter-clockwise from
@@ -44,7 +55,7 @@ impl Prism {
         let world_from_box = Se2::new(at.coords, yaw_rad);
         let corners = [(-x, -y), (x, -y), (x, y), (-x, y)];
         let outline = corners.iter().map(|&(x, y)| world_from_box * Point::new(x, y)).collect();
-        Self { outline, solid: true, z0_m, z1_m, seen: true }
+        Self { outline, solid: true, z0_m, z1_m, seen_by: SeenBy::Both }
     }
 
     /// A round pillar, as a polygon that is at most 2 mm off the circle on either side.
@@ -55,7 +66,13 @@ impl Prism {
         // Corners half the sagitta outside, middles of the sides half of it inside.
         let corner_m = 2.0 * radius_m / (1.0 + (step / 2.0).cos());
         let outline = (0..count).map(|i| on_circle(at, corner_m, step * i as f64)).collect();
-        Self { outline, solid: true, z0_m, z1_m, seen: true }
+        Self { outline, solid: true, z0_m, z1_m, seen_by: SeenBy::Both }
+    }
+
+    /// The same, seen by these sensors.
+    #[must_use]
+    pub fn seen_by(self, seen_by: SeenBy) -> Self {
+        Self { seen_by, ..self }
     }
 
     /// The faces as segments of the outline.

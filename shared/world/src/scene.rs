@@ -2,7 +2,6 @@
 
 use guidance::se2::{Point, Se2, se2};
 use messages::{Pose2, Walker, WorldTruth};
-use nalgebra::Vector2;
 
 use crate::World;
 
@@ -47,16 +46,4 @@ impl<'a> Scene<'a> {
         let walkers = self.walkers.iter().map(|walker| (Point::new(walker.x_m, walker.y_m), walker.radius_m));
         handler.into_iter().chain(walkers)
     }
-}
-
-/// Way along a ray to a disc, metres; 0 from inside it.
-pub(crate) fn ray_meets_disc(origin: Point, direction: Vector2<f64>, center: Point, radius_m: f64) -> Option<f64> {
-    let to_center = center - origin;
-    let beyond = to_center.norm_squared() - radius_m * radius_m;
-    if beyond <= 0.0 {
-        return Some(0.0);
-    }
-    let along = to_center.dot(&direction);
-    let root = along * along - beyond;
-    (along > 0.0 && root >= 0.0).then(|| along - root.sqrt())
 }

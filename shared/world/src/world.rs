@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use crate::grid_map::GridMap;
 use crate::index::SideIndex;
 use crate::people::Person;
-use crate::prism::Prism;
+use crate::prism::{Prism, SeenBy};
 use crate::sweep::{free_share, to_segment};
 use crate::{WorldError, text_file, world_file};
 
@@ -111,9 +111,25 @@ impl World {
         let max_m = in_map.unwrap_or(max_m);
         let seen = |id: u32| {
             let prism = &self.prisms[id as usize];
-            prism.seen && (prism.z0_m..=prism.z1_m).contains(&z_m)
+            prism.seen_by == SeenBy::Both && (prism.z0_m..=prism.z1_m).contains(&z_m)
         };
         self.index.cast(origin, direction, max_m, seen).or(in_map)
+    }
+
+    /// Calls `f` with every face that a lidar at `origin` and height `z_m` may see within `max_m`.
+    pub(crate) fn faces_in_sight(&self, origin: Point, z_m: f64, max_m: f64, mut f: impl FnMut(Point, Point)) {
+        for side in self.index.sides() {
+            let prism = &self.prisms[side.prism as usize];
+            let (to_a, along) = (side.a - origin, side.b - side.a);
+            // Twice the way to the face's middle, against twice the reach and the face's length.
+            let reach_m = 2.0 * max_m + along.x.abs() + along.y.abs();
+            let near = (to_a * 2.0 + along).norm_squared() <= reach_m * reach_m;
+            // A solid's outline is counter-clockwise: its far sides are hidden by its near ones.
+            let faces = !prism.solid || along.perp(&to_a) > 0.0;
+            if near && faces && prism.seen_by == SeenBy::Both && (prism.z0_m..=prism.z1_m).contains(&z_m) {
+                f(side.a, side.b);
+            }
+        }
     }
 
     /// Distance from a place to the nearest thing between two heights, metres, at most `up_to_m`; 0 inside something.

@@ -47,7 +47,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::people::{Person, Walk};
-use crate::prism::Prism;
+use crate::prism::{Prism, SeenBy};
 use crate::text_file::TomlText;
 use crate::world::DEFAULT_CEILING_M;
 use crate::{GridMap, World, WorldError};
@@ -209,7 +209,9 @@ impl Reader<'_> {
         let (span, wall) = (entry.span(), entry.get_ref());
         let points = self.points(&span, "points", &wall.points, 2)?;
         let mut prism = Prism::wall(points, self.heights(&span, wall.z)?);
-        prism.seen = !wall.glass;
+        if wall.glass {
+            prism.seen_by = SeenBy::Nobody;
+        }
         Ok(prism)
     }
 

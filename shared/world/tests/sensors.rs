@@ -2,11 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are tests too")]
 
-use std::f64::consts::{FRAC_PI_2, PI};
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use guidance::se2::Point;
 use guidedog_world::{
-    Cell, DepthConfig, DepthSensor, GridMap, LidarConfig, LidarSensor, OdometryConfig, OdometrySensor, Prism, Scene,
+    Cell, DepthConfig, DepthSensor, GridMap, LidarConfig, LidarSensor, OdometryConfig, OdometrySensor, Prism, Scene, SeenBy,
     World,
 };
 use messages::{Pose2, Pose3, Twist2, Walker};
@@ -126,7 +126,7 @@ fn a_map_is_cast_as_the_borders_of_its_cells() {
 fn a_lidar_measures_walls_people_and_the_handler() {
     let config =
         LidarConfig { sigma_m: 0.0, drop_out: 0.0, beams: 4, angle_increment_rad: FRAC_PI_2, ..Default::default() };
-    let sensor = LidarSensor::new(config, 1, 1).unwrap();
+    let mut sensor = LidarSensor::new(config, 1, 1).unwrap();
     let mut world = wall_ahead(5.0);
     world = world.with_prisms([Prism::cuboid(Point::new(-3.0, 0.0), [0.4, 0.4], 0.0, [0.0, 0.25])]);
     let mut ranges = [0.0f32; 4];
@@ -146,7 +146,7 @@ fn a_lidar_measures_walls_people_and_the_handler() {
 #[test]
 fn glass_is_not_seen_and_blocks() {
     let mut glass = Prism::wall(vec![Point::new(2.0, -1.0), Point::new(2.0, 1.0)], FULL);
-    glass.seen = false;
+    glass.seen_by = SeenBy::Nobody;
     let world = wall_ahead(5.0).with_prisms([glass]);
     assert_eq!(world.cast(Point::origin(), Vector2::x(), 0.4, 12.0), Some(5.0));
     assert!(world.free_share(Point::origin(), Point::new(4.0, 0.0), 0.3, [0.02, 0.6]).is_some());
@@ -156,7 +156,7 @@ fn glass_is_not_seen_and_blocks() {
 fn noise_depends_on_seed_incarnation_and_frame_alone() {
     let world = wall_ahead(5.0);
     let scan = |seed, incarnation, frame| {
-        let sensor = LidarSensor::new(LidarConfig::default(), seed, incarnation).unwrap();
+        let mut sensor = LidarSensor::new(LidarConfig::default(), seed, incarnation).unwrap();
         let mut ranges = vec![0.0f32; 360];
         sensor.scan(&scene(&world, 0.0, 0.0, 0.1), frame, &mut ranges);
         ranges.iter().map(|range| range.to_bits()).collect::<Vec<_>>()
@@ -350,4 +350,40 @@ fn absurd_configurations_are_refused() {
     assert_eq!(lidar.key, "sigma_m");
     assert!(DepthSensor::new(DepthConfig { width: 4000, ..Default::default() }, 0, 0).is_err());
     assert!(OdometrySensor::new(OdometryConfig { scale_sigma: -1.0, ..Default::default() }, 0, 0).is_err());
+}
+
+#[test]
+fn a_scan_is_what_each_beam_alone_would_meet() {
+    let mut random = ChaCha8Rng::seed_from_u64(9);
+    for round in 0..60 {
+        let world = random_world(&mut random);
+        let turn = [1.0, -1.0][round % 2];
+        let (beams, increment) = [(360, TAU / 360.0), (181, PI / 180.0), (37, 0.17)][round % 3];
+        let config = LidarConfig {
+            beams,
+            angle_min_rad: random.random_range(-PI..PI),
+            angle_increment_rad: turn * increment,
+            range_min_m: 0.0,
+            sigma_m: 0.0,
+            drop_out: 0.0,
+            robot_from_lidar: Pose2::new(0.2, -0.1, 0.4),
+            ..Default::default()
+        };
+        let mut sensor = LidarSensor::new(config.clone(), 1, 1).unwrap();
+        let robot = Pose2::new(random.random_range(-4.0..4.0), random.random_range(-4.0..4.0), 1.0);
+        let world_from_lidar = guidance::se2::se2(robot) * guidance::se2::se2(config.robot_from_lidar);
+        let origin = Point::from(world_from_lidar.translation.vector);
+        if world.clearance(origin, FULL, 1.0) == 0.0 {
+            continue;
+        }
+        let mut ranges = vec![0.0f32; beams];
+        sensor.scan(&scene(&world, robot.x_m, robot.y_m, robot.yaw_rad), 0, &mut ranges);
+        for (beam, range) in ranges.iter().enumerate() {
+            let angle = config.angle_min_rad + config.angle_increment_rad * beam as f64;
+            let direction = world_from_lidar.rotation * Vector2::new(angle.cos(), angle.sin());
+            let alone = world.cast(origin, direction, config.height_m, config.range_max_m);
+            let expected = alone.map_or(f32::INFINITY, |range_m| range_m as f32);
+            assert!(*range == expected || (range - expected).abs() < 1e-4, "beam {beam}: {range} and {expected}");
+        }
+    }
 }

@@ -1,0 +1,93 @@
+//! What stands and hangs in a generated corridor. Beside each thing there is a passage.
+
+use guidance::se2::Point;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::layout::{FULL, Plan};
+use super::{GeneratorConfig, between, beside};
+use crate::prism::Prism;
+use crate::site::Course;
+
+/// Things keep so far from each other along the way, metres: room to go from one side to the other.
+const APART_M: f64 = 2.2;
+/// And from the mouths of branches and the corridor's ends, metres.
+const MOUTH_M: f64 = 0.7;
+/// What protrudes by less is no thing, metres.
+const LEAST_M: f64 = 0.12;
+
+/// All things of the corridor, and one in some branches.
+pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8Rng) -> Vec<Prism> {
+    let mut things = Vec::new();
+    let course = plan.course();
+    let mut way_m = between(random, [0.5, 2.0]);
+    while config.clutter_per_m > 0.0 && way_m < course.line.length_m() - 1.0 {
+        let length_m = between(random, [0.2, 1.0]);
+        let at_mouth = |branch: &super::layout::Branch| {
+            branch.is_way && (branch.way_m - way_m).abs() < branch.width_m / 2.0 + length_m / 2.0 + MOUTH_M
+        };
+        if !plan.branches.iter().any(at_mouth) {
+            things.extend(thing(config, &course, way_m, length_m, random));
+        }
+        way_m += APART_M + length_m + between(random, [0.0, 2.0 / config.clutter_per_m]);
+    }
+    for branch in plan.branches.iter().filter(|branch| branch.is_way) {
+        let line = plan.branch_line(branch);
+        let from_m = plan.width_m / 2.0 + branch.width_m.max(1.5) + 1.5;
+        if line.length_m() > from_m + 1.5 && random.random_bool((2.0 * config.clutter_per_m).min(0.5)) {
+            let course = Course { width_m: branch.width_m, openings: Vec::new(), line };
+            let way_m = between(random, [from_m, course.line.length_m() - 1.0]);
+            things.extend(thing(config, &course, way_m, 0.5, random));
+        }
+    }
+    things
+}
+
+/// One thing at a way along a corridor.
+fn thing(
+    config: &GeneratorConfig,
+    course: &Course,
+    way_m: f64,
+    length_m: f64,
+    random: &mut ChaCha8Rng,
+) -> Option<Prism> {
+    let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+    let room_m = course.width_m - config.passage_m;
+    let yaw_rad = course.line.at(way_m).rotation.angle();
+    // In the middle where both sides are wide enough, at a wall otherwise.
+    let radius_m = between(random, [0.12, 0.3]);
+    if course.width_m > 2.0 * (config.passage_m + radius_m) && random.random_bool(0.4) {
+        return Some(Prism::pillar(beside(course, way_m, between(random, [-0.1, 0.1])), radius_m, FULL));
+    }
+    if room_m < LEAST_M {
+        return None;
+    }
+    let depth_m = between(random, [LEAST_M, room_m.min(1.6)]);
+    let wall_m = side * course.width_m / 2.0;
+    let at_wall = |depth_m: f64| beside(course, way_m, wall_m - side * depth_m / 2.0);
+    let cuboid = |z: [f64; 2]| Some(Prism::cuboid(at_wall(depth_m), [length_m, depth_m], yaw_rad, z));
+    match random.random_range(0..10) {
+        // Above the lidar's plane, and below it.
+        0..=2 => cuboid([0.0, between(random, [0.5, 1.9])]),
+        3..=4 => cuboid([0.0, between(random, [0.12, 0.33])]),
+        // A table or a shelf: the lidar sees nothing under it.
+        5 => cuboid([between(random, [0.45, 0.58]), between(random, [0.7, 1.3])]),
+        6..=7 => {
+            let radius_m = (depth_m / 2.0).min(0.35);
+            Some(Prism::pillar(at_wall(2.0 * radius_m), radius_m, FULL))
+        }
+        // A curtain, from the ceiling to a hand's breadth above the floor.
+        8 => {
+            let ends = [wall_m, wall_m - side * depth_m].map(|left_m| beside(course, way_m, left_m));
+            Some(Prism::wall(ends.to_vec(), [between(random, [0.05, 0.3]), 2.2]))
+        }
+        // A door's leaf, ajar.
+        _ => {
+            let (leaf_m, hinge) = (depth_m.min(0.85), beside(course, way_m, wall_m));
+            let along_m = if random.random_bool(0.5) { 1.0 } else { -1.0 } * (0.85f64.powi(2) - leaf_m.powi(2)).sqrt();
+            let end: Point = beside(course, way_m, wall_m - side * leaf_m);
+            let end = end + course.line.at(way_m).rotation * nalgebra::Vector2::new(along_m, 0.0);
+            Some(Prism::wall(vec![hinge, end], [0.0, 2.05]))
+        }
+    }
+}

@@ -1,0 +1,331 @@
+//! The plan of a generated world: the corridor, its branches, and the walls of both.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use guidance::TravelLine;
+use guidance::se2::{Point, Se2, wrap_angle};
+use nalgebra::Vector2;
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::{GeneratorConfig, between};
+use crate::prism::{Prism, SeenBy};
+use crate::site::{Course, Opening, Side};
+use crate::world::DEFAULT_CEILING_M;
+
+/// A bend is a polygon with corners of so much, radians.
+const CORNER_RAD: f64 = 0.14;
+/// Branches keep so far from each other and from the corridor's ends, metres.
+const APART_M: f64 = 1.0;
+/// A corridor that meets itself is drawn anew so many times.
+const TRIES: usize = 20;
+/// Floor to ceiling.
+pub(super) const FULL: [f64; 2] = [0.0, DEFAULT_CEILING_M];
+
+/// A straight stretch of the corridor.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Stretch {
+    pub(super) from_m: f64,
+    pub(super) to_m: f64,
+}
+
+/// A branch that leads off the corridor.
+#[derive(Debug, Clone)]
+pub(super) struct Branch {
+    pub(super) side: Side,
+    /// Where the middles meet, along the corridor, metres.
+    pub(super) way_m: f64,
+    pub(super) width_m: f64,
+    /// Off the right angle, radians, counter-clockwise.
+    skew_rad: f64,
+    /// From the corridor's wall to the end, metres.
+    length_m: f64,
+    /// Deep enough to be a way; otherwise a door or a niche.
+    pub(super) is_way: bool,
+}
+
+/// The plan.
+#[derive(Debug, Clone)]
+pub(super) struct Plan {
+    pub(super) line: TravelLine,
+    pub(super) width_m: f64,
+    pub(super) stretches: Vec<Stretch>,
+    pub(super) branches: Vec<Branch>,
+}
+
+impl Plan {
+    pub(super) fn draw(config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Self {
+        let width_m = between(random, config.width_m);
+        let (line, stretches) = corridor(config, width_m, random);
+        let mut plan = Self { line, width_m, stretches, branches: Vec::new() };
+        plan.draw_end(random);
+        plan.draw_branches(random);
+        plan.draw_doors(random);
+        plan.branches.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
+        plan
+    }
+
+    /// What the corridor ends on: a wall, a crossing corridor, or one that leads to one side.
+    fn draw_end(&mut self, random: &mut ChaCha8Rng) {
+        let kind = random.random_range(0..10);
+        if kind < 3 {
+            return;
+        }
+        let width_m = between(random, [1.7, 3.0]);
+        let way_m = self.line.length_m() - width_m / 2.0;
+        for side in [Side::Left, Side::Right] {
+            let wanted = match kind {
+                3 | 4 => side == Side::Left,
+                5 | 6 => side == Side::Right,
+                _ => true,
+            };
+            if wanted {
+                self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m: between(random, [4.0, 11.0]), is_way: true });
+            }
+        }
+    }
+
+    fn draw_branches(&mut self, random: &mut ChaCha8Rng) {
+        for stretch in self.stretches.clone() {
+            let mut way_m = stretch.from_m + between(random, [1.5, 7.0]);
+            while way_m < stretch.to_m - 1.5 {
+                let width_m = between(random, [1.5, 2.8]);
+                let skew_rad = if random.random_bool(0.3) { between(random, [-0.3, 0.3]) } else { 0.0 };
+                let sides = match random.random_range(0..5) {
+                    0 | 1 => &[Side::Left][..],
+                    2 | 3 => &[Side::Right][..],
+                    _ => &[Side::Left, Side::Right][..],
+                };
+                for &side in sides {
+                    let length_m = between(random, [4.0, 11.0]);
+                    self.add(Branch { side, way_m, width_m, skew_rad, length_m, is_way: true });
+                }
+                way_m += width_m + between(random, [2.5, 10.0]);
+            }
+        }
+    }
+
+    /// Doors too narrow for two, open into rooms or closed in their niches.
+    fn draw_doors(&mut self, random: &mut ChaCha8Rng) {
+        for stretch in self.stretches.clone() {
+            let mut way_m = stretch.from_m + between(random, [0.8, 6.0]);
+            while way_m < stretch.to_m - 0.8 {
+                let side = if random.random_bool(0.5) { Side::Left } else { Side::Right };
+                let length_m = if random.random_bool(0.3) { between(random, [2.0, 4.0]) } else { between(random, [0.08, 0.35]) };
+                let width_m = between(random, [0.75, 0.95]);
+                self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, is_way: false });
+                way_m += between(random, [2.0, 8.0]);
+            }
+        }
+    }
+
+    /// Adds a branch where there is room for it.
+    fn add(&mut self, branch: Branch) {
+        let half = |branch: &Branch| branch.width_m / 2.0 / branch.skew_rad.cos() + self.width_m / 2.0 * branch.skew_rad.tan().abs();
+        let clear = |other: &Branch| {
+            other.side != branch.side || (other.way_m - branch.way_m).abs() > half(other) + half(&branch) + APART_M
+        };
+        let at_end = branch.way_m + half(&branch) > self.line.length_m() - 1e-9;
+        let in_stretch = self.stretches.iter().any(|stretch| {
+            let room_m = half(&branch) + 0.3;
+            branch.way_m - room_m >= stretch.from_m && (branch.way_m + room_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
+        });
+        if in_stretch && self.branches.iter().all(clear) && self.is_free(&branch) {
+            self.branches.push(branch);
+        }
+    }
+
+    /// Whether a branch runs into nothing: neither the corridor nor another branch.
+    fn is_free(&self, branch: &Branch) -> bool {
+        let line = self.branch_line(branch);
+        let begin_m = self.width_m / 2.0 / branch.skew_rad.cos() + 0.4;
+        let mut way_m = begin_m;
+        while way_m < line.length_m() + branch.width_m / 2.0 {
+            let place = line.at(line.length_m().min(way_m)) * Point::new((way_m - line.length_m()).max(0.0), 0.0);
+            let off_corridor = self.line.foot(place).left_m.abs() > (self.width_m + branch.width_m) / 2.0 + 0.2;
+            // Near its own mouth a branch is as near to the corridor as it is long there.
+            let at_mouth = way_m - self.width_m / 2.0 < branch.width_m / 2.0 + 0.6;
+            if !(off_corridor || at_mouth) {
+                return false;
+            }
+            let apart = |other: &Branch| {
+                let foot = self.branch_line(other).foot(place);
+                foot.left_m.abs() > (other.width_m + branch.width_m) / 2.0 + 0.2
+            };
+            if !self.branches.iter().all(|other| (other.side != branch.side && (other.way_m - branch.way_m).abs() < 0.1) || apart(other)) {
+                return false;
+            }
+            way_m += 0.4;
+        }
+        true
+    }
+
+    /// Direction of a branch where the corridor is at its middle.
+    fn branch_frame(&self, branch: &Branch) -> Se2 {
+        let at = self.line.at(branch.way_m);
+        let yaw_rad = at.rotation.angle() + branch.side.sign() * FRAC_PI_2 + branch.skew_rad;
+        Se2::new(at.translation.vector, wrap_angle(yaw_rad))
+    }
+
+    /// The middle of a branch, from the corridor's middle to its end.
+    pub(super) fn branch_line(&self, branch: &Branch) -> TravelLine {
+        let frame = self.branch_frame(branch);
+        let end_m = self.width_m / 2.0 / branch.skew_rad.cos() + branch.length_m;
+        let (from, to) = (frame * Point::origin(), frame * Point::new(end_m, 0.0));
+        TravelLine::new(&[from, to]).unwrap_or_else(|| self.line.clone())
+    }
+
+    pub(super) fn course(&self) -> Course {
+        let ways = self.branches.iter().filter(|branch| branch.is_way);
+        let opening = |branch: &Branch| Opening {
+            way_m: branch.way_m,
+            width_m: branch.width_m / branch.skew_rad.cos(),
+            side: branch.side,
+            line: self.branch_line(branch),
+        };
+        Course { line: self.line.clone(), width_m: self.width_m, openings: ways.map(opening).collect() }
+    }
+
+    /// All walls.
+    pub(super) fn walls(&self, config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Vec<Prism> {
+        let mut walls = Vec::new();
+        let half_m = self.width_m / 2.0;
+        for side in [Side::Left, Side::Right] {
+            let edge = self.edge(side.sign() * half_m);
+            let mut from_m = 0.0;
+            for branch in self.branches.iter().filter(|branch| branch.side == side) {
+                let [near, far] = self.mouth(branch);
+                let (near_m, far_m) = (edge.foot(near).way_m, edge.foot(far).way_m);
+                self.add_wall(edge.part(from_m, near_m), config, random, &mut walls);
+                walls.push(self.branch_walls(branch, near, far));
+                from_m = far_m;
+            }
+            self.add_wall(edge.part(from_m, edge.length_m()), config, random, &mut walls);
+        }
+        for way_m in [0.0, self.line.length_m()] {
+            let at = self.line.at(way_m);
+            walls.push(Prism::wall(vec![at * Point::new(0.0, half_m), at * Point::new(0.0, -half_m)], FULL));
+        }
+        walls
+    }
+
+    fn add_wall(&self, line: Option<TravelLine>, config: &GeneratorConfig, random: &mut ChaCha8Rng, walls: &mut Vec<Prism>) {
+        let Some(line) = line else { return };
+        let glass = random.random_bool(config.glass) && line.length_m() > 1.5;
+        if !glass {
+            walls.push(Prism::wall(line.corners().to_vec(), FULL));
+            return;
+        }
+        let from_m = between(random, [0.3, line.length_m() - 1.0]);
+        let to_m = (from_m + between(random, [0.7, 2.5])).min(line.length_m() - 0.2);
+        for (part, seen_by) in [
+            (line.part(0.0, from_m), SeenBy::Both),
+            (line.part(from_m, to_m), SeenBy::Camera),
+            (line.part(to_m, line.length_m()), SeenBy::Both),
+        ] {
+            walls.extend(part.map(|part| Prism::wall(part.corners().to_vec(), FULL).seen_by(seen_by)));
+        }
+    }
+
+    /// The line beside the corridor's middle: each corner moved out along the bisector of its neighbours.
+    fn edge(&self, left_m: f64) -> TravelLine {
+        let corners = self.line.corners();
+        let normal = |i: usize| {
+            let along = (corners[i + 1] - corners[i]).normalize();
+            Vector2::new(-along.y, along.x)
+        };
+        let moved = |i: usize| {
+            let (before, after) = (normal(i.saturating_sub(1).min(corners.len() - 2)), normal(i.min(corners.len() - 2)));
+            let bisector = (before + after).normalize();
+            corners[i] + bisector * (left_m / bisector.dot(&after))
+        };
+        let moved: Vec<Point> = (0..corners.len()).map(moved).collect();
+        TravelLine::new(&moved).unwrap_or_else(|| self.line.clone())
+    }
+
+    /// Where a branch's sides meet the corridor's wall: the near and the far edge.
+    fn mouth(&self, branch: &Branch) -> [Point; 2] {
+        let frame = self.branch_frame(branch);
+        let along = self.line.at(branch.way_m).rotation.angle();
+        let edge = |left_m: f64| {
+            // The side line starts on the corridor's middle line and meets the wall after half a width.
+            let reach_m = (self.width_m / 2.0 + left_m * branch.skew_rad.sin()) / branch.skew_rad.cos();
+            frame * Point::new(reach_m, left_m)
+        };
+        let (a, b) = (edge(branch.width_m / 2.0), edge(-branch.width_m / 2.0));
+        let ahead = Vector2::new(along.cos(), along.sin());
+        if ahead.dot(&(b - a)) > 0.0 { [a, b] } else { [b, a] }
+    }
+
+    /// Both sides of a branch and its end.
+    fn branch_walls(&self, branch: &Branch, near: Point, far: Point) -> Prism {
+        let frame = self.branch_frame(branch);
+        let end_m = self.branch_line(branch).length_m();
+        let corner = |mouth: Point| {
+            let left_m = (frame.inverse() * mouth).y;
+            frame * Point::new(end_m, left_m)
+        };
+        Prism::wall(vec![near, corner(near), corner(far), far], FULL)
+    }
+}
+
+/// The corridor's middle, and where it is straight: drawn anew until it does not meet itself.
+fn corridor(config: &GeneratorConfig, width_m: f64, random: &mut ChaCha8Rng) -> (TravelLine, Vec<Stretch>) {
+    let length_m = between(random, config.length_m);
+    let bends = random.random_bool(config.bends);
+    for _ in 0..TRIES {
+        if let Some((line, stretches)) = wind(length_m, width_m, bends, random)
+            && !meets_itself(&line, width_m)
+        {
+            return (line, stretches);
+        }
+    }
+    let ends = [Point::origin(), Point::new(length_m, 0.0)];
+    let line = TravelLine::new(&ends).unwrap_or_else(|| unreachable!("two ends of a corridor differ"));
+    (line, vec![Stretch { from_m: 0.0, to_m: length_m }])
+}
+
+/// Straight stretches with bends between.
+fn wind(
+    length_m: f64,
+    width_m: f64,
+    bends: bool,
+    random: &mut ChaCha8Rng,
+) -> Option<(TravelLine, Vec<Stretch>)> {
+    let (mut at, mut yaw_rad) = (Point::origin(), between(random, [-PI, PI]));
+    let (mut places, mut stretches, mut way_m) = (vec![at], Vec::new(), 0.0);
+    let mut side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+    loop {
+        let straight_m = if bends { between(random, [4.0, 14.0]) } else { length_m };
+        let straight_m = straight_m.min(length_m - way_m).max(2.0);
+        at += Vector2::new(yaw_rad.cos(), yaw_rad.sin()) * straight_m;
+        places.push(at);
+        stretches.push(Stretch { from_m: way_m, to_m: way_m + straight_m });
+        way_m += straight_m;
+        if way_m >= length_m - 2.0 {
+            return Some((TravelLine::new(&places)?, stretches));
+        }
+        // A sharp corner or a long bend; back the other way more often than not.
+        let turn_rad = between(random, [0.3, 1.5]) * side;
+        let sharp = random.random_bool(0.3);
+        let radius_m = if sharp { width_m / 2.0 + 0.1 } else { between(random, [width_m / 2.0 + 0.5, 14.0]) };
+        side = if random.random_bool(0.7) { -side } else { side };
+        let steps = (turn_rad.abs() / CORNER_RAD).ceil().max(1.0);
+        let chord_m = 2.0 * radius_m * (turn_rad.abs() / steps / 2.0).sin();
+        for _ in 0..steps as usize {
+            yaw_rad += turn_rad / steps / 2.0;
+            at += Vector2::new(yaw_rad.cos(), yaw_rad.sin()) * chord_m;
+            yaw_rad += turn_rad / steps / 2.0;
+            places.push(at);
+            way_m += chord_m;
+        }
+    }
+}
+
+/// Whether a corridor comes back to where it was.
+fn meets_itself(line: &TravelLine, width_m: f64) -> bool {
+    let apart_m = width_m + 0.5;
+    let samples: Vec<f64> = (0..=line.length_m() as usize).map(|way_m| way_m as f64).collect();
+    let place = |way_m: f64| Point::from(line.at(way_m).translation.vector);
+    samples.iter().any(|a| samples.iter().any(|b| b - a > 2.5 * apart_m && (place(*a) - place(*b)).norm() < apart_m))
+}

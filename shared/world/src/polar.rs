@@ -1,0 +1,123 @@
+//! A lidar's scan as a polar image: each face touches only the beams that it spans.
+//!
+//! Along a straight face the inverse of the range is linear in the beam's direction, so that a face costs one sum and
+//! one maximum for each of its beams.
+
+use std::f64::consts::TAU;
+
+use guidance::se2::Point;
+use nalgebra::Vector2;
+
+/// Neighbouring faces share the beam on their common edge: no beam slips through. In beams.
+const EDGE: f64 = 1e-9;
+
+/// The beams of a lidar in its own frame, and for each the inverse of the range to the nearest thing so far.
+#[derive(Debug, Clone)]
+pub(crate) struct PolarImage {
+    /// Unit vectors, mirrored where the lidar turns clockwise: they turn counter-clockwise always.
+    x: Vec<f64>,
+    y: Vec<f64>,
+    inverse: Vec<f64>,
+    first_rad: f64,
+    increment_rad: f64,
+    mirrored: bool,
+    farthest: f64,
+}
+
+impl PolarImage {
+    /// The image of a lidar with these beams that sees as far as `range_max_m`.
+    pub(crate) fn new(beams: usize, angle_min_rad: f64, angle_increment_rad: f64, range_max_m: f64) -> Self {
+        let mirrored = angle_increment_rad < 0.0;
+        let first_rad = if mirrored { -angle_min_rad } else { angle_min_rad };
+        // Beams of one and the same direction are taken apart by next to nothing.
+        let increment_rad = angle_increment_rad.abs().max(1e-12);
+        let angle = |beam: usize| first_rad + increment_rad * beam as f64;
+        Self {
+            x: (0..beams).map(|beam| angle(beam).cos()).collect(),
+            y: (0..beams).map(|beam| angle(beam).sin()).collect(),
+            inverse: vec![0.0; beams],
+            first_rad,
+            increment_rad,
+            mirrored,
+            farthest: range_max_m.recip(),
+        }
+    }
+
+    /// Nothing within range.
+    pub(crate) fn clear(&mut self) {
+        self.inverse.fill(0.0);
+    }
+
+    /// The direction of a beam, lidar frame.
+    pub(crate) fn direction(&self, beam: usize) -> Vector2<f64> {
+        Vector2::new(self.x[beam], if self.mirrored { -self.y[beam] } else { self.y[beam] })
+    }
+
+    /// The range of a beam, metres; `None` where nothing was hit.
+    pub(crate) fn range_m(&self, beam: usize) -> Option<f64> {
+        let inverse = self.inverse[beam];
+        (inverse >= self.farthest).then(|| inverse.recip())
+    }
+
+    /// Something at that range in the way of a beam.
+    pub(crate) fn put(&mut self, beam: usize, range_m: f64) {
+        self.inverse[beam] = self.inverse[beam].max(range_m.recip());
+    }
+
+    fn mirror(&self, point: Point) -> Point {
+        if self.mirrored { Point::new(point.x, -point.y) } else { point }
+    }
+
+    /// The beams within an angle counter-clockwise from `from_rad`: two runs, as it may go over the end.
+    fn span(&self, from_rad: f64, turn_rad: f64) -> [std::ops::Range<usize>; 2] {
+        let count = self.inverse.len();
+        let begin = (from_rad - self.first_rad).rem_euclid(TAU) / self.increment_rad;
+        let end = begin + turn_rad / self.increment_rad;
+        let whole = TAU / self.increment_rad;
+        let run = |begin: f64, end: f64| {
+            let first = (begin - EDGE).ceil().max(0.0) as usize;
+            let beyond = ((end + EDGE).floor() + 1.0).clamp(0.0, count as f64) as usize;
+            first.min(beyond)..beyond
+        };
+        [run(begin, end), run(begin - whole, end - whole)]
+    }
+
+    /// A straight face between two points of the lidar frame, seen from both sides.
+    pub(crate) fn draw_face(&mut self, a: Point, b: Point) {
+        let (a, b) = (self.mirror(a), self.mirror(b));
+        let cross = a.coords.perp(&b.coords);
+        let ((a, b), cross) = if cross >= 0.0 { ((a, b), cross) } else { ((b, a), -cross) };
+        // Seen edge-on: no beam meets it.
+        if cross < 1e-12 {
+            return;
+        }
+        let turn_rad = cross.atan2(a.coords.dot(&b.coords));
+        let (by_x, by_y) = ((b.y - a.y) / cross, (a.x - b.x) / cross);
+        for run in self.span(a.y.atan2(a.x), turn_rad) {
+            let (x, y) = (&self.x[run.clone()], &self.y[run.clone()]);
+            for ((inverse, x), y) in self.inverse[run].iter_mut().zip(x).zip(y) {
+                let here = by_x * x + by_y * y;
+                *inverse = if here > *inverse { here } else { *inverse };
+            }
+        }
+    }
+
+    /// A disc about a point of the lidar frame; from inside it everything is touched.
+    pub(crate) fn draw_disc(&mut self, center: Point, radius_m: f64) {
+        let center = self.mirror(center);
+        let distance_m = center.coords.norm();
+        if distance_m <= radius_m {
+            self.inverse.fill(f64::INFINITY);
+            return;
+        }
+        let half_rad = (radius_m / distance_m).asin();
+        let beyond = distance_m * distance_m - radius_m * radius_m;
+        for beam in self.span(center.y.atan2(center.x) - half_rad, 2.0 * half_rad).into_iter().flatten() {
+            let along = center.x * self.x[beam] + center.y * self.y[beam];
+            let root = along * along - beyond;
+            if root >= 0.0 {
+                self.inverse[beam] = self.inverse[beam].max((along - root.sqrt()).recip());
+            }
+        }
+    }
+}

@@ -1,0 +1,105 @@
+//! A world and what is known of its ways: for who sets tasks in it and judges how they were done. The robot is told
+//! none of it.
+
+use guidance::TravelLine;
+use guidance::se2::{Point, wrap_angle};
+
+use crate::World;
+
+/// A side of a way, as one walks along it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Side {
+    /// To the left.
+    Left,
+    /// To the right.
+    Right,
+}
+
+impl Side {
+    /// 1 to the left, -1 to the right.
+    #[must_use]
+    pub fn sign(self) -> f64 {
+        match self {
+            Self::Left => 1.0,
+            Self::Right => -1.0,
+        }
+    }
+}
+
+/// A way that leads off another one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Opening {
+    /// Where it is left, along the main way, metres: where the middles of both meet.
+    pub way_m: f64,
+    /// Its width, metres.
+    pub width_m: f64,
+    /// To which side it leads.
+    pub side: Side,
+    /// Its middle, from where it meets the main way's to its end.
+    pub line: TravelLine,
+}
+
+impl Opening {
+    /// Where its farther edge is, along the main way, metres.
+    #[must_use]
+    pub fn far_edge_m(&self) -> f64 {
+        self.way_m + self.width_m / 2.0
+    }
+
+    /// Its direction, world frame, radians.
+    #[must_use]
+    pub fn axis_rad(&self) -> f64 {
+        self.line.at(0.0).rotation.angle()
+    }
+}
+
+/// A corridor and what leads off it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Course {
+    /// The middle of the corridor, to its end.
+    pub line: TravelLine,
+    /// Width of the corridor, metres.
+    pub width_m: f64,
+    /// What leads off it, in the order of the way.
+    pub openings: Vec<Opening>,
+}
+
+impl Course {
+    /// The first opening to a side whose farther edge is ahead of that way and whose middle is within `reach_m`.
+    #[must_use]
+    pub fn next(&self, side: Side, from_m: f64, reach_m: f64) -> Option<&Opening> {
+        let mut ahead = self.openings.iter().filter(|opening| opening.side == side);
+        ahead.find(|opening| opening.far_edge_m() > from_m && opening.way_m <= from_m + reach_m)
+    }
+
+    /// The line of who turns into an opening: along the corridor, round the corner, and on to the branch's end.
+    #[must_use]
+    pub fn line_into(&self, opening: &Opening) -> Option<TravelLine> {
+        let corner = self.line.at(opening.way_m);
+        let turn_rad = wrap_angle(opening.axis_rad() - corner.rotation.angle()).abs();
+        // As round as both ways have room for.
+        let cut_m = (0.5 * self.width_m.min(opening.width_m)).min(opening.way_m).max(0.1);
+        let mut places: Vec<Point> = self.line.part(0.0, opening.way_m - cut_m)?.corners().to_vec();
+        let (before, after) = (self.line.at(opening.way_m - cut_m), opening.line.at(cut_m));
+        let (from, to) = (Point::from(before.translation.vector), Point::from(after.translation.vector));
+        let middle = Point::from(corner.translation.vector);
+        let steps = (turn_rad.to_degrees() / 10.0).ceil().max(1.0) as usize;
+        // A parabola whose tangents at its ends are the two ways.
+        places.extend((1..steps).map(|i| {
+            let share = i as f64 / steps as f64;
+            let (a, b) = (from + (middle - from) * share, middle + (to - middle) * share);
+            a + (b - a) * share
+        }));
+        places.extend(opening.line.part(cut_m, opening.line.length_m())?.corners());
+        TravelLine::new(&places)
+    }
+}
+
+/// A world whose ways are known.
+#[derive(Debug, Clone)]
+pub struct Site {
+    /// What stands and walks there.
+    pub world: World,
+    /// Its corridor.
+    pub course: Course,
+}
