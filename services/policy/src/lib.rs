@@ -1,41 +1,24 @@
-//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. An [`Engine`] decides; a model
-//! file may tune it.
-
-pub mod geometric;
-mod model;
+//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. A [`Pilot`] decides; which engine it
+//! has is the model's to say.
 
 use std::path::PathBuf;
 
-use geometric::{GeometricConfig, GeometricEngine, Observation};
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, DepthView};
+use guidance::{ActionTable, Awareness, Measured, PoseTrack};
 use messages::{
-    CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
+    Cue, CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
     PolicyAction, age_ns,
 };
+use policies::{Engine, Expected, GeometricConfig, Model, Pilot, Probabilities, Situation, stand};
 use settings::{Settings, Source};
 use transport::{
     ChildArgs, FrameSample, FrameSubscriber, FromChild, Io, Publisher, Service, Subscriber, TransportError,
 };
 
-pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, OBSERVATION};
-
-/// From an observation to probabilities over the action table.
-pub trait Engine {
-    /// Probabilities over the table that the engine was made for, summing to 1; called once in each decision period.
-    /// What is no probability is published as it is, and refused by the shield.
-    fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS];
-}
-
-impl Engine for GeometricEngine {
-    fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
-        Self::decide(self, observation)
-    }
-}
-
 /// The service.
 pub struct PolicyService {
-    engine: Box<dyn Engine>,
+    pilot: Pilot,
+    awareness: Awareness,
     action_table_id: u64,
     action_count: u32,
     scans: FrameSubscriber<LidarScan>,
@@ -45,8 +28,8 @@ pub struct PolicyService {
     actions: Publisher<PolicyAction>,
     scan: Option<FrameSample<LidarScan>>,
     frame: Option<FrameSample<DepthFrame>>,
-    view: DepthView,
     pose: Option<Odometry>,
+    track: PoseTrack,
     mode: Option<Mode>,
     /// The cue of the last decision.
     last_cue: (u32, u64),
@@ -67,24 +50,21 @@ impl PolicyService {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let table = settings.policy.actions.table();
-        let mut config = engine_config(&settings)?;
         let named = std::env::var_os(ChildArgs::MODEL).map(PathBuf::from).or_else(|| settings.policy.model.clone());
-        let mut about = serde_json::json!({ "engine": "geometric" });
-        if let Some(path) = named {
-            let expected = Expected { table: table.clone(), dt_ns: settings.policy.dt.ns() };
-            let model = Model::load(&path, &expected).map_err(TransportError::service)?;
-            model.tuning.apply(&mut config);
-            about = model.about();
-        }
+        let expected = Expected { table: table.clone(), dt_ns: settings.policy.dt.ns() };
+        let model = named.map(|path| Model::load(&path, &expected)).transpose().map_err(TransportError::service)?;
+        let library = settings.policy.onnx_runtime.as_deref();
+        let config = GeometricConfig::of(&settings).map_err(TransportError::service)?;
+        let engine = policies::engine(model.as_ref(), config, &table, library).map_err(TransportError::service)?;
+        let about = model.as_ref().map_or_else(|| serde_json::json!({ "engine": "geometric" }), |m| m.about(&settings));
         io.tell(&FromChild::About { about });
-        let engine = GeometricEngine::new(config, table.clone());
-        Self::with_engine(io, &settings, &table, Box::new(engine))
+        Self::with_engine(io, &settings, &table, engine)
     }
 
     /// The service around any engine that decides over `table`.
     ///
     /// # Errors
-    /// Where a port cannot be opened.
+    /// Where a port cannot be opened, or the handler's parameters are no handler's.
     pub fn with_engine(
         io: &mut Io,
         settings: &Settings,
@@ -93,10 +73,12 @@ impl PolicyService {
     ) -> Result<Self, TransportError> {
         let has_depth = settings.depth.source != Source::Absent;
         let dt_ns = settings.policy.dt.ns();
+        let interaction = settings.interaction().map_err(TransportError::service)?;
         Ok(Self {
+            pilot: Pilot::new(engine),
+            awareness: Awareness::new(interaction, settings.handler_limits(), settings.memory_config()),
             action_table_id: table.id(),
             action_count: table.len() as u32,
-            engine,
             scans: io.frame_subscriber()?,
             depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
             odometry: io.quiet_subscriber()?,
@@ -104,8 +86,8 @@ impl PolicyService {
             actions: io.publisher()?,
             scan: None,
             frame: None,
-            view: DepthView::default(),
             pose: None,
+            track: PoseTrack::default(),
             mode: None,
             last_cue: (0, 0),
             dt_ns,
@@ -128,8 +110,8 @@ impl PolicyService {
                 self.frame = Some(frame);
             }
         }
-        if let Some(pose) = self.odometry.take_newest()? {
-            self.pose = Some(pose);
+        while let Some(pose) = self.odometry.take()? {
+            self.take_pose(&pose);
         }
         if let Some(mode) = self.modes.take_newest()? {
             self.mode = Some(mode);
@@ -137,59 +119,83 @@ impl PolicyService {
         Ok(())
     }
 
+    /// A new odometry frame voids all that was placed in the one before.
+    fn take_pose(&mut self, pose: &Odometry) {
+        if !pose.odom_from_robot.is_finite() || !pose.twist.is_finite() {
+            return;
+        }
+        if self.pose.is_none_or(|old| old.header.incarnation != pose.header.incarnation) {
+            self.track.clear();
+            self.awareness.reset(&se2(pose.odom_from_robot));
+        }
+        self.track.push(pose);
+        self.pose = Some(*pose);
+    }
+
     fn decide(&mut self, now_ns: u64) -> PolicyAction {
         let mut action = PolicyAction {
             decision: self.next_decision,
             action_table_id: self.action_table_id,
             action_count: self.action_count,
+            probabilities: stand(),
             ..PolicyAction::default()
         };
-        action.probabilities[ActionTable::STOP] = 1.0;
         let cue = self.mode.filter(|mode| mode.class == ModeClass::Run && mode.cue.valid).map(|mode| mode.cue.cue);
         let cue_id = cue.map_or((0, 0), |cue| (cue.header.incarnation, cue.header.seq));
         (action.cue_incarnation, action.cue_seq) = cue_id;
         let cue_is_new = cue_id != self.last_cue;
         self.last_cue = cue_id;
-        let fresh = |stamp_ns: u64, max_age_ns: u64| age_ns(now_ns, stamp_ns) <= max_age_ns;
-        let (Some(scan), Some(pose)) = (&self.scan, &self.pose) else { return action };
-        if !fresh(scan.meta().header.stamp_ns, self.scan_max_age_ns) {
-            return action;
+        if let Some(probabilities) = self.look_and_decide(now_ns, &mut action, cue, cue_is_new) {
+            action.probabilities = probabilities;
         }
-        self.view.clear();
-        if let Some(frame) = self.frame.as_ref().filter(|f| fresh(f.meta().header.stamp_ns, self.depth_max_age_ns))
-            && self.view.fill(frame.meta(), frame.data()).is_ok()
-        {
-            (action.depth_stamp_ns, action.depth_seq) = (frame.meta().header.stamp_ns, frame.meta().header.seq);
-        }
-        (action.scan_stamp_ns, action.scan_seq) = (scan.meta().header.stamp_ns, scan.meta().header.seq);
-        (action.odometry_stamp_ns, action.odometry_seq) = (pose.header.stamp_ns, pose.header.seq);
-        // A cue given in another odometry frame has no start here.
-        let cue = cue.filter(|cue| cue.odometry_incarnation == pose.header.incarnation);
-        let odom_from_robot = se2(pose.odom_from_robot);
-        let odom_from_start = cue.map_or(odom_from_robot, |cue| se2(cue.odom_from_start));
-        action.probabilities = self.engine.decide(&Observation {
-            scan: scan.meta(),
-            ranges: scan.data(),
-            obstacles: self.view.points(),
-            odom_from_robot: pose.odom_from_robot,
-            odometry_incarnation: pose.header.incarnation,
-            start_from_robot: pose2(&(odom_from_start.inverse() * odom_from_robot)),
-            cue: cue.map_or(CueKind::Stop, |cue| cue.kind),
-            cue_is_new,
-        });
         action
     }
-}
 
-fn engine_config(settings: &Settings) -> Result<GeometricConfig, TransportError> {
-    let model = settings.interaction().map_err(TransportError::service)?;
-    Ok(GeometricConfig {
-        dt_s: settings.policy.dt.s(),
-        robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
-        handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
-        model,
-        ..GeometricConfig::default()
-    })
+    /// What the pilot makes of the newest inputs; none where there is no fresh scan, or nobody knows where it was taken.
+    fn look_and_decide(
+        &mut self,
+        now_ns: u64,
+        action: &mut PolicyAction,
+        cue: Option<Cue>,
+        cue_is_new: bool,
+    ) -> Option<Probabilities> {
+        let (scan, pose) = (self.scan.as_ref()?, self.pose.as_ref()?);
+        let odom_from_robot = self.track.at(now_ns)?;
+        let then = |stamp_ns: u64| Some(odom_from_robot.inverse() * self.track.at(stamp_ns)?);
+        let scan_stamp_ns = scan.meta().header.stamp_ns;
+        if age_ns(now_ns, scan_stamp_ns) > self.scan_max_age_ns {
+            return None;
+        }
+        let measured = Measured { header: scan.meta(), data: scan.data(), now_from_then: then(scan_stamp_ns)? };
+        let frame = self.frame.as_ref().and_then(|frame| {
+            let header = frame.meta();
+            let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.depth_max_age_ns;
+            let now_from_then = then(header.header.stamp_ns).filter(|_| fresh)?;
+            (action.depth_stamp_ns, action.depth_seq) = (header.header.stamp_ns, header.header.seq);
+            Some(Measured { header, data: frame.data(), now_from_then })
+        });
+        (action.scan_stamp_ns, action.scan_seq) = (scan_stamp_ns, scan.meta().header.seq);
+        (action.odometry_stamp_ns, action.odometry_seq) = (pose.header.stamp_ns, pose.header.seq);
+        self.awareness.observe(now_ns, &odom_from_robot, 1.0, measured, frame).ok()?;
+        self.awareness.begin_step(&odom_from_robot);
+        // A cue given in another odometry frame has no start here.
+        let cue = cue.filter(|cue| cue.odometry_incarnation == pose.header.incarnation);
+        let odom_from_start = cue.map_or(odom_from_robot, |cue| se2(cue.odom_from_start));
+        let evidence = self.awareness.evidence();
+        let situation = Situation {
+            scan: scan.meta(),
+            ranges: scan.data(),
+            evidence,
+            handler: self.awareness.handler().body(evidence.beams.sigma_m()),
+            odom_from_robot,
+            odometry_incarnation: pose.header.incarnation,
+            start_from_robot: se2(pose2(&(odom_from_start.inverse() * odom_from_robot))),
+            cue: cue.map_or(CueKind::Stop, |cue| cue.kind),
+            cue_is_new,
+        };
+        // What is no probability is refused by the shield, which says so.
+        Some(self.pilot.decide(&situation).unwrap_or([f32::NAN; MAX_ACTIONS]))
+    }
 }
 
 impl Service for PolicyService {

@@ -16,8 +16,6 @@ use messages::{
 use settings::{Choice, Settings, Source};
 use surroundings::Surroundings;
 
-/// Nobody where the handler should be, where visible, for this long.
-const NOT_SEEN_NS: u64 = NS_PER_S;
 /// Without a scan for this long, the handler's estimate is worth nothing.
 const GAP_NS: u64 = NS_PER_S;
 /// A pose may be off by this much beyond what the robot can walk, metres.
@@ -57,33 +55,16 @@ impl CoreConfig {
     #[must_use]
     pub fn of(settings: &Settings, model: InteractionModel, table: ActionTable) -> Self {
         let speed_max_mps = settings.locomotion.limits.speed_mps.get();
-        let forward_mps =
-            table.actions().iter().map(|a| a.velocity(settings.policy.dt.s()).speed_mps()).fold(0.0, f64::max);
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
-        let shield = &settings.shield;
         Self {
             model,
             table,
-            limits: HandlerLimits {
-                radius_m: settings.handler.radius_m.get(),
-                speed_max_mps: forward_mps,
-                not_seen_ns: NOT_SEEN_NS,
-            },
-            shield: ShieldConfig {
-                robot_radius_m: settings.robot.radius_m.get(),
-                margin_m: shield.margin_m,
-                unknown_gap_m: shield.unknown_gap_m.get(),
-                escape: shield.escape,
-                unseen_limit_m2: shield.unseen_limit_m2,
-            },
-            memory: shield.memory.on.then(|| MemoryConfig {
-                kept_ns: shield.memory.kept.ns(),
-                free_ns: shield.memory.free.ns(),
-                drift: shield.memory.drift.get(),
-            }),
-            draw: match shield.choice {
+            limits: settings.handler_limits(),
+            shield: settings.shield_config(),
+            memory: settings.memory_config(),
+            draw: match settings.shield.choice {
                 Choice::ArgMax => Draw::ArgMax,
-                Choice::Draw => Draw::Seeded(shield.seed),
+                Choice::Draw => Draw::Seeded(settings.shield.seed),
             },
             dt_ns: settings.policy.dt.ns(),
             scan_period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64,

@@ -23,6 +23,16 @@ pub fn turn_done(kind: CueKind, start_from_robot: &Se2) -> bool {
     target != 0.0 && wrap_angle(start_from_robot.rotation.angle()) / target > 0.5
 }
 
+/// Who was asked to turn looks for an opening for so long a way, straight from the cue's start, metres.
+pub const TURN_REACH_M: f64 = 15.0;
+
+/// Whether a left or right cue has found nothing to turn into: the robot stands from there on, until another cue comes
+/// (Kim et al. 2023, section 3: "find the next available turn or stop if no turn is available").
+#[must_use]
+pub fn turn_missed(kind: CueKind, start_from_robot: &Se2) -> bool {
+    target_yaw_rad(kind) != 0.0 && start_from_robot.translation.vector.norm() > TURN_REACH_M
+}
+
 /// The start frame of the forward that follows a done turn: the robot's place, the branch's direction.
 #[must_use]
 pub fn start_after_turn(kind: CueKind, odom_from_start: &Se2, odom_from_robot: &Se2) -> Se2 {
@@ -32,7 +42,7 @@ pub fn start_after_turn(kind: CueKind, odom_from_start: &Se2, odom_from_robot: &
 
 #[cfg(test)]
 mod tests {
-    use super::{start_after_turn, turn_done};
+    use super::{TURN_REACH_M, start_after_turn, turn_done, turn_missed};
     use crate::se2::Se2;
     use messages::CueKind;
     use nalgebra::Vector2;
@@ -43,6 +53,13 @@ mod tests {
         assert!(turn_done(CueKind::Left, &at(46.0)) && !turn_done(CueKind::Left, &at(44.0)));
         assert!(turn_done(CueKind::Right, &at(-46.0)) && !turn_done(CueKind::Right, &at(46.0)));
         assert!(!turn_done(CueKind::Forward, &at(80.0)));
+    }
+
+    #[test]
+    fn a_turn_that_is_nowhere_ends_after_its_reach() {
+        let at = |x: f64| Se2::new(Vector2::new(x, 0.5), 0.0);
+        assert!(turn_missed(CueKind::Right, &at(TURN_REACH_M)) && !turn_missed(CueKind::Right, &at(14.0)));
+        assert!(!turn_missed(CueKind::Forward, &at(99.0)));
     }
 
     #[test]

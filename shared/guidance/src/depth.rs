@@ -9,8 +9,8 @@ use crate::se2::{Point, Se2};
 const FLOOR_M: f64 = 0.08;
 /// What is higher is over everybody's head, metres.
 const HEAD_M: f64 = 1.90;
-/// Only every so many columns are looked at, but every row: a bar across the way is thin in height.
-const STRIDE: usize = 4;
+/// About so many columns are looked at, but every row: a bar across the way is thin in height.
+const COLUMNS: usize = 160;
 /// A pixel is an obstacle where the next one to the right or below is about as near; one alone is noise.
 const AGREE_M: f64 = 0.10;
 /// The same, as a share of the depth.
@@ -61,6 +61,8 @@ struct Column {
     free_m: f64,
     /// How far its rays reach within the band between floor and head, metres.
     far_m: f64,
+    /// From here on its rays reach down to the floor, metres.
+    floor_m: f64,
     /// Pixels in a row, up to here, that say nothing.
     unknown: u32,
     /// Pixels that say something.
@@ -70,7 +72,7 @@ struct Column {
 impl Column {
     fn new(left: f64) -> Self {
         let none = f64::INFINITY;
-        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, unknown: 0, known: 0 }
+        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, floor_m: none, unknown: 0, known: 0 }
     }
 
     /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
@@ -144,7 +146,8 @@ impl DepthView {
         self.camera = Point::new(mount.x_m, mount.y_m);
         self.forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
         let left_of = |u: usize| -(u as f64 - header.cx_px) / fx;
-        self.columns.extend((0..width).step_by(STRIDE).map(|u| Column::new(left_of(u))));
+        let stride = (width / COLUMNS).max(1);
+        self.columns.extend((0..width).step_by(stride).map(|u| Column::new(left_of(u))));
         let (sin, cos) = mount.pitch_rad.sin_cos();
         for v in 0..height {
             // The camera is tilted down: its axis loses height with distance.
@@ -171,7 +174,8 @@ impl DepthView {
     }
 
     fn look_at_row(&mut self, row: Row, camera_m: f64, fy_px: f64, pixels_mm: &[u16], below_mm: &[u16]) {
-        for (column, u) in self.columns.iter_mut().zip((0..pixels_mm.len()).step_by(STRIDE)) {
+        let stride = (pixels_mm.len() / COLUMNS).max(1);
+        for (column, u) in self.columns.iter_mut().zip((0..pixels_mm.len()).step_by(stride)) {
             if pixels_mm[u] == 0 {
                 column.take_unknown(fy_px);
                 continue;
@@ -184,6 +188,9 @@ impl DepthView {
                 let edge_m = if height_m < FLOOR_M { FLOOR_M } else { HEAD_M };
                 let share = ((edge_m - camera_m) / (height_m - camera_m)).clamp(0.0, 1.0);
                 column.far_m = column.far_m.max(along_m * share);
+                if height_m < FLOOR_M {
+                    column.floor_m = column.floor_m.min(along_m * share);
+                }
                 continue;
             }
             column.far_m = column.far_m.max(along_m);
@@ -225,23 +232,36 @@ impl DepthView {
         &self.points
     }
 
-    /// Whether the camera sees that nothing is at a point, nor on the way to it.
+    /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.
     #[must_use]
     pub fn sees_free(&self, point: Point) -> bool {
+        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| column.free_m > along))
+    }
+
+    /// The same down to the floor: near the robot the floor is below the image, and what is low may still be there.
+    #[must_use]
+    pub fn sees_bare_floor(&self, point: Point) -> bool {
+        let bare = |column: &Column, along: f64| column.free_m > along && column.floor_m <= along;
+        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| bare(column, along)))
+    }
+
+    /// The columns to either side of a point, and how far along the camera's axis it is, metres; none where it is
+    /// outside the field of view.
+    fn beside(&self, point: Point) -> Option<(&[Column], f64)> {
         let to = self.now_from_stamped.inverse() * point - self.camera;
         let along = to.dot(&self.forward);
-        if along <= 0.0 || self.columns.is_empty() {
-            return false;
+        if along <= 0.0 || self.columns.len() < 2 {
+            return None;
         }
         let left = to.dot(&Vector2::new(-self.forward.y, self.forward.x)) / along;
         // Columns go from left to right; what the outermost saw lies on the edge of the view and may be off by
         // rounding.
         let (first, last) = (self.columns[0].left, self.columns[self.columns.len() - 1].left);
-        if self.columns.len() < 2 || left > first + EDGE || left < last - EDGE {
-            return false;
+        if left > first + EDGE || left < last - EDGE {
+            return None;
         }
         let i = self.columns.partition_point(|column| column.left > left).clamp(1, self.columns.len() - 1);
-        self.columns[i - 1].free_m > along && self.columns[i].free_m > along
+        Some((&self.columns[i - 1..=i], along))
     }
 }
 
@@ -268,7 +288,7 @@ mod tests {
     fn a_wall_ahead_is_a_row_of_points() {
         let mut view = DepthView::default();
         view.fill(&header(), &vec![2000; 64 * 48]).expect("usable");
-        assert_eq!(view.points().len(), 16);
+        assert_eq!(view.points().len(), 64);
         assert!(view.points().iter().all(|p| (p.x - 2.25).abs() < 1e-9));
         assert!(view.sees_free(Point::new(1.5, 0.2)) && !view.sees_free(Point::new(2.4, 0.2)));
         assert!(!view.sees_free(Point::new(-1.0, 0.0)), "behind the camera nothing is seen");
@@ -302,6 +322,17 @@ mod tests {
     }
 
     #[test]
+    fn near_the_camera_the_floor_is_below_the_image() {
+        let mut pixels = floor();
+        pixels[..24 * 64].fill(9000);
+        let mut view = DepthView::default();
+        view.fill(&header(), &pixels).expect("usable");
+        let (near, far) = (Point::new(0.6, 0.0), Point::new(1.6, 0.0));
+        assert!(view.sees_free(near) && !view.sees_bare_floor(near));
+        assert!(view.sees_bare_floor(far));
+    }
+
+    #[test]
     fn a_thin_bar_across_the_way_is_seen() {
         for row in 0..48 {
             let mut pixels = floor();
@@ -310,7 +341,8 @@ mod tests {
             let mut view = DepthView::default();
             view.fill(&header(), &pixels).expect("usable");
             let seen = view.points().iter().filter(|p| (p.x - 1.25).abs() < 1e-6).count();
-            assert_eq!(seen == 16, (0.08..=1.90).contains(&height), "row {row}, {height} m high: {seen}");
+            // The last pixel of a row has no neighbour.
+            assert_eq!(seen >= 63, (0.08..=1.90).contains(&height), "row {row}, {height} m high: {seen}");
         }
     }
 

@@ -6,13 +6,19 @@ use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 
 /// Share of a correction that one scan makes.
-const GAIN: f64 = 0.4;
+const GAIN: f64 = 0.7;
 /// One scan moves the estimate by at most this, metres.
 const CORRECTION_MAX_M: f64 = 0.10;
 /// Hits on the handler that a correction needs.
 const HITS_MIN: usize = 3;
-/// Hits on the front of a disc lie, on average, this share of the radius before its centre: pi / 4.
-const FRONT_SHARE: f64 = std::f64::consts::FRAC_PI_4;
+/// What lies farther than this and three sigma from the body's edge is not the body's, metres: a wall beside them.
+const OFF_EDGE_M: f64 = 0.06;
+/// A fit is repeated so often, each time without what lies off the edge that it found.
+const FITS: usize = 6;
+/// Hits on one side of a disc say little about its distance across: each round goes farther than their mean.
+const STEP: f64 = 1.6;
+/// The prediction counts for as much as so many hits.
+const PRIOR_HITS: f64 = 1.0;
 /// Beams through the middle of the handler's disc of which so large a share passes say that nobody is there.
 const PASSING_SHARE: f64 = 0.8;
 /// The estimate strays from the default offset by at most this beyond the model's largest lag, metres.
@@ -23,6 +29,8 @@ const STRAY_MAX_M: f64 = 0.30;
 pub struct HandlerLimits {
     /// Radius of the disc that stands for the handler, metres.
     pub radius_m: f64,
+    /// Radius of what a lidar sees of them, metres: the disc has room for arms and a bag, which its plane does not meet.
+    pub seen_radius_m: f64,
     /// The fastest that the robot goes, for the model's largest lag, metres per second.
     pub speed_max_mps: f64,
     /// Nobody where the handler should be, where visible, for this long is `handler_not_seen`, nanoseconds.
@@ -159,13 +167,13 @@ impl HandlerEstimate {
     /// Takes in what the lidar sees there.
     pub fn correct(&mut self, beams: &Beams, now_ns: u64) -> Sighting {
         let center = place(&self.robot_from_handler);
-        let seen = self.middle_of_hits(beams, center).or_else(|| {
+        let seen = self.fit(beams, center).or_else(|| {
             let guess = self.nearest_within_widening(beams, center)?;
-            self.middle_of_hits(beams, guess)
+            self.fit(beams, guess)
         });
         if let Some(middle) = seen {
             self.absent_since_ns = None;
-            self.draw_towards(middle, beams.origin());
+            self.draw_towards(middle);
             return Sighting::Seen;
         }
         if self.is_passed(beams, center) {
@@ -176,17 +184,38 @@ impl HandlerEstimate {
         Sighting::NotVisible
     }
 
-    /// The middle of the hits that fit a handler at `center`: no wider than the handler, or a wall behind would be
-    /// taken for a part of them.
-    fn middle_of_hits(&self, beams: &Beams, center: Point) -> Option<Point> {
-        let gate_m = self.limits.radius_m + 3.0 * beams.sigma_m();
-        let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
-        let (mut sum, mut count) = (nalgebra::Vector2::zeros(), 0usize);
-        for beam in hits {
-            sum += beam.end.coords;
-            count += 1;
+    /// The middle of the disc whose edge the hits about `guess` lie on: least squares, in which a hit counts the less
+    /// the farther it is off that edge (Tukey's weights), so that a wall beside the handler is not taken for a part of
+    /// them.
+    fn fit(&self, beams: &Beams, guess: Point) -> Option<Point> {
+        let (radius_m, noise_m) = (self.limits.seen_radius_m, 3.0 * beams.sigma_m());
+        let cut_m = OFF_EDGE_M + noise_m;
+        let mut center = guess;
+        for round in 0..FITS {
+            // At first the middle is known no better than the model predicts it.
+            let off_m = cut_m * if round == 0 { 2.0 } else { 1.0 };
+            let (mut pull, mut weight, mut hits) = (nalgebra::Vector2::zeros(), PRIOR_HITS, 0);
+            for beam in beams.fan().towards(center, radius_m + off_m).into_iter().flatten() {
+                let beam = &beams.beams()[beam];
+                let out = beam.end - center;
+                let distance_m = out.norm();
+                let error_m = distance_m - radius_m;
+                // Only the side that faces the lidar is seen.
+                let is_front = out.dot(&beam.direction) <= 0.0;
+                if beam.kind != BeamKind::Hit || !is_front || error_m.abs() >= off_m || distance_m < 1e-6 {
+                    continue;
+                }
+                let share = (1.0 - (error_m / off_m).powi(2)).powi(2);
+                pull += out * (error_m / distance_m * share);
+                weight += share;
+                hits += 1;
+            }
+            if hits < HITS_MIN {
+                return None;
+            }
+            center += (pull + (guess - center) * PRIOR_HITS) * (STEP / weight);
         }
-        (count >= HITS_MIN).then(|| Point::from(sum / count as f64))
+        Some(center)
     }
 
     /// Where the handler would be by the nearest hit within the widened radius: who holds the harness is nearer to the
@@ -195,13 +224,11 @@ impl HandlerEstimate {
         let gate_m = self.radius_m() + 3.0 * beams.sigma_m();
         let hits = beams.beams().iter().filter(|b| b.kind == BeamKind::Hit && (b.end - center).norm() <= gate_m);
         let nearest = hits.min_by(|a, b| a.reading_m.total_cmp(&b.reading_m))?;
-        Some(nearest.end + nearest.direction * self.limits.radius_m)
+        Some(nearest.end + nearest.direction * self.limits.seen_radius_m)
     }
 
-    fn draw_towards(&mut self, seen: Point, lidar: Point) {
-        let away = (seen - lidar).try_normalize(1e-9).unwrap_or_else(nalgebra::Vector2::zeros);
-        let center = seen + away * (FRONT_SHARE * self.limits.radius_m);
-        let error = center - place(&self.robot_from_handler);
+    fn draw_towards(&mut self, seen: Point) {
+        let error = seen - place(&self.robot_from_handler);
         let step = (error * GAIN).cap_magnitude(CORRECTION_MAX_M);
         let moved = self.robot_from_handler.translation.vector + step;
         let default = self.model.robot_from_default().translation.vector;
@@ -250,7 +277,8 @@ mod tests {
 
     fn estimate() -> HandlerEstimate {
         let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        let limits =
+            HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
         HandlerEstimate::new(harness, limits)
     }
 
@@ -352,7 +380,8 @@ mod tests {
     #[test]
     fn a_rod_may_point_anywhere_and_is_followed_there() {
         let rod = RotatingRod::new(-0.3, 0.0, 0.8).expect("a rod");
-        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        let limits =
+            HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
         let mut estimate = HandlerEstimate::new(InteractionModel::Rod(rod), limits);
         assert!(estimate.radius_m() > 1.0, "nobody knows where: {}", estimate.radius_m());
         for i in 0..30 {

@@ -3,6 +3,7 @@
 //! No I/O, no clock, no thread, no randomness of its own: same input, same output, to the bit.
 
 pub mod action;
+pub mod awareness;
 pub mod boundary;
 pub mod cue;
 pub mod depth;
@@ -19,6 +20,7 @@ pub mod travel_line;
 pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
+pub use awareness::{Awareness, Measured};
 pub use depth::DepthView;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Hull};

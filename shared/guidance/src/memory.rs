@@ -189,7 +189,7 @@ impl Memory {
             let place = robot_from_odom * spot.odom;
             let visible = match spot.source {
                 Source::Lidar => on_handler(place) || sees_as_far_as(beams, place, handler),
-                Source::Camera => depth.is_some_and(|depth| depth.sees_free(place)),
+                Source::Camera => depth.is_some_and(|depth| depth.sees_bare_floor(place)),
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);

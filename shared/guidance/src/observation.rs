@@ -25,6 +25,10 @@ pub const STATE: usize = 13;
 /// Numbers of one observation: the channels one after the other, then the state.
 pub const LENGTH: usize = CHANNELS * SECTORS + STATE;
 
+/// The width of a sector.
+const SECTOR_RAD: f64 = TAU / SECTORS as f64;
+/// A lidar this near to the robot's middle is in it, metres.
+const MIDDLE_M: f64 = 1e-3;
 /// Farther is as far, metres.
 const RANGE_M: f64 = 12.0;
 /// Places in the cue's start frame are told in this unit, metres.
@@ -78,23 +82,58 @@ pub fn encode(senses: &Senses<'_>, out: &mut [f32]) {
     encode_state(senses, state);
 }
 
+/// The observations of the last few decisions, the newest last.
+#[derive(Debug, Clone)]
+pub struct Frames {
+    numbers: Vec<f32>,
+}
+
+impl Frames {
+    /// Room for so many, at least one.
+    #[must_use]
+    pub fn new(count: usize) -> Self {
+        Self { numbers: vec![0.0; count.max(1) * LENGTH] }
+    }
+
+    /// Adds the newest. What was seen before a cue was given has no place in its frame: with `begins` all are the newest.
+    pub fn push(&mut self, senses: &Senses<'_>, begins: bool) {
+        self.numbers.copy_within(LENGTH.., 0);
+        let kept = self.numbers.len() - LENGTH;
+        let (older, newest) = self.numbers.split_at_mut(kept);
+        encode(senses, newest);
+        if begins {
+            older.chunks_exact_mut(LENGTH).for_each(|frame| frame.copy_from_slice(newest));
+        }
+    }
+
+    /// All of them, one after the other.
+    #[must_use]
+    pub fn senses(&self) -> &[f32] {
+        &self.numbers
+    }
+}
+
 /// Each beam speaks for the sectors that it and half of the gap to its neighbours fall into; of several, the nearest.
 fn encode_lidar(senses: &Senses<'_>, ranges: &mut [f32], known: &mut [f32]) {
-    let beams = senses.beams;
-    let half = (beams.increment_rad() / 2.0 / (TAU / SECTORS as f64)).max(0.0);
-    for beam in beams.beams() {
+    let (beams, fan) = (senses.beams, senses.beams.fan());
+    let half = beams.increment_rad() / 2.0 / SECTOR_RAD;
+    // Seen from the lidar itself the beams' bearings are known beforehand.
+    let is_middle = beams.origin().coords.norm() < MIDDLE_M;
+    let mut nearest_m = [f64::INFINITY; SECTORS];
+    for (i, beam) in beams.beams().iter().enumerate() {
         let on_handler = beam.kind == BeamKind::Hit && senses.handler.masks(beam.end);
         if beam.kind == BeamKind::Unknown || on_handler {
             continue;
         }
-        let middle = turn_of(beam.end);
-        let away = closeness(beam.end.coords.norm());
-        let (first, last) = ((middle - half).floor() as i64, (middle + half).floor() as i64);
-        for sector in first..=last {
-            let sector = sector.rem_euclid(SECTORS as i64) as usize;
-            ranges[sector] = if known[sector] > 0.0 { ranges[sector].min(away) } else { away };
-            known[sector] = 1.0;
+        let middle = if is_middle { turns(fan.bearing_rad(i)) } else { turn_of(beam.end) };
+        let away_m = if is_middle { beam.reading_m } else { beam.end.coords.norm() };
+        for sector in (middle - half).floor() as i64..=(middle + half).floor() as i64 {
+            let nearest_m = &mut nearest_m[sector.rem_euclid(SECTORS as i64) as usize];
+            *nearest_m = nearest_m.min(away_m);
         }
+    }
+    for (sector, away_m) in nearest_m.into_iter().enumerate().filter(|(_, away_m)| away_m.is_finite()) {
+        (ranges[sector], known[sector]) = (closeness(away_m), 1.0);
     }
 }
 
@@ -128,9 +167,13 @@ fn closeness(distance_m: f64) -> f32 {
     ((1.0 + distance_m.min(RANGE_M)).ln() / (1.0 + RANGE_M).ln()) as f32
 }
 
-/// The bearing of a place in sectors from straight behind, in [0, SECTORS).
+/// A bearing in sectors from straight behind.
+fn turns(bearing_rad: f64) -> f64 {
+    (bearing_rad + PI) / SECTOR_RAD
+}
+
 fn turn_of(place: Point) -> f64 {
-    (place.y.atan2(place.x) + PI) / TAU * SECTORS as f64
+    turns(place.y.atan2(place.x))
 }
 
 fn sector_of(place: Point) -> usize {

@@ -167,6 +167,10 @@ impl Beams {
     /// The same beams seen from where the robot is now, into `seen`: `now_from_stamped` is the robot of the scan's
     /// stamp in the robot frame of now.
     pub fn seen_from(&self, now_from_stamped: &Se2, seen: &mut Self) {
+        if *now_from_stamped == Se2::identity() {
+            seen.clone_from(self);
+            return;
+        }
         seen.beams.clear();
         let turned = self.beams.iter().map(|beam| Beam {
             direction: now_from_stamped.rotation * beam.direction,
@@ -255,6 +259,12 @@ pub struct Fan {
 }
 
 impl Fan {
+    /// Where a beam goes, robot frame, radians.
+    #[must_use]
+    pub fn bearing_rad(&self, beam: usize) -> f64 {
+        self.first_rad + beam as f64 * self.increment_rad
+    }
+
     /// The beams to the right and to the left of the way to a point; none outside the field of view.
     #[must_use]
     pub fn beside(&self, point: Point) -> Option<(usize, usize)> {

@@ -96,7 +96,8 @@ impl TravelLine {
             let length_m = self.ways_m[i + 1] - self.ways_m[i];
             let along = run / length_m;
             let to = place - self.corners[i];
-            let part_m = to.dot(&along).clamp((from_m - self.ways_m[i]).max(0.0), (to_m - self.ways_m[i]).min(length_m));
+            let part_m =
+                to.dot(&along).clamp((from_m - self.ways_m[i]).max(0.0), (to_m - self.ways_m[i]).min(length_m));
             let away_m = (to - along * part_m).norm();
             if away_m < best.0 {
                 let left_m = away_m.copysign(along.perp(&to));

@@ -270,7 +270,8 @@ mod tests {
 
     #[test]
     fn along_the_travel_line_a_turn_into_the_wrong_opening_gains_nothing() {
-        let line = TravelLine::new(&[Point::new(0.0, 0.0), Point::new(3.0, 0.0), Point::new(3.0, 5.0)]).expect("a line");
+        let line =
+            TravelLine::new(&[Point::new(0.0, 0.0), Point::new(3.0, 0.0), Point::new(3.0, 5.0)]).expect("a line");
         let start = at(2.5, 0.0, 0.0);
         let walk = |end: Se2| {
             let mut reward = Reward::begin(RewardConfig::default(), Measure::Line(line.clone()), &start);

@@ -4,8 +4,11 @@ mod policy;
 
 use std::path::PathBuf;
 
-use guidance::{DelayedHarness, HarnessError, InteractionModel, RigidHarness, RotatingRod};
-use messages::{Pose2, Pose3};
+use guidance::{
+    DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness, RotatingRod,
+    ShieldConfig,
+};
+use messages::{NS_PER_S, Pose2, Pose3};
 use serde::{Deserialize, Serialize};
 
 use crate::planned::Planned;
@@ -13,6 +16,9 @@ use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
 pub use policy::{ActionTableName, PolicyEngine, PolicySettings, SwapSettings};
+
+/// Nobody where the handler should be, where visible, for this long.
+const NOT_SEEN_NS: u64 = NS_PER_S;
 
 /// Everything that can be configured.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -71,6 +77,41 @@ impl Settings {
         sensors.contains(&Source::Replayed) || self.cue.source == CueOrigin::Replayed
     }
 
+    /// What the handler's estimate is held to.
+    #[must_use]
+    pub fn handler_limits(&self) -> HandlerLimits {
+        let table = self.policy.actions.table();
+        let speeds_mps = table.actions().iter().map(|action| action.velocity(self.policy.dt.s()).speed_mps());
+        HandlerLimits {
+            radius_m: self.handler.radius_m.get(),
+            seen_radius_m: self.handler.seen_radius_m.get(),
+            speed_max_mps: speeds_mps.fold(0.0, f64::max),
+            not_seen_ns: NOT_SEEN_NS,
+        }
+    }
+
+    /// How the shield judges.
+    #[must_use]
+    pub fn shield_config(&self) -> ShieldConfig {
+        let shield = &self.shield;
+        ShieldConfig {
+            robot_radius_m: self.robot.radius_m.get(),
+            margin_m: shield.margin_m,
+            unknown_gap_m: shield.unknown_gap_m.get(),
+            escape: shield.escape,
+            unseen_limit_m2: shield.unseen_limit_m2,
+        }
+    }
+
+    /// What is remembered; none: one scan and one frame decide alone.
+    #[must_use]
+    pub fn memory_config(&self) -> Option<MemoryConfig> {
+        let memory = &self.shield.memory;
+        let config =
+            || MemoryConfig { kept_ns: memory.kept.ns(), free_ns: memory.free.ns(), drift: memory.drift.get() };
+        memory.on.then(config)
+    }
+
     /// The handler's interaction model, one step of which is a decision.
     ///
     /// # Errors
@@ -125,6 +166,8 @@ pub struct Handler {
     pub model: HandlerModel,
     /// Radius of the disc that stands for the handler, metres.
     pub radius_m: Positive,
+    /// Radius of what the lidar's plane meets of them, metres.
+    pub seen_radius_m: Positive,
     /// Default offset: where the handler walks, in the robot frame.
     pub robot_from_handler: Pose2,
     /// Delayed harness: remembered share of the offset per decision; 0 = rigid.
@@ -140,6 +183,7 @@ impl Default for Handler {
         Self {
             model: HandlerModel::Delayed,
             radius_m: Positive::of(0.25),
+            seen_radius_m: Positive::of(0.20),
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
             alpha: Share::of(0.4),
             rod_grip_m: [-0.3, 0.0],

@@ -185,10 +185,12 @@ impl DepthSensor {
         }
         self.faces = faces;
         if let Some(redwood) = &mut self.redwood {
+            // Another walk through the table for each frame: strides are odd, so that it comes by every number.
             let start = random.random_range(0..TABLE_LEN);
             let stride = 2 * random.random_range(0..TABLE_LEN / 2) + 1;
-            let normal = |i: usize| self.table[(start + i * stride) % TABLE_LEN];
-            redwood.disturb(pixels, (0..).map(normal));
+            let table = &self.table;
+            let normal = |i: usize| table[(start + i * stride) % TABLE_LEN];
+            redwood.disturb(pixels, (0..).step_by(3).map(|i| [normal(i), normal(i + 1), normal(i + 2)]));
         }
     }
 

@@ -11,6 +11,7 @@
 
 pub mod depth;
 pub mod error;
+pub mod floor_plan;
 pub mod generate;
 pub mod grid_map;
 mod grid_walk;
@@ -30,6 +31,7 @@ pub mod scenario;
 pub mod scene;
 pub mod site;
 mod sweep;
+pub mod team;
 mod text_file;
 pub mod world;
 mod world_file;
@@ -47,4 +49,5 @@ pub use prism::{Prism, SeenBy};
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
 pub use scene::Scene;
 pub use site::{Course, Opening, Side, Site};
+pub use team::{HandlerProfile, Stepped, Team};
 pub use world::World;

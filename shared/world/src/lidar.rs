@@ -89,8 +89,7 @@ impl LidarSensor {
     /// Where the configuration is out of its bounds.
     pub fn new(config: LidarConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
         config.validate()?;
-        let image =
-            PolarImage::new(config.beams, config.angle_min_rad, config.angle_increment_rad, config.range_max_m);
+        let image = PolarImage::new(config.beams, config.angle_min_rad, config.angle_increment_rad, config.range_max_m);
         Ok(Self { config, seed, incarnation, image })
     }
 

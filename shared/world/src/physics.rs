@@ -154,7 +154,7 @@ struct Body {
 }
 
 /// Steps and ramps are walked over: what is not higher is no obstacle, metres.
-const STEP_M: f64 = 0.02;
+pub(crate) const STEP_M: f64 = 0.02;
 
 const ROBOT: usize = 0;
 const HANDLER: usize = 1;

@@ -41,8 +41,8 @@ pub(crate) struct Redwood {
     height: usize,
     /// For each pixel whether it says nothing.
     dumb: Vec<bool>,
-    /// Standard normal knots of the field, by depth, row, column.
-    knots: Vec<f32>,
+    /// The distortion of each pixel at each of the depths.
+    factors: Vec<[f32; DEPTHS_M.len()]>,
     /// The frame before it is disturbed.
     clean: Vec<u16>,
 }
@@ -55,7 +55,7 @@ impl Redwood {
             width,
             height,
             dumb: vec![false; width * height],
-            knots: vec![0.0; DEPTHS_M.len() * KNOTS * KNOTS],
+            factors: vec![[1.0; DEPTHS_M.len()]; width * height],
             clean: Vec::new(),
         };
         redwood.reseed(seed);
@@ -65,7 +65,13 @@ impl Redwood {
     /// Another camera of the same resolution.
     pub(crate) fn reseed(&mut self, seed: u64) {
         let mut random = generator(Source::Redwood, seed, 0, 0);
-        self.knots.iter_mut().for_each(|knot| *knot = StandardNormal.sample(&mut random));
+        let knots: Vec<f32> = (0..DEPTHS_M.len() * KNOTS * KNOTS).map(|_| StandardNormal.sample(&mut random)).collect();
+        for (i, factors) in self.factors.iter_mut().enumerate() {
+            let place = [(i / self.width, self.height), (i % self.width, self.width)];
+            for (bin, factor) in factors.iter_mut().enumerate() {
+                *factor = MEAN[bin] + SPREAD[bin] * field(&knots[bin * KNOTS * KNOTS..], place);
+            }
+        }
         let mut cells = [false; CELLS * CELLS];
         for (i, cell) in cells.iter_mut().enumerate() {
             let (row, column) = (i / CELLS, i % CELLS);
@@ -79,50 +85,50 @@ impl Redwood {
     }
 
     /// Disturbs a frame, millimetres. `normals` are standard normal numbers, three for each pixel.
-    pub(crate) fn disturb(&mut self, pixels_mm: &mut [u16], mut normals: impl Iterator<Item = f32>) {
-        let mut clean = std::mem::take(&mut self.clean);
-        clean.clear();
-        clean.extend_from_slice(pixels_mm);
-        for (i, pixel) in pixels_mm.iter_mut().enumerate() {
-            let mut normal = || normals.next().unwrap_or(0.0) * self.intensity;
-            let (dx, dy, dd) = (normal() * PLACE_SIGMA_PX, normal() * PLACE_SIGMA_PX, normal() * DISPARITY_SIGMA);
-            let (row, column) = (i / self.width, i % self.width);
-            let read = |at: usize, off: f32, count: usize| {
-                let at = (at as f32 + off + 0.5).clamp(0.0, (count - 1) as f32) as usize;
-                at - at % 2
-            };
-            let (y, x) = (read(row, dy, self.height), read(column, dx, self.width));
-            let depth_m = f32::from(clean[y * self.width + x]) / 1000.0;
-            *pixel = if self.dumb[i] || depth_m <= 0.0 || depth_m >= FARTHEST_M {
-                0
-            } else {
-                let disparity = DISPARITY_M / (depth_m / self.factor(row, column, depth_m)) + dd;
-                let rounded = (disparity * STEPS).round();
-                if rounded > 0.0 { (1000.0 * DISPARITY_M * STEPS / rounded).min(65_535.0) as u16 } else { 0 }
-            };
-        }
-        self.clean = clean;
-    }
-
-    /// The distortion at a pixel and depth.
-    fn factor(&self, row: usize, column: usize, depth_m: f32) -> f32 {
-        let at = ((depth_m - DEPTHS_M[0]) / 2.0).clamp(0.0, 4.0);
-        let (bin, share) = ((at as usize).min(DEPTHS_M.len() - 2), at - (at as usize).min(DEPTHS_M.len() - 2) as f32);
-        let here = |bin: usize| MEAN[bin] + SPREAD[bin] * self.field(bin, row, column);
-        (1.0 - share) * here(bin) + share * here(bin + 1)
-    }
-
-    /// The smooth field of a depth: knots, interpolated.
-    fn field(&self, bin: usize, row: usize, column: usize) -> f32 {
-        let part = |at: usize, count: usize| {
-            let at = at as f32 / count as f32 * (KNOTS - 1) as f32;
-            (at as usize, at - at.floor())
+    pub(crate) fn disturb(&mut self, pixels_mm: &mut [u16], mut normals: impl Iterator<Item = [f32; 3]>) {
+        self.clean.clear();
+        self.clean.extend_from_slice(pixels_mm);
+        let read = |at: usize, off: f32, count: usize| {
+            let at = (at as f32 + off + 0.5).clamp(0.0, (count - 1) as f32) as usize;
+            at - at % 2
         };
-        let ((y, v), (x, u)) = (part(row, self.height), part(column, self.width));
-        let knot = |y: usize, x: usize| self.knots[(bin * KNOTS + y) * KNOTS + x];
-        (1.0 - v) * ((1.0 - u) * knot(y, x) + u * knot(y, x + 1))
-            + v * ((1.0 - u) * knot(y + 1, x) + u * knot(y + 1, x + 1))
+        let rows = pixels_mm.chunks_exact_mut(self.width).enumerate();
+        for (row, column, pixel) in
+            rows.flat_map(|(row, out)| out.iter_mut().enumerate().map(move |(u, p)| (row, u, p)))
+        {
+            let [dx, dy, dd] = normals.next().unwrap_or_default().map(|normal| normal * self.intensity);
+            let y = read(row, dy * PLACE_SIGMA_PX, self.height);
+            let x = read(column, dx * PLACE_SIGMA_PX, self.width);
+            let depth_m = f32::from(self.clean[y * self.width + x]) / 1000.0;
+            let i = row * self.width + column;
+            if self.dumb[i] || depth_m <= 0.0 || depth_m >= FARTHEST_M {
+                *pixel = 0;
+                continue;
+            }
+            let disparity = DISPARITY_M * factor(&self.factors[i], depth_m) / depth_m + dd * DISPARITY_SIGMA;
+            let steps = (disparity * STEPS).round();
+            *pixel = if steps > 0.0 { (1000.0 * DISPARITY_M * STEPS / steps).min(65_535.0) as u16 } else { 0 };
+        }
     }
+}
+
+/// The distortion at a depth: between those of the depths beside it.
+fn factor(factors: &[f32; DEPTHS_M.len()], depth_m: f32) -> f32 {
+    let at = ((depth_m - DEPTHS_M[0]) / 2.0).clamp(0.0, 4.0);
+    let bin = (at as usize).min(DEPTHS_M.len() - 2);
+    let share = at - bin as f32;
+    (1.0 - share) * factors[bin] + share * factors[bin + 1]
+}
+
+/// A smooth field: knots, interpolated. The place is (row, rows) and (column, columns).
+fn field(knots: &[f32], place: [(usize, usize); 2]) -> f32 {
+    let [(y, v), (x, u)] = place.map(|(at, count)| {
+        let at = at as f32 / count as f32 * (KNOTS - 1) as f32;
+        (at as usize, at - at.floor())
+    });
+    let knot = |y: usize, x: usize| knots[y * KNOTS + x];
+    (1.0 - v) * ((1.0 - u) * knot(y, x) + u * knot(y, x + 1))
+        + v * ((1.0 - u) * knot(y + 1, x) + u * knot(y + 1, x + 1))
 }
 
 #[cfg(test)]
@@ -139,7 +145,8 @@ mod tests {
         for seed in 0..40 {
             let mut pixels = vec![depth_mm; 160 * 120];
             let mut redwood = Redwood::new(1.0, 160, 120, seed);
-            redwood.disturb(&mut pixels, std::iter::from_fn(|| Some(StandardNormal.sample(&mut random))));
+            redwood
+                .disturb(&mut pixels, std::iter::from_fn(|| Some([0; 3].map(|_| StandardNormal.sample(&mut random)))));
             none += pixels.iter().filter(|mm| **mm == 0).count();
             all += pixels.len();
             readings.extend(pixels.iter().filter(|mm| **mm > 0).map(|mm| f64::from(*mm) / 1000.0));

@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 use guidance::se2::Point;
 use guidedog_world::{
-    Cell, DepthConfig, DepthSensor, GridMap, LidarConfig, LidarSensor, OdometryConfig, OdometrySensor, Prism, Scene, SeenBy,
-    World,
+    Cell, DepthConfig, DepthSensor, GridMap, LidarConfig, LidarSensor, OdometryConfig, OdometrySensor, Prism, Scene,
+    SeenBy, World,
 };
 use messages::{Pose2, Pose3, Twist2, Walker};
 use nalgebra::{Vector2, Vector3};

@@ -4,9 +4,9 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use guidance::ActionTable;
-use guidedog_policy::geometric::Observation;
-use guidedog_policy::{Engine, PolicyService};
+use guidedog_policy::PolicyService;
 use messages::{Health, MAX_ACTIONS, Mode, NS_PER_S, ServiceId};
+use policies::{Engine, EngineError, Probabilities, Situation};
 use transport::{Io, Service, Subscriber, TransportError};
 
 /// What is wrong with it.
@@ -42,7 +42,7 @@ struct Straight {
 }
 
 impl Engine for Straight {
-    fn decide(&mut self, _observation: &Observation) -> [f32; MAX_ACTIONS] {
+    fn decide(&mut self, _situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
         self.decisions += 1;
         let mut probabilities = [0.0; MAX_ACTIONS];
         probabilities[ActionTable::STOP + 1] = 1.0;
@@ -53,7 +53,7 @@ impl Engine for Straight {
             Fault::CrashInShadow if self.decisions == 2 => std::process::abort(),
             _ => {}
         }
-        probabilities
+        Ok(probabilities)
     }
 }
 

@@ -240,10 +240,10 @@ fn what_stands_close_to_the_handler_is_not_forgotten() {
 #[test]
 fn what_the_outermost_columns_saw_can_be_seen_gone() {
     let mut memory = memory();
-    let everywhere = camera_across(Some(0.6));
+    let everywhere = camera_across(Some(1.4));
     memory.update(0, &Se2::identity(), &scan(&[]), Some(&everywhere), &handler());
     memory.update(100 * MS, &Se2::identity(), &scan(&[]), Some(&camera_across(None)), &handler());
-    assert!(everywhere.points().len() == 16 && memory.hidden().is_empty(), "{:?}", memory.hidden());
+    assert!(everywhere.points().len() == 64 && memory.hidden().is_empty(), "{:?}", memory.hidden());
 }
 
 #[test]

@@ -17,7 +17,7 @@ fn config(escape: bool) -> ShieldConfig {
 
 fn handler() -> HandlerEstimate {
     let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+    let limits = HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
     let mut handler = HandlerEstimate::new(harness, limits);
     for _ in 0..20 {
         handler.begin_step(&crate::Se2::identity());

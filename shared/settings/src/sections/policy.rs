@@ -48,6 +48,8 @@ pub struct PolicySettings {
     pub dt: Millis,
     /// The model to load, with its manifest beside it; none: the engine as it is built.
     pub model: Option<PathBuf>,
+    /// ONNX Runtime's library, which then runs learnt models; none: tract, which is built in.
+    pub onnx_runtime: Option<PathBuf>,
     /// What another policy has to show to be swapped in.
     pub swap: SwapSettings,
 }
@@ -59,6 +61,7 @@ impl Default for PolicySettings {
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
             model: None,
+            onnx_runtime: None,
             swap: SwapSettings::default(),
         }
     }

@@ -5,7 +5,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::layout::Plan;
-use super::{GeneratorConfig, between, beside};
+use super::{GeneratorConfig, beside, between};
 use crate::people::{Person, Walk};
 use crate::prism::Prism;
 use crate::site::Course;
@@ -18,12 +18,7 @@ const PASSABLE_M: f64 = 2.3;
 const CLEAR_M: f64 = 0.1;
 
 /// The people of a world.
-pub(super) fn people(
-    config: &GeneratorConfig,
-    plan: &Plan,
-    things: &[Prism],
-    random: &mut ChaCha8Rng,
-) -> Vec<Person> {
+pub(super) fn people(config: &GeneratorConfig, plan: &Plan, things: &[Prism], random: &mut ChaCha8Rng) -> Vec<Person> {
     if !random.random_bool(config.people) || plan.width_m < PASSABLE_M {
         return Vec::new();
     }
@@ -68,7 +63,8 @@ fn is_clear(path: &[Point], things: &[Prism], radius_m: f64) -> bool {
     let near = |a: Point, b: Point, p: Point| crate::sweep::to_segment(p, a, b) < reach_m;
     let ends = path.windows(2).map(|pair| (pair[0], pair[1])).chain(path.first().map(|only| (*only, *only)));
     ends.into_iter().all(|(a, b)| {
-        let (min, max) = (a.inf(&b) - nalgebra::Vector2::repeat(reach_m), a.sup(&b) + nalgebra::Vector2::repeat(reach_m));
+        let (min, max) =
+            (a.inf(&b) - nalgebra::Vector2::repeat(reach_m), a.sup(&b) + nalgebra::Vector2::repeat(reach_m));
         things.iter().all(|thing| {
             let beside = thing.outline.iter().all(|p| p.x < min.x || p.x > max.x || p.y < min.y || p.y > max.y);
             beside && !thing.outline.iter().any(|p| near(a, b, *p)) && !thing.contains(nalgebra::center(&a, &b))

@@ -5,7 +5,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::layout::{FULL, Plan};
-use super::{GeneratorConfig, between, beside};
+use super::{GeneratorConfig, beside, between};
 use crate::prism::Prism;
 use crate::site::Course;
 
@@ -15,6 +15,11 @@ const APART_M: f64 = 2.2;
 const MOUTH_M: f64 = 0.7;
 /// What protrudes by less is no thing, metres.
 const LEAST_M: f64 = 0.12;
+
+/// Thickness of a curtain's folds; a door's leaf, and its thickness, metres.
+const CLOTH_M: f64 = 0.06;
+const LEAF_M: f64 = 0.85;
+const LEAF_THICK_M: f64 = 0.04;
 
 /// All things of the corridor, and one in some branches.
 pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8Rng) -> Vec<Prism> {
@@ -78,16 +83,18 @@ fn thing(
         }
         // A curtain, from the ceiling to a hand's breadth above the floor.
         8 => {
-            let ends = [wall_m, wall_m - side * depth_m].map(|left_m| beside(course, way_m, left_m));
-            Some(Prism::wall(ends.to_vec(), [between(random, [0.05, 0.3]), 2.2]))
+            let hung =
+                Prism::cuboid(at_wall(depth_m), [CLOTH_M, depth_m], yaw_rad, [between(random, [0.05, 0.3]), 2.2]);
+            Some(hung)
         }
         // A door's leaf, ajar.
         _ => {
-            let (leaf_m, hinge) = (depth_m.min(0.85), beside(course, way_m, wall_m));
-            let along_m = if random.random_bool(0.5) { 1.0 } else { -1.0 } * (0.85f64.powi(2) - leaf_m.powi(2)).sqrt();
-            let end: Point = beside(course, way_m, wall_m - side * leaf_m);
-            let end = end + course.line.at(way_m).rotation * nalgebra::Vector2::new(along_m, 0.0);
-            Some(Prism::wall(vec![hinge, end], [0.0, 2.05]))
+            let (out_m, hinge) = (depth_m.min(LEAF_M), Point::new(0.0, wall_m));
+            let along_m = if random.random_bool(0.5) { 1.0 } else { -1.0 } * (LEAF_M.powi(2) - out_m.powi(2)).sqrt();
+            let leaf = Point::new(along_m, wall_m - side * out_m) - hinge;
+            let middle = course.line.at(way_m) * (hinge + leaf / 2.0);
+            let leaf_yaw_rad = yaw_rad + leaf.y.atan2(leaf.x);
+            Some(Prism::cuboid(middle, [LEAF_M, LEAF_THICK_M], leaf_yaw_rad, [0.0, 2.05]))
         }
     }
 }

@@ -80,7 +80,14 @@ impl Plan {
                 _ => true,
             };
             if wanted {
-                self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m: between(random, [4.0, 11.0]), is_way: true });
+                self.add(Branch {
+                    side,
+                    way_m,
+                    width_m,
+                    skew_rad: 0.0,
+                    length_m: between(random, [4.0, 11.0]),
+                    is_way: true,
+                });
             }
         }
     }
@@ -111,7 +118,8 @@ impl Plan {
             let mut way_m = stretch.from_m + between(random, [0.8, 6.0]);
             while way_m < stretch.to_m - 0.8 {
                 let side = if random.random_bool(0.5) { Side::Left } else { Side::Right };
-                let length_m = if random.random_bool(0.3) { between(random, [2.0, 4.0]) } else { between(random, [0.08, 0.35]) };
+                let length_m =
+                    if random.random_bool(0.3) { between(random, [2.0, 4.0]) } else { between(random, [0.08, 0.35]) };
                 let width_m = between(random, [0.75, 0.95]);
                 self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, is_way: false });
                 way_m += between(random, [2.0, 8.0]);
@@ -121,14 +129,17 @@ impl Plan {
 
     /// Adds a branch where there is room for it.
     fn add(&mut self, branch: Branch) {
-        let half = |branch: &Branch| branch.width_m / 2.0 / branch.skew_rad.cos() + self.width_m / 2.0 * branch.skew_rad.tan().abs();
+        let half = |branch: &Branch| {
+            branch.width_m / 2.0 / branch.skew_rad.cos() + self.width_m / 2.0 * branch.skew_rad.tan().abs()
+        };
         let clear = |other: &Branch| {
             other.side != branch.side || (other.way_m - branch.way_m).abs() > half(other) + half(&branch) + APART_M
         };
         let at_end = branch.way_m + half(&branch) > self.line.length_m() - 1e-9;
         let in_stretch = self.stretches.iter().any(|stretch| {
             let room_m = half(&branch) + 0.3;
-            branch.way_m - room_m >= stretch.from_m && (branch.way_m + room_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
+            branch.way_m - room_m >= stretch.from_m
+                && (branch.way_m + room_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
         });
         if in_stretch && self.branches.iter().all(clear) && self.is_free(&branch) {
             self.branches.push(branch);
@@ -152,7 +163,11 @@ impl Plan {
                 let foot = self.branch_line(other).foot(place);
                 foot.left_m.abs() > (other.width_m + branch.width_m) / 2.0 + 0.2
             };
-            if !self.branches.iter().all(|other| (other.side != branch.side && (other.way_m - branch.way_m).abs() < 0.1) || apart(other)) {
+            if !self
+                .branches
+                .iter()
+                .all(|other| (other.side != branch.side && (other.way_m - branch.way_m).abs() < 0.1) || apart(other))
+            {
                 return false;
             }
             way_m += 0.4;
@@ -209,7 +224,13 @@ impl Plan {
         walls
     }
 
-    fn add_wall(&self, line: Option<TravelLine>, config: &GeneratorConfig, random: &mut ChaCha8Rng, walls: &mut Vec<Prism>) {
+    fn add_wall(
+        &self,
+        line: Option<TravelLine>,
+        config: &GeneratorConfig,
+        random: &mut ChaCha8Rng,
+        walls: &mut Vec<Prism>,
+    ) {
         let Some(line) = line else { return };
         let glass = random.random_bool(config.glass) && line.length_m() > 1.5;
         if !glass {
@@ -235,7 +256,8 @@ impl Plan {
             Vector2::new(-along.y, along.x)
         };
         let moved = |i: usize| {
-            let (before, after) = (normal(i.saturating_sub(1).min(corners.len() - 2)), normal(i.min(corners.len() - 2)));
+            let (before, after) =
+                (normal(i.saturating_sub(1).min(corners.len() - 2)), normal(i.min(corners.len() - 2)));
             let bisector = (before + after).normalize();
             corners[i] + bisector * (left_m / bisector.dot(&after))
         };
@@ -286,12 +308,7 @@ fn corridor(config: &GeneratorConfig, width_m: f64, random: &mut ChaCha8Rng) -> 
 }
 
 /// Straight stretches with bends between.
-fn wind(
-    length_m: f64,
-    width_m: f64,
-    bends: bool,
-    random: &mut ChaCha8Rng,
-) -> Option<(TravelLine, Vec<Stretch>)> {
+fn wind(length_m: f64, width_m: f64, bends: bool, random: &mut ChaCha8Rng) -> Option<(TravelLine, Vec<Stretch>)> {
     let (mut at, mut yaw_rad) = (Point::origin(), between(random, [-PI, PI]));
     let (mut places, mut stretches, mut way_m) = (vec![at], Vec::new(), 0.0);
     let mut side = if random.random_bool(0.5) { 1.0 } else { -1.0 };

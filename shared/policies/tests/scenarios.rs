@@ -12,7 +12,7 @@ use guidance::scan::Beams;
 use guidance::se2::{pose2, se2, wrap_angle};
 use guidance::shield::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
 use guidance::{ActionTable, Se2};
-use guidedog_policy::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
+use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, Pose2, ScanHeader, Twist2, WorldTruth};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
 use std::path::Path;
@@ -50,7 +50,8 @@ struct Guard {
 impl Guard {
     fn new() -> Self {
         let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("the default harness");
-        let limits = HandlerLimits { radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
+        let limits =
+            HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
         let shield = Shield::new(ShieldConfig {
             robot_radius_m: 0.30,
             margin_m: 0.0,

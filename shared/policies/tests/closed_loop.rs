@@ -8,7 +8,7 @@ mod support;
 
 use guidance::se2::{Point, pose2, se2, wrap_angle};
 use guidance::{ActionTable, Se2};
-use guidedog_policy::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
+use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use nalgebra::Vector2;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};

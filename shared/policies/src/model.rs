@@ -5,20 +5,25 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
-use guidance::ActionTable;
+use guidance::{ActionTable, observation};
+use messages::Pose2;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use settings::{ActionTableName, Millis, Positive};
+use settings::{ActionTableName, Millis, Positive, Settings};
 use sha2::{Digest, Sha256};
 
 use crate::geometric::GeometricConfig;
 
-/// The observation that a model is fed with, and its version: what [`crate::geometric::Observation`] holds.
+/// The observation that a geometric model is fed with, and its version: what [`crate::geometric::Observation`] holds.
+/// That of a learnt one is [`guidance::observation::OBSERVATION`].
 pub const OBSERVATION: &str = "lidar-depth-pose-cue/1";
+/// No policy of ours sees or remembers more.
+const FRAMES_MAX: usize = 16;
+const MEMORY_MAX: usize = 4096;
 /// A file that is larger is no model of ours, bytes.
 const BYTES_MAX: u64 = 64 << 20;
 
-/// What stands in the manifest, `NAME.toml` beside `NAME.geometric`.
+/// What stands in the manifest, `NAME.toml` beside `NAME.onnx` or `NAME.geometric`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Manifest {
@@ -30,6 +35,62 @@ pub struct Manifest {
     pub actions: ActionTableName,
     /// The decision period that it was made for.
     pub dt: Millis,
+    /// Observations of the last so many decisions are one input.
+    #[serde(default = "one")]
+    pub frames: usize,
+    /// Size of the recurrent state; 0: there is none.
+    #[serde(default)]
+    pub memory: usize,
+    /// How it was trained.
+    pub trained: Option<Trained>,
+    /// What it scored when it was made, as `guidedog evaluate` tells it.
+    #[serde(default)]
+    pub scores: toml::Table,
+}
+
+fn one() -> usize {
+    1
+}
+
+/// How a learnt policy was trained.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Trained {
+    /// Environment steps.
+    pub steps: u64,
+    /// The shield's suppression factor (Kim et al. 2023, section 5).
+    pub beta: f64,
+    /// "ideal" or "noisy".
+    pub noise: String,
+    /// "rigid" or "delayed".
+    pub harness: String,
+    /// Seed of the training.
+    pub seed: u64,
+    /// The handlers' remembered share, least and greatest.
+    pub alpha: [f64; 2],
+    /// Where they walked, robot frame, x and y, least and greatest, metres.
+    pub offset_x_m: [f64; 2],
+    /// See [`Trained::offset_x_m`].
+    pub offset_y_m: [f64; 2],
+    /// The command that makes it again.
+    pub command: String,
+}
+
+impl Trained {
+    /// What of a handler lies outside of what the policy was trained with, if anything.
+    #[must_use]
+    pub fn strange(&self, robot_from_handler: Pose2, alpha: f64) -> Option<String> {
+        let checks = [
+            ("alpha", alpha, self.alpha),
+            ("robot_from_handler.x_m", robot_from_handler.x_m, self.offset_x_m),
+            ("robot_from_handler.y_m", robot_from_handler.y_m, self.offset_y_m),
+        ];
+        let outside = checks.into_iter().filter(|(_, value, [least, most])| !(*least..=*most).contains(value));
+        let told: Vec<String> = outside
+            .map(|(key, value, [least, most])| format!("handler.{key} = {value} (trained with {least} to {most})"))
+            .collect();
+        (!told.is_empty()).then(|| told.join(", "))
+    }
 }
 
 /// What a run expects of its model.
@@ -74,7 +135,7 @@ pub enum ModelError {
         source: io::Error,
     },
     /// No engine of this build loads such a file.
-    #[error("{}: no engine loads a file of that kind; \"NAME.geometric\" is one", path.display())]
+    #[error("{}: no engine loads a file of that kind; \"NAME.onnx\" and \"NAME.geometric\" are two", path.display())]
     Kind {
         /// The file.
         path: PathBuf,
@@ -126,8 +187,22 @@ pub struct Model {
     pub path: PathBuf,
     /// Its digest, verified.
     pub sha256: String,
+    /// What stands beside it.
+    pub manifest: Manifest,
     /// What it says.
-    pub tuning: GeometricTuning,
+    pub kind: ModelKind,
+}
+
+/// What a model file holds.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ModelKind {
+    /// The geometric engine's tuning.
+    Geometric(GeometricTuning),
+    /// A network: the bytes of an ONNX file.
+    Learnt {
+        /// As verified.
+        bytes: Vec<u8>,
+    },
 }
 
 impl Model {
@@ -136,9 +211,11 @@ impl Model {
     /// # Errors
     /// Where one of them cannot be read, or they do not fit each other or the run.
     pub fn load(path: &Path, expected: &Expected) -> Result<Self, ModelError> {
-        if path.extension().is_none_or(|kind| kind != "geometric") {
-            return Err(ModelError::Kind { path: path.to_owned() });
-        }
+        let is_learnt = match path.extension().and_then(|kind| kind.to_str()) {
+            Some("onnx") => true,
+            Some("geometric") => false,
+            _ => return Err(ModelError::Kind { path: path.to_owned() }),
+        };
         let bytes = read(path)?;
         let manifest_path = path.with_extension("toml");
         let manifest: Manifest = parse(&manifest_path, &read(&manifest_path)?)?;
@@ -146,27 +223,41 @@ impl Model {
         if !manifest.sha256.eq_ignore_ascii_case(&sha256) {
             return Err(ModelError::Digest { path: path.to_owned(), wanted: manifest.sha256, found: sha256 });
         }
-        manifest.check(&manifest_path, expected)?;
-        Ok(Self { path: path.to_owned(), sha256, tuning: parse(path, &bytes)? })
+        manifest.check(&manifest_path, expected, if is_learnt { observation::OBSERVATION } else { OBSERVATION })?;
+        let kind = if is_learnt { ModelKind::Learnt { bytes } } else { ModelKind::Geometric(parse(path, &bytes)?) };
+        Ok(Self { path: path.to_owned(), sha256, manifest, kind })
     }
 
-    /// What an operator is told of it.
+    /// What an operator is told of it, a handler that it was not trained with included.
     #[must_use]
-    pub fn about(&self) -> Value {
-        json!({ "engine": "geometric", "model": self.path, "sha256": self.sha256 })
+    pub fn about(&self, settings: &Settings) -> Value {
+        let engine = match self.kind {
+            ModelKind::Geometric(_) => "geometric",
+            ModelKind::Learnt { .. } => "learnt",
+        };
+        let handler = &settings.handler;
+        let trained = self.manifest.trained.as_ref();
+        let strange = trained.and_then(|t| t.strange(handler.robot_from_handler, handler.alpha.get()));
+        json!({ "engine": engine, "model": self.path, "sha256": self.sha256, "not_trained_with": strange })
     }
 }
 
 impl Manifest {
-    fn check(&self, path: &Path, expected: &Expected) -> Result<(), ModelError> {
+    fn check(&self, path: &Path, expected: &Expected, observation: &str) -> Result<(), ModelError> {
         let other = |what, wanted: &str, found: &str| ModelError::Other {
             path: path.to_owned(),
             what,
             wanted: wanted.to_owned(),
             found: found.to_owned(),
         };
-        if self.observation != OBSERVATION {
-            return Err(other("the observation", OBSERVATION, &self.observation));
+        if self.observation != observation {
+            return Err(other("the observation", observation, &self.observation));
+        }
+        for (what, size, most) in [("frames", self.frames, FRAMES_MAX), ("memory", self.memory, MEMORY_MAX)] {
+            if size > most || (what == "frames" && size == 0) {
+                let what = format!("{what} = {size} is more than {most}, or none");
+                return Err(ModelError::Content { path: path.to_owned(), what });
+            }
         }
         let table = self.actions.table();
         if table.id() != expected.table.id() {
@@ -205,7 +296,8 @@ fn parse<T: for<'a> Deserialize<'a>>(path: &Path, bytes: &[u8]) -> Result<T, Mod
 #[cfg(test)]
 mod tests {
     use super::{Expected, Model, OBSERVATION};
-    use guidance::ActionTable;
+    use guidance::{ActionTable, observation};
+    use messages::Pose2;
     use sha2::{Digest, Sha256};
     use std::path::{Path, PathBuf};
 
@@ -232,7 +324,8 @@ mod tests {
         let dir = tempfile::tempdir().expect("a folder");
         let path = model(dir.path(), TUNING, &manifest(TUNING));
         let loaded = Model::load(&path, &expected()).expect("it fits");
-        assert_eq!(loaded.tuning.reserve_m.map(settings::Positive::get), Some(0.08));
+        let ModelKind::Geometric(tuning) = loaded.kind else { panic!("a tuning") };
+        assert_eq!(tuning.reserve_m.map(settings::Positive::get), Some(0.08));
         assert_eq!(loaded.sha256.len(), 64);
     }
 
@@ -265,7 +358,7 @@ mod tests {
         std::fs::remove_file(dir.path().join("careful.toml")).expect("removed");
         let error = Model::load(&path, &expected()).expect_err("no manifest").to_string();
         assert!(error.contains("failed to read") && error.contains("careful.toml"), "{error}");
-        for (name, what) in [("none.geometric", "failed to read"), ("guide.onnx", "no engine loads")] {
+        for (name, what) in [("none.geometric", "failed to read"), ("guide.bin", "no engine loads")] {
             let error = Model::load(&dir.path().join(name), &expected()).expect_err(name).to_string();
             assert!(error.contains(what), "{error}");
         }

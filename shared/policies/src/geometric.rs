@@ -19,10 +19,11 @@ use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
-use guidance::{ActionTable, DelayedHarness, InteractionModel, Se2};
+use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, Se2};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use rollout::Scene;
 use route::Route;
+use settings::Settings;
 use std::collections::VecDeque;
 use team::Team;
 
@@ -67,6 +68,22 @@ impl Default for GeometricConfig {
             memory_s: 10.0,
             reserve_m: 0.04,
         }
+    }
+}
+
+impl GeometricConfig {
+    /// The team of a run.
+    ///
+    /// # Errors
+    /// Where the handler's parameters are no handler's.
+    pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
+        Ok(Self {
+            dt_s: settings.policy.dt.s(),
+            robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
+            handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
+            model: settings.interaction()?,
+            ..Self::default()
+        })
     }
 }
 

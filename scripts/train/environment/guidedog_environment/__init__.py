@@ -1,0 +1,16 @@
+"""The wayfinding task of Kim et al. 2023 for Gymnasium: worlds, sensors, shield, observation and reward are guidedog's own."""
+
+import gymnasium
+
+from guidedog_environment._native import ACTIONS, CHANNELS, LENGTH, OBSERVATION, SECTORS, STATE, Episodes
+from guidedog_environment.environments import Wayfinding, WayfindingVector
+
+__all__ = [
+    "ACTIONS", "CHANNELS", "LENGTH", "OBSERVATION", "SECTORS", "STATE", "Episodes", "Wayfinding", "WayfindingVector",
+]
+
+gymnasium.register(
+    id="guidedog/Wayfinding-v0",
+    entry_point="guidedog_environment:Wayfinding",
+    vector_entry_point="guidedog_environment:WayfindingVector",
+)

@@ -1,0 +1,170 @@
+//! The wayfinding task for Python: what `guidedog evaluate` runs, and nothing of its own.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use episodes::{Batch, Config, Handlers, Harness, Noise, Places, Report, RewardMeasure};
+use guidance::observation::{CHANNELS, LENGTH, OBSERVATION, SECTORS, STATE};
+use messages::CueKind;
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// Observations, and for each action whether the shield forbids it.
+type Seen<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>);
+/// The same after a step, with rewards and the episodes that ended.
+type Stepped<'py> =
+    (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>, Bound<'py, PyArray1<f64>>, Vec<Bound<'py, PyDict>>);
+
+fn wrong(what: impl std::fmt::Display) -> PyErr {
+    PyValueError::new_err(what.to_string())
+}
+
+fn one_of<T: Copy>(key: &str, value: &str, choices: &[(&str, T)]) -> PyResult<T> {
+    let found = choices.iter().find(|(name, _)| *name == value);
+    found.map(|(_, choice)| *choice).ok_or_else(|| {
+        let names: Vec<&str> = choices.iter().map(|(name, _)| *name).collect();
+        wrong(format!("{key} = \"{value}\" is none of {names:?}"))
+    })
+}
+
+fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
+    let mut config = Config::default();
+    for (key, value) in options.into_iter().flatten() {
+        let key: String = key.extract()?;
+        let text = || value.extract::<String>();
+        let number = || value.extract::<f64>();
+        match key.as_str() {
+            "noise" => config.noise = one_of(&key, &text()?, &[("ideal", Noise::Ideal), ("noisy", Noise::Noisy)])?,
+            "harness" => {
+                config.harness = one_of(&key, &text()?, &[("rigid", Harness::Rigid), ("delayed", Harness::Delayed)])?;
+            }
+            "handlers" => {
+                let choices = [("nominal", Handlers::Nominal), ("personal", Handlers::Personal)];
+                config.handlers = one_of(&key, &text()?, &choices)?;
+            }
+            "measure" => {
+                config.measure =
+                    one_of(&key, &text()?, &[("start", RewardMeasure::Start), ("line", RewardMeasure::Line)])?;
+            }
+            "maps" => {
+                let paths: Vec<PathBuf> = value.extract()?;
+                let sites = paths.iter().map(|path| world::floor_plan::sites(path).map_err(wrong));
+                let sites = sites.collect::<PyResult<Vec<_>>>()?;
+                config.places = Places::Sites(Arc::new(sites.concat()));
+            }
+            "memory" => config.memory = config.memory.filter(|_| value.is_truthy().unwrap_or(true)),
+            "decisions" => config.decisions = value.extract()?,
+            "frames" => config.frames = value.extract::<usize>()?.max(1),
+            "orientation_max_deg" => config.orientation_max_rad = number()?.to_radians(),
+            "heading_weight" => config.reward.heading_weight = number()?,
+            "heading_margin_rad" => config.reward.heading_margin_rad = number()?,
+            "collision_penalty" => config.reward.collision_penalty = number()?,
+            "time_penalty" => config.reward.time_penalty = number()?,
+            "motion_penalty" => config.reward.motion_penalty = number()?,
+            _ => return Err(wrong(format!("there is no option \"{key}\""))),
+        }
+    }
+    Ok(config)
+}
+
+/// Many episodes side by side, on all cores, without the interpreter's lock.
+#[pyclass]
+struct Episodes {
+    batch: Batch,
+    actions: usize,
+    frames: usize,
+}
+
+#[pymethods]
+impl Episodes {
+    #[new]
+    #[pyo3(signature = (count, seed = 0, options = None))]
+    fn new(count: usize, seed: u64, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let config = Arc::new(config(options)?);
+        let (actions, frames) = (config.table.len(), config.frames);
+        Ok(Self { batch: Batch::new(&config, count, seed).map_err(wrong)?, actions, frames })
+    }
+
+    /// Begins all episodes anew.
+    fn begin<'py>(&mut self, py: Python<'py>, seed: u64) -> PyResult<Seen<'py>> {
+        py.detach(|| self.batch.begin(seed));
+        self.seen(py)
+    }
+
+    /// One decision in each; an episode that ends is followed by another one at once.
+    fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Stepped<'py>> {
+        let count = self.actions as i64;
+        let given: Vec<usize> = actions.as_array().iter().filter(|a| (0..count).contains(*a)).map(|a| *a as usize).collect();
+        if given.len() != self.batch.len() || actions.as_array().len() != given.len() {
+            return Err(wrong(format!("{} actions from 0 to {} are wanted", self.batch.len(), count - 1)));
+        }
+        py.detach(|| self.batch.step(&given));
+        let rewards: Vec<f64> = self.batch.rewards().collect();
+        let mut finished = Vec::new();
+        for episode in self.batch.finished() {
+            let info = report(py, &episode.report)?;
+            info.set_item("place", episode.place)?;
+            info.set_item("observation", episode.observation.into_pyarray(py))?;
+            info.set_item("unsafe", self.mask(episode.unsafe_mask).into_pyarray(py))?;
+            finished.push(info);
+        }
+        let (observations, masks) = self.seen(py)?;
+        Ok((observations, masks, rewards.into_pyarray(py), finished))
+    }
+}
+
+impl Episodes {
+    fn mask(&self, unsafe_mask: u32) -> Vec<bool> {
+        (0..self.actions).map(|action| unsafe_mask >> action & 1 == 1).collect()
+    }
+
+    fn seen<'py>(&self, py: Python<'py>) -> PyResult<Seen<'py>> {
+        let count = self.batch.len();
+        let mut observations = Vec::with_capacity(count * self.frames * LENGTH);
+        let mut masks = Vec::with_capacity(count * self.actions);
+        for episode in self.batch.episodes() {
+            observations.extend_from_slice(episode.observation());
+            masks.extend(self.mask(episode.unsafe_mask()));
+        }
+        let observations = observations.into_pyarray(py).reshape([count, self.frames * LENGTH])?;
+        Ok((observations, masks.into_pyarray(py).reshape([count, self.actions])?))
+    }
+}
+
+fn report<'py>(py: Python<'py>, report: &Report) -> PyResult<Bound<'py, PyDict>> {
+    let info = PyDict::new(py);
+    let cue = match report.cue {
+        CueKind::Stop => "stop",
+        CueKind::Forward => "forward",
+        CueKind::Left => "left",
+        CueKind::Right => "right",
+    };
+    info.set_item("cue", cue)?;
+    info.set_item("success", report.success)?;
+    info.set_item("to_stand", report.to_stand)?;
+    info.set_item("collisions", report.collisions)?;
+    info.set_item("robot_collisions", report.robot_collisions)?;
+    info.set_item("handler_collisions", report.handler_collisions)?;
+    info.set_item("hit_by_others", report.hit_by_others)?;
+    info.set_item("distance_m", report.distance_m)?;
+    info.set_item("walked_m", report.walked_m)?;
+    info.set_item("all_unsafe", report.all_unsafe)?;
+    info.set_item("unsafe_taken", report.unsafe_taken)?;
+    info.set_item("reward", report.reward)?;
+    Ok(info)
+}
+
+#[pymodule]
+fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("OBSERVATION", OBSERVATION)?;
+    module.add("SECTORS", SECTORS)?;
+    module.add("CHANNELS", CHANNELS)?;
+    module.add("STATE", STATE)?;
+    module.add("LENGTH", LENGTH)?;
+    let table = Config::default().table;
+    let names: Vec<&str> = table.actions().iter().map(|action| action.name.as_str()).collect();
+    module.add("ACTIONS", names)?;
+    module.add_class::<Episodes>()
+}

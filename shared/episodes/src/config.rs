@@ -1,0 +1,216 @@
+//! What episodes are like.
+
+use std::sync::Arc;
+
+use guidance::{
+    ActionTable, DelayedHarness, Delta, HandlerLimits, InteractionModel, MemoryConfig, RewardConfig, RigidHarness,
+    ShieldConfig,
+};
+use messages::{CueKind, Pose2, Pose3};
+use rand::{Rng, RngExt};
+use world::{DepthConfig, GeneratorConfig, LidarConfig, OdometryConfig, Site};
+
+/// How exact the sensors are (Kim et al. 2023, section 5.3).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Noise {
+    /// They measure what is.
+    Ideal,
+    /// Gaussian lidar noise with drop-outs, Redwood depth noise at intensity 1, drifting odometry.
+    Noisy,
+}
+
+/// How handlers follow (Kim et al. 2023, table 2).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Harness {
+    /// At a fixed offset.
+    Rigid,
+    /// By the delayed harness.
+    Delayed,
+}
+
+/// Who the handlers are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Handlers {
+    /// The one of the configuration, who does what the model says.
+    Nominal,
+    /// Another one in each episode, with an offset and an alpha of their own, who sways; the shield is told what a fit to
+    /// them would have found, which is not quite right.
+    Personal,
+}
+
+/// How the reward is measured; see [`guidance::Measure`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RewardMeasure {
+    /// From the cue's start.
+    Start,
+    /// Along the travel line.
+    Line,
+}
+
+/// Where episodes take place.
+#[derive(Debug, Clone)]
+pub enum Places {
+    /// In another generated world each time.
+    Generated(GeneratorConfig),
+    /// In these.
+    Sites(Arc<Vec<Site>>),
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Config {
+    /// Where.
+    pub places: Places,
+    /// How exact the sensors are.
+    pub noise: Noise,
+    /// How handlers follow.
+    pub harness: Harness,
+    /// Who they are.
+    pub handlers: Handlers,
+    /// The actions.
+    pub table: ActionTable,
+    /// Decision period, seconds.
+    pub dt_s: f64,
+    /// Decisions of an episode.
+    pub decisions: usize,
+    /// The cues, and how often each is given in relation to the others.
+    pub cues: Vec<(CueKind, f64)>,
+    /// Handlers face off the travel line by up to this, radians.
+    pub orientation_max_rad: f64,
+    /// The reward.
+    pub reward: RewardConfig,
+    /// What the reward is measured by.
+    pub measure: RewardMeasure,
+    /// The shield.
+    pub shield: ShieldConfig,
+    /// What shield and policy remember; none: one scan and one frame, as in the paper.
+    pub memory: Option<MemoryConfig>,
+    /// The lidar; its noise is [`Config::noise`]'s.
+    pub lidar: LidarConfig,
+    /// The depth camera, likewise; none: there is none.
+    pub depth: Option<DepthConfig>,
+    /// Observations of the last so many decisions stand in one.
+    pub frames: usize,
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self {
+            places: Places::Generated(GeneratorConfig::default()),
+            noise: Noise::Noisy,
+            harness: Harness::Delayed,
+            handlers: Handlers::Personal,
+            table: ActionTable::eight(),
+            dt_s: 0.5,
+            decisions: 100,
+            cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
+            orientation_max_rad: 30f64.to_radians(),
+            reward: RewardConfig { delta: Delta::Difference, ..RewardConfig::default() },
+            measure: RewardMeasure::Line,
+            shield: ShieldConfig {
+                robot_radius_m: 0.30,
+                margin_m: 0.04,
+                unknown_gap_m: 0.10,
+                escape: true,
+                unseen_limit_m2: None,
+            },
+            memory: Some(MemoryConfig { kept_ns: 10_000_000_000, free_ns: 500_000_000, drift: 0.03 }),
+            lidar: LidarConfig {
+                height_m: 0.35,
+                robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
+                ..LidarConfig::default()
+            },
+            depth: Some(DepthConfig {
+                width: 64,
+                height: 32,
+                hfov_rad: 90f64.to_radians(),
+                robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
+                ..DepthConfig::default()
+            }),
+            frames: 1,
+        }
+    }
+}
+
+impl Config {
+    /// The lidar with its noise.
+    #[must_use]
+    pub fn lidar_config(&self) -> LidarConfig {
+        match self.noise {
+            Noise::Ideal => LidarConfig { sigma_m: 0.0, drop_out: 0.0, ..self.lidar.clone() },
+            Noise::Noisy => self.lidar.clone(),
+        }
+    }
+
+    /// The camera with its noise.
+    #[must_use]
+    pub fn depth_config(&self) -> Option<DepthConfig> {
+        let redwood = if self.noise == Noise::Noisy { 1.0 } else { 0.0 };
+        Some(DepthConfig { noise_per_m: 0.0, redwood, ..self.depth.clone()? })
+    }
+
+    /// The odometry with its drift.
+    #[must_use]
+    pub fn odometry_config(&self) -> OdometryConfig {
+        match self.noise {
+            Noise::Ideal => {
+                OdometryConfig { scale_sigma: 0.0, yaw_walk_rad_per_sqrt_m: 0.0, yaw_walk_rad_per_sqrt_rad: 0.0 }
+            }
+            Noise::Noisy => OdometryConfig::default(),
+        }
+    }
+
+    /// What is known of a handler's body.
+    #[must_use]
+    pub fn handler_limits(&self) -> HandlerLimits {
+        let fastest = self.table.actions().iter().map(|action| action.velocity(self.dt_s).speed_mps());
+        HandlerLimits {
+            radius_m: 0.25,
+            seen_radius_m: 0.20,
+            speed_max_mps: fastest.fold(0.0, f64::max),
+            not_seen_ns: 1_000_000_000,
+        }
+    }
+
+    /// How a handler follows, and what a fit to them has found.
+    #[must_use]
+    pub(crate) fn draw_handler(&self, random: &mut impl Rng) -> (InteractionModel, InteractionModel) {
+        let mut about = |middle: f64, spread: f64| middle + spread * (random.random::<f64>() * 2.0 - 1.0);
+        let (offset, alpha) = match self.handlers {
+            Handlers::Nominal => (Pose2::new(-0.75, -0.35, 0.0), 0.4),
+            Handlers::Personal => {
+                (Pose2::new(about(-0.75, 0.12), about(-0.35, 0.10), about(0.0, 0.08)), about(0.4, 0.2))
+            }
+        };
+        let fitted = match self.handlers {
+            Handlers::Nominal => (offset, alpha),
+            Handlers::Personal => {
+                let x_m = about(offset.x_m, 0.04);
+                (Pose2::new(x_m, about(offset.y_m, 0.04), about(offset.yaw_rad, 0.05)), about(alpha, 0.05).max(0.0))
+            }
+        };
+        (self.model(offset, alpha), self.model(fitted.0, fitted.1))
+    }
+
+    fn model(&self, offset: Pose2, alpha: f64) -> InteractionModel {
+        let default = || InteractionModel::from(DelayedHarness::default());
+        match self.harness {
+            Harness::Rigid => RigidHarness::new(offset).map_or_else(|_| default(), InteractionModel::Rigid),
+            Harness::Delayed => {
+                DelayedHarness::new(offset, alpha, self.dt_s).map_or_else(|_| default(), InteractionModel::Delayed)
+            }
+        }
+    }
+
+    pub(crate) fn draw_cue(&self, random: &mut impl Rng) -> CueKind {
+        let all: f64 = self.cues.iter().map(|(_, share)| share).sum();
+        let mut left = random.random::<f64>() * all;
+        for (cue, share) in &self.cues {
+            left -= share;
+            if left < 0.0 {
+                return *cue;
+            }
+        }
+        self.cues.first().map_or(CueKind::Forward, |(cue, _)| *cue)
+    }
+}

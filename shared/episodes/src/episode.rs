@@ -1,0 +1,287 @@
+//! One episode: senses, shield, observation, motion, reward.
+
+use std::sync::Arc;
+
+use guidance::cue::{start_after_turn, turn_done, turn_missed};
+use guidance::observation::{Frames, Senses};
+use guidance::se2::{Se2, pose2, se2};
+use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
+use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use world::{DepthSensor, HandlerProfile, LidarSensor, OdometrySensor, Site, Team, generate};
+
+use crate::config::{Config, Handlers, Places, RewardMeasure};
+use crate::part_seed;
+use crate::score::{Report, Score};
+use crate::task::Task;
+
+/// Robot and handler begin with so much room about them, metres.
+const ROOM_M: f64 = 0.06;
+/// Worlds and tasks are drawn anew until there is room to begin: nearly always the first few do.
+const TRIES: u64 = 10_000;
+
+/// What one decision came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Step {
+    /// The reward (Kim et al. 2023, eq. 1).
+    pub reward: f64,
+    /// Whether it was the episode's last.
+    pub ended: bool,
+}
+
+/// What is there in an episode.
+#[derive(Debug, Clone)]
+struct Scenery {
+    site: Arc<Site>,
+    task: Task,
+    team: Team,
+    reward: Reward,
+    score: Score,
+}
+
+/// One episode after another. [`Episode::begin`] first, then decide from [`Episode::observation`] and
+/// [`Episode::unsafe_mask`], and [`Episode::step`].
+#[derive(Debug, Clone)]
+pub struct Episode {
+    config: Arc<Config>,
+    seed: u64,
+    scenery: Option<Scenery>,
+    lidar: LidarSensor,
+    scan: Vec<f32>,
+    scan_header: ScanHeader,
+    depth: Option<(DepthSensor, DepthHeader, Vec<u16>)>,
+    odometry: OdometrySensor,
+    odom_from_robot: Se2,
+    odom_from_before: Se2,
+    awareness: Awareness,
+    shield: Shield,
+    judgements: Vec<Judgement>,
+    unsafe_mask: u32,
+    cue: CueKind,
+    cue_is_new: bool,
+    odom_from_start: Se2,
+    decision: u64,
+    frames: Frames,
+    velocities: Vec<Twist2>,
+}
+
+impl Episode {
+    /// Episodes of that kind.
+    ///
+    /// # Errors
+    /// Where a sensor's configuration is out of its bounds.
+    pub fn new(config: Arc<Config>) -> Result<Self, world::ConfigError> {
+        let lidar = LidarSensor::new(config.lidar_config(), 0, 0)?;
+        let depth = match config.depth_config() {
+            Some(depth) => {
+                let sensor = DepthSensor::new(depth, 0, 0)?;
+                let (header, pixels) = (sensor.depth_header(), vec![0; sensor.pixels()]);
+                Some((sensor, header, pixels))
+            }
+            None => None,
+        };
+        let (_, told) = config.draw_handler(&mut ChaCha8Rng::seed_from_u64(0));
+        Ok(Self {
+            seed: 0,
+            scenery: None,
+            scan: vec![0.0; lidar.config().beams],
+            scan_header: lidar.scan_header(),
+            lidar,
+            depth,
+            odometry: OdometrySensor::new(config.odometry_config(), 0, 0)?,
+            odom_from_robot: Se2::identity(),
+            odom_from_before: Se2::identity(),
+            awareness: Awareness::new(told, config.handler_limits(), config.memory.clone()),
+            shield: Shield::new(config.shield.clone()),
+            judgements: Vec::new(),
+            unsafe_mask: 0,
+            cue: CueKind::Stop,
+            cue_is_new: true,
+            odom_from_start: Se2::identity(),
+            decision: 0,
+            frames: Frames::new(config.frames),
+            velocities: config.table.actions().iter().map(|action| action.velocity(config.dt_s)).collect(),
+            config,
+        })
+    }
+
+    /// Begins the episode of a seed.
+    pub fn begin(&mut self, seed: u64) {
+        self.seed = seed;
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let (handler, told) = self.config.draw_handler(&mut random);
+        let profile = match self.config.handlers {
+            Handlers::Nominal => HandlerProfile::exact(handler),
+            Handlers::Personal => HandlerProfile::about(handler, &mut random),
+        };
+        let cue = self.config.draw_cue(&mut random);
+        let (site, task, team) = self.draw_start(cue, &profile, &mut random);
+        let world_from_handler = team.world_from_handler();
+        let measure = match self.config.measure {
+            RewardMeasure::Line => Measure::Line(task.line.clone()),
+            RewardMeasure::Start => Measure::Start(guidance::Episode { cue, world_from_start: world_from_handler }),
+        };
+        let reward = Reward::begin(self.config.reward.clone(), measure, &world_from_handler);
+        let score = Score::begin(&task, &world_from_handler);
+        self.scenery = Some(Scenery { site, task, team, reward, score });
+        self.lidar.reseed(part_seed(seed, 1));
+        if let Some((sensor, ..)) = &mut self.depth {
+            sensor.reseed(part_seed(seed, 2));
+        }
+        if let Ok(odometry) = OdometrySensor::new(self.config.odometry_config(), part_seed(seed, 3), 0) {
+            self.odometry = odometry;
+        }
+        self.awareness = Awareness::new(told, self.config.handler_limits(), self.config.memory.clone());
+        (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
+        (self.odom_from_start, self.odom_from_before) = (Se2::identity(), Se2::identity());
+        self.sense();
+    }
+
+    /// A world and a task in it with room to begin.
+    fn draw_start(&self, cue: CueKind, profile: &HandlerProfile, random: &mut ChaCha8Rng) -> (Arc<Site>, Task, Team) {
+        let mut site: Option<Arc<Site>> = None;
+        for try_number in 0..TRIES {
+            let here = match (&self.config.places, site.take()) {
+                // A few tasks in each world, then another one.
+                (Places::Generated(_), Some(same)) if try_number % 8 != 0 => same,
+                (Places::Generated(config), _) => Arc::new(generate(config, random.random())),
+                (Places::Sites(sites), _) => Arc::new(sites[random.random_range(0..sites.len())].clone()),
+            };
+            if let Some(task) = Task::draw(&here.course, cue, self.config.orientation_max_rad, random) {
+                let team = Team::new(&here.world, profile.clone(), &task.world_from_robot);
+                if team.is_free(&here.world, ROOM_M) {
+                    return (here, task, team);
+                }
+            }
+            site = Some(here);
+        }
+        unreachable!("in {TRIES} worlds there is room for robot and handler")
+    }
+
+    fn scenery(&self) -> &Scenery {
+        self.scenery.as_ref().unwrap_or_else(|| unreachable!("an episode has begun"))
+    }
+
+    /// What is measured where the robot is now, and what the shield says of it.
+    fn sense(&mut self) {
+        let Some(scenery) = &mut self.scenery else { return };
+        let scene = scenery.team.scene(&scenery.site.world);
+        self.lidar.scan(&scene, self.decision, &mut self.scan);
+        let depth = match &mut self.depth {
+            Some((sensor, header, pixels)) => {
+                sensor.render(&scene, self.decision, pixels);
+                Some(Measured { header: &*header, data: &pixels[..], now_from_then: Se2::identity() })
+            }
+            None => None,
+        };
+        let reading = self.odometry.update(self.decision, pose2(scenery.team.world_from_robot()), Twist2::ZERO);
+        self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
+        if self.decision == 0 {
+            self.odom_from_before = self.odom_from_robot;
+            self.odom_from_start = self.odom_from_robot;
+            self.awareness.reset(&self.odom_from_robot);
+        }
+        let now_ns = (self.decision as f64 * self.config.dt_s * 1e9) as u64;
+        // A scan of which nothing can be used leaves what was known before.
+        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then: Se2::identity() };
+        let _ = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
+        self.take_turn();
+        self.awareness.begin_step(&self.odom_from_robot);
+        let handler = self.awareness.handler();
+        self.unsafe_mask =
+            self.shield.judge_actions(&self.config.table, self.awareness.evidence(), handler, &mut self.judgements);
+        self.encode();
+    }
+
+    /// A turn that is done goes on as forward, as in a run.
+    fn take_turn(&mut self) {
+        let start_from_robot = self.odom_from_start.inverse() * self.odom_from_robot;
+        if turn_done(self.cue, &start_from_robot) {
+            self.odom_from_start = start_after_turn(self.cue, &self.odom_from_start, &self.odom_from_robot);
+            (self.cue, self.cue_is_new) = (CueKind::Forward, true);
+        }
+    }
+
+    fn encode(&mut self) {
+        let evidence = self.awareness.evidence();
+        let senses = Senses {
+            beams: evidence.beams,
+            depth: evidence.depth,
+            memory: evidence.memory,
+            handler: self.awareness.handler().body(evidence.beams.sigma_m()),
+            start_from_robot: self.odom_from_start.inverse() * self.odom_from_robot,
+            before_from_robot: self.odom_from_before.inverse() * self.odom_from_robot,
+            cue: self.cue,
+        };
+        self.frames.push(&senses, self.cue_is_new);
+        self.cue_is_new = false;
+    }
+
+    /// What the policy sees: [`Config::frames`] observations, the newest last.
+    #[must_use]
+    pub fn observation(&self) -> &[f32] {
+        self.frames.senses()
+    }
+
+    /// Bit *i* is set where the shield forbids action *i*.
+    #[must_use]
+    pub fn unsafe_mask(&self) -> u32 {
+        self.unsafe_mask
+    }
+
+    /// Whether the robot stands whatever the policy says: stop was asked for, or a turn found nothing to turn into.
+    #[must_use]
+    pub fn must_stand(&self) -> bool {
+        let start_from_robot = self.odom_from_start.inverse() * self.odom_from_robot;
+        self.cue == CueKind::Stop || turn_missed(self.cue, &start_from_robot)
+    }
+
+    /// Where shield and policy take the handler to be, robot frame.
+    #[must_use]
+    pub fn handler_estimate(&self) -> &Se2 {
+        self.awareness.handler().robot_from_handler()
+    }
+
+    /// The task.
+    #[must_use]
+    pub fn task(&self) -> &Task {
+        &self.scenery().task
+    }
+
+    /// The world that it is in.
+    #[must_use]
+    pub fn site(&self) -> &Site {
+        &self.scenery().site
+    }
+
+    /// Robot and handler.
+    #[must_use]
+    pub fn team(&self) -> &Team {
+        &self.scenery().team
+    }
+
+    /// What became of it, so far.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        self.scenery().score.report()
+    }
+
+    /// Carries out an action of the table.
+    pub fn step(&mut self, action: usize) -> Step {
+        let action = if self.must_stand() { ActionTable::STOP } else { action };
+        let all = (1u32 << self.velocities.len()) - 1;
+        let (all_unsafe, taken) = (self.unsafe_mask == all, self.unsafe_mask >> action & 1 == 1);
+        let velocity = self.velocities[action];
+        let Some(scenery) = &mut self.scenery else { return Step { reward: 0.0, ended: true } };
+        scenery.score.judged(all_unsafe, taken);
+        let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
+        let world_from_handler = scenery.team.world_from_handler();
+        let moved = action != ActionTable::STOP;
+        let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum();
+        scenery.score.step(&scenery.task, &world_from_handler, stepped, reward);
+        self.decision += 1;
+        self.sense();
+        Step { reward, ended: self.decision >= self.config.decisions as u64 }
+    }
+}

@@ -1,0 +1,136 @@
+//! What became of an episode.
+
+use std::collections::VecDeque;
+
+use guidance::se2::{Point, Se2};
+use messages::CueKind;
+use world::Stepped;
+
+use crate::task::{Goal, STILL_DECISIONS, STILL_M, Task};
+
+/// Counted while it lasts.
+#[derive(Debug, Clone)]
+pub struct Score {
+    world_from_start: Se2,
+    way_m: f64,
+    last_places: VecDeque<Point>,
+    last: Point,
+    report: Report,
+}
+
+/// What became of an episode.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Report {
+    /// What was asked for.
+    pub cue: CueKind,
+    /// Whether the cue was followed, as [`Task`] defines it.
+    pub success: bool,
+    /// The task was to stand: there was nothing to turn into.
+    pub to_stand: bool,
+    /// Decisions made.
+    pub decisions: u32,
+    /// Motions in which the robot would have touched something; those of the handler.
+    pub robot_collisions: u32,
+    /// See [`Report::robot_collisions`].
+    pub handler_collisions: u32,
+    /// Motions with either.
+    pub collisions: u32,
+    /// People who walked into robot or handler.
+    pub hit_by_others: u32,
+    /// The farthest that the handler was from where the cue was given, metres.
+    pub distance_m: f64,
+    /// The way that the handler walked, metres.
+    pub walked_m: f64,
+    /// Decisions in which every action was unsafe.
+    pub all_unsafe: u32,
+    /// Decisions whose action was one that the shield forbade.
+    pub unsafe_taken: u32,
+    /// The sum of rewards.
+    pub reward: f64,
+    /// Longest run of decisions in which the team did not move, though it was not to stand.
+    pub longest_freeze: u32,
+    /// The handler's heading was within 10 degrees of the travel line 3 m on; none: they never came so far.
+    pub corrected: Option<bool>,
+}
+
+/// Who has corrected an error of orientation faces as near to the travel line, radians,
+const CORRECTED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
+/// so far on, metres.
+const CORRECTED_M: f64 = 3.0;
+
+impl Score {
+    /// At the beginning.
+    #[must_use]
+    pub fn begin(task: &Task, world_from_handler: &Se2) -> Self {
+        let place = Point::from(world_from_handler.translation.vector);
+        let report = Report {
+            cue: task.cue,
+            success: false,
+            to_stand: task.goal == Goal::Stand,
+            decisions: 0,
+            robot_collisions: 0,
+            handler_collisions: 0,
+            collisions: 0,
+            hit_by_others: 0,
+            distance_m: 0.0,
+            walked_m: 0.0,
+            all_unsafe: 0,
+            unsafe_taken: 0,
+            reward: 0.0,
+            longest_freeze: 0,
+            corrected: None,
+        };
+        Self {
+            world_from_start: *world_from_handler,
+            way_m: task.line.foot(place).way_m,
+            last_places: VecDeque::from([place]),
+            last: place,
+            report,
+        }
+    }
+
+    /// One decision has been carried out.
+    pub fn step(&mut self, task: &Task, world_from_handler: &Se2, stepped: Stepped, reward: f64) {
+        let report = &mut self.report;
+        report.decisions += 1;
+        report.robot_collisions += u32::from(stepped.robot_hit);
+        report.handler_collisions += u32::from(stepped.handler_hit);
+        report.collisions += u32::from(stepped.collided());
+        report.hit_by_others += stepped.hit_by_others;
+        report.reward += reward;
+        let place = Point::from(world_from_handler.translation.vector);
+        report.walked_m += (place - self.last).norm();
+        self.last = place;
+        let start = Point::from(self.world_from_start.translation.vector);
+        report.distance_m = report.distance_m.max((place - start).norm());
+        let foot = task.line.foot_within(place, self.way_m - 1.0, self.way_m + 1.0);
+        self.way_m = foot.way_m;
+        let begun_m = task.line.foot(start).way_m;
+        if report.corrected.is_none() && self.way_m - begun_m >= CORRECTED_M {
+            let off_rad = task.line.heading_error_rad(self.way_m, world_from_handler.rotation.angle());
+            report.corrected = Some(off_rad.abs() <= CORRECTED_RAD);
+        }
+        report.success |= task.is_done(world_from_handler, self.way_m);
+        self.last_places.push_back(place);
+        if self.last_places.len() > STILL_DECISIONS + 1 {
+            self.last_places.pop_front();
+        }
+    }
+
+    /// What the shield said of a decision, and whether the action was taken all the same.
+    pub fn judged(&mut self, all_unsafe: bool, unsafe_taken: bool) {
+        self.report.all_unsafe += u32::from(all_unsafe);
+        self.report.unsafe_taken += u32::from(unsafe_taken);
+    }
+
+    /// What became of it, so far.
+    #[must_use]
+    pub fn report(&self) -> Report {
+        let mut report = self.report;
+        if report.to_stand {
+            let moved_m = self.last_places.iter().map(|place| (place - self.last).norm()).fold(0.0, f64::max);
+            report.success = self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M;
+        }
+        report
+    }
+}

@@ -1,0 +1,129 @@
+//! One task: a place, a heading, a cue, and when it has been done.
+
+use guidance::TravelLine;
+use guidance::cue::TURN_REACH_M;
+use guidance::se2::{Point, Se2, wrap_angle};
+use messages::CueKind;
+use rand::{Rng, RngExt};
+use world::{Course, Opening, Side};
+
+/// *Forward* is done when the handler is so far on along the corridor, metres,
+pub const ON_M: f64 = 10.0;
+/// or this near to its end: the robot is ahead of the handler, and stands before the wall.
+pub const END_M: f64 = 2.0;
+/// *Left* and *right* are done when the handler is so far inside the opening, metres,
+pub const INSIDE_M: f64 = 2.0;
+/// and faces its axis as well as this, radians.
+pub const AXIS_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
+/// Who stands moves by less than this, metres,
+pub const STILL_M: f64 = 0.3;
+/// in so many decisions.
+pub const STILL_DECISIONS: usize = 10;
+/// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
+const BESIDE_M: f64 = 1.0;
+/// The way of a handler who looks for an opening goes on so far before them, metres.
+const AHEAD_M: f64 = 0.75;
+
+/// When a task has been done.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Goal {
+    /// The handler has come so far along the line, metres.
+    Along(f64),
+    /// The handler is inside one of the openings.
+    Into(Vec<Opening>),
+    /// The handler stands still at the end.
+    Stand,
+}
+
+/// See the module.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Task {
+    /// What is asked for.
+    pub cue: CueKind,
+    /// The robot then.
+    pub world_from_robot: Se2,
+    /// The way that the cue means.
+    pub line: TravelLine,
+    /// When it has been done.
+    pub goal: Goal,
+    /// Width of the corridor, metres.
+    pub width_m: f64,
+}
+
+impl Task {
+    /// A task in a course: a cue, given somewhere by somebody who faces off the travel line by up to
+    /// `orientation_max_rad`. `None` where there is no room for one.
+    pub fn draw(course: &Course, cue: CueKind, orientation_max_rad: f64, random: &mut impl Rng) -> Option<Self> {
+        let length_m = course.line.length_m();
+        let begin_m = 1.3;
+        let side = side_of(cue);
+        let mut way_m = random.random_range(begin_m..(length_m - 2.0).max(begin_m + 0.1));
+        let openings: Vec<&Opening> = course.openings.iter().filter(|opening| Some(opening.side) == side).collect();
+        if !openings.is_empty() && random.random_bool(0.75) {
+            // Up to 12 m before an opening, or a little past it.
+            let opening = openings[random.random_range(0..openings.len())];
+            way_m = opening.way_m - random.random_range(-2.0..12.0);
+        } else if cue == CueKind::Forward && random.random_bool(0.7) {
+            way_m = random.random_range(begin_m..(length_m - ON_M).max(begin_m + 0.5));
+        }
+        if !(begin_m..length_m - 1.5).contains(&way_m) {
+            return None;
+        }
+        let at = course.line.at(way_m);
+        let aside_m = (course.width_m / 2.0 - 0.65).max(0.05);
+        let left_m = random.random_range(-aside_m..aside_m) + 0.17;
+        let yaw_rad = at.rotation.angle() + random.random_range(-1.0..1.0) * orientation_max_rad;
+        let robot = at * Point::new(0.0, left_m);
+        Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)))
+    }
+
+    /// The task of who gives a cue there.
+    #[must_use]
+    pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2) -> Option<Self> {
+        let way_m = course.line.foot(Point::from(world_from_robot.translation.vector)).way_m;
+        let task =
+            |line: TravelLine, goal: Goal| Some(Self { cue, world_from_robot, line, goal, width_m: course.width_m });
+        let Some(side) = side_of(cue) else {
+            let to_m = (way_m - AHEAD_M + ON_M).min(course.line.length_m() - END_M);
+            return if cue == CueKind::Stop {
+                task(course.line.clone(), Goal::Stand)
+            } else {
+                task(course.line.clone(), Goal::Along(to_m))
+            };
+        };
+        let Some(first) = course.next(side, way_m, TURN_REACH_M) else {
+            let end_m = (way_m + TURN_REACH_M).min(course.line.length_m());
+            return task(course.line.part(0.0, end_m)?, Goal::Stand);
+        };
+        let second = course.next(side, first.far_edge_m(), TURN_REACH_M);
+        let is_beside = first.far_edge_m() - way_m < BESIDE_M;
+        let meant = if is_beside { second.unwrap_or(first) } else { first };
+        let allowed = [Some(first), second.filter(|_| is_beside)].into_iter().flatten().cloned().collect();
+        task(course.line_into(meant)?, Goal::Into(allowed))
+    }
+
+    /// Whether a handler who is there, at that way along the line, has arrived; who is to stand never has.
+    #[must_use]
+    pub fn is_done(&self, world_from_handler: &Se2, way_m: f64) -> bool {
+        let place = Point::from(world_from_handler.translation.vector);
+        match &self.goal {
+            Goal::Along(to_m) => way_m >= *to_m,
+            Goal::Into(openings) => openings.iter().any(|opening| {
+                let foot = opening.line.foot(place);
+                let off_axis_rad = opening.line.heading_error_rad(foot.way_m, world_from_handler.rotation.angle());
+                foot.way_m >= self.width_m / 2.0 + INSIDE_M
+                    && foot.left_m.abs() < opening.width_m / 2.0
+                    && off_axis_rad.abs() <= AXIS_RAD
+            }),
+            Goal::Stand => false,
+        }
+    }
+}
+
+fn side_of(cue: CueKind) -> Option<Side> {
+    match cue {
+        CueKind::Left => Some(Side::Left),
+        CueKind::Right => Some(Side::Right),
+        CueKind::Stop | CueKind::Forward => None,
+    }
+}

@@ -1,0 +1,106 @@
+//! What is known of the surroundings when a decision is made: the newest scan and depth frame, what was seen before,
+//! and where the handler is. One sequence of steps, for whoever decides.
+
+use messages::{DepthHeader, ScanHeader};
+
+use crate::depth::DepthView;
+use crate::handler::{HandlerEstimate, HandlerLimits};
+use crate::interaction::InteractionModel;
+use crate::memory::{Memory, MemoryConfig};
+use crate::scan::{Beams, ScanError};
+use crate::se2::Se2;
+use crate::shield::Evidence;
+
+/// A frame of a sensor, and where the robot was when it was taken, in the robot frame of now.
+#[derive(Debug, Clone, Copy)]
+pub struct Measured<'a, Header, Sample> {
+    /// Stands beside the samples.
+    pub header: &'a Header,
+    /// The samples.
+    pub data: &'a [Sample],
+    /// Where the robot was then.
+    pub now_from_then: Se2,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub struct Awareness {
+    /// In the robot frame of the scan's stamp, and seen from where the robot is now.
+    stamped_beams: Beams,
+    beams: Beams,
+    depth: DepthView,
+    depth_seen: bool,
+    memory: Option<Memory>,
+    handler: HandlerEstimate,
+}
+
+impl Awareness {
+    /// Nothing known yet; without a memory one scan and one frame are all that is known.
+    #[must_use]
+    pub fn new(model: InteractionModel, limits: HandlerLimits, memory: Option<MemoryConfig>) -> Self {
+        Self {
+            stamped_beams: Beams::default(),
+            beams: Beams::default(),
+            depth: DepthView::default(),
+            depth_seen: false,
+            memory: memory.map(Memory::new),
+            handler: HandlerEstimate::new(model, limits),
+        }
+    }
+
+    /// A new odometry frame: nothing that was placed in the one before holds any more.
+    pub fn reset(&mut self, odom_from_robot: &Se2) {
+        self.handler.reset(odom_from_robot);
+        self.depth_seen = false;
+        if let Some(memory) = &mut self.memory {
+            memory.clear();
+        }
+    }
+
+    /// Takes in what was measured; `share` of the running step has passed. With scan and frame stands where the robot was
+    /// then, in the robot frame of now. A depth frame that cannot be used says nothing.
+    ///
+    /// # Errors
+    /// Where the scan cannot be used; then nothing was taken in.
+    pub fn observe(
+        &mut self,
+        now_ns: u64,
+        odom_from_robot: &Se2,
+        share: f64,
+        scan: Measured<'_, ScanHeader, f32>,
+        depth: Option<Measured<'_, DepthHeader, u16>>,
+    ) -> Result<(), ScanError> {
+        self.stamped_beams.fill(scan.header, scan.data)?;
+        self.stamped_beams.seen_from(&scan.now_from_then, &mut self.beams);
+        self.depth_seen = depth.is_some_and(|depth| {
+            let usable = self.depth.fill(depth.header, depth.data).is_ok();
+            self.depth.move_to(&depth.now_from_then);
+            usable
+        });
+        self.handler.predict(odom_from_robot, share);
+        let _ = self.handler.correct(&self.beams, now_ns);
+        let body = self.handler.body(self.beams.sigma_m());
+        let depth = self.depth_seen.then_some(&self.depth);
+        if let Some(memory) = &mut self.memory {
+            memory.update(now_ns, odom_from_robot, &self.beams, depth, &body);
+        }
+        Ok(())
+    }
+
+    /// A decision begins.
+    pub fn begin_step(&mut self, odom_from_robot: &Se2) {
+        self.handler.begin_step(odom_from_robot);
+    }
+
+    /// What can be judged on.
+    #[must_use]
+    pub fn evidence(&self) -> Evidence<'_> {
+        Evidence { beams: &self.beams, depth: self.depth_seen.then_some(&self.depth), memory: self.memory.as_ref() }
+    }
+
+    /// Where the handler is taken to be.
+    #[must_use]
+    pub fn handler(&self) -> &HandlerEstimate {
+        &self.handler
+    }
+}

@@ -1,0 +1,140 @@
+//! Policies: from a situation to probabilities over the action table, by geometry or by a learnt network.
+//!
+//! Whoever decides, the service on the robot or the evaluation, does it through [`Pilot`].
+
+pub mod geometric;
+mod learnt;
+mod model;
+mod runtime;
+
+use std::path::Path;
+
+use guidance::cue::turn_missed;
+use guidance::se2::pose2;
+use guidance::{ActionTable, Evidence, HandlerBody, Se2};
+use messages::{CueKind, MAX_ACTIONS, ScanHeader};
+
+pub use geometric::{GeometricConfig, GeometricEngine};
+pub use learnt::LearntEngine;
+pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, ModelKind, OBSERVATION, Trained};
+pub use runtime::RuntimeError;
+
+/// Probabilities over the action table; those beyond it are 0.
+pub type Probabilities = [f32; MAX_ACTIONS];
+
+/// What one decision is made from, all seen from where the robot is now.
+#[derive(Debug, Clone, Copy)]
+pub struct Situation<'a> {
+    /// Stands beside the ranges.
+    pub scan: &'a ScanHeader,
+    /// The lidar's readings, metres; see [`messages::LidarScan`].
+    pub ranges: &'a [f32],
+    /// Scan, depth and memory as the shield has them.
+    pub evidence: Evidence<'a>,
+    /// Where the handler is taken to be.
+    pub handler: HandlerBody,
+    /// The robot in the odometry frame.
+    pub odom_from_robot: Se2,
+    /// Which life of the odometry that frame belongs to; another one voids what was remembered.
+    pub odometry_incarnation: u32,
+    /// The robot in the cue's start frame.
+    pub start_from_robot: Se2,
+    /// The cue in force; stop where there is none.
+    pub cue: CueKind,
+    /// Whether the cue in force is another one than at the last decision.
+    pub cue_is_new: bool,
+}
+
+/// An engine could not decide.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum EngineError {
+    /// The network gave something that is no number.
+    #[error("the model's output {0} is not finite")]
+    NotFinite(&'static str),
+    /// The runtime failed.
+    #[error("the model could not be run: {0}")]
+    Run(String),
+}
+
+/// From a situation to probabilities. Called once in each decision period, whatever the cue, so that it can remember.
+pub trait Engine: Send {
+    /// Probabilities over the table that the engine was made for, summing to 1.
+    ///
+    /// # Errors
+    /// Where nothing could be decided.
+    fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError>;
+}
+
+impl Engine for GeometricEngine {
+    fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
+        let depth = situation.evidence.depth;
+        Ok(Self::decide(
+            self,
+            &geometric::Observation {
+                scan: situation.scan,
+                ranges: situation.ranges,
+                obstacles: depth.map_or(&[][..], guidance::DepthView::points),
+                odom_from_robot: pose2(&situation.odom_from_robot),
+                odometry_incarnation: situation.odometry_incarnation,
+                start_from_robot: pose2(&situation.start_from_robot),
+                cue: situation.cue,
+                cue_is_new: situation.cue_is_new,
+            },
+        ))
+    }
+}
+
+/// What every engine is held to: no engine decides against a stop, nor goes on looking for an opening for ever.
+pub struct Pilot {
+    engine: Box<dyn Engine>,
+}
+
+impl Pilot {
+    /// The pilot with that engine.
+    #[must_use]
+    pub fn new(engine: Box<dyn Engine>) -> Self {
+        Self { engine }
+    }
+
+    /// One decision: certain to stand where stop was asked for or a turn has found nothing to turn into
+    /// ([`turn_missed`]), the engine's probabilities otherwise.
+    ///
+    /// # Errors
+    /// Where the engine could not decide.
+    pub fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
+        let decided = self.engine.decide(situation)?;
+        let must_stand = situation.cue == CueKind::Stop || turn_missed(situation.cue, &situation.start_from_robot);
+        Ok(if must_stand { stand() } else { decided })
+    }
+}
+
+/// Certain to stand.
+#[must_use]
+pub fn stand() -> Probabilities {
+    let mut probabilities = [0.0; MAX_ACTIONS];
+    probabilities[ActionTable::STOP] = 1.0;
+    probabilities
+}
+
+/// The engine of a model; without one the geometric engine as it is built, for that team and table.
+///
+/// # Errors
+/// Where the runtime or the model cannot be loaded.
+pub fn engine(
+    model: Option<&Model>,
+    mut config: GeometricConfig,
+    table: &ActionTable,
+    library: Option<&Path>,
+) -> Result<Box<dyn Engine>, ModelError> {
+    match model.map(|model| &model.kind) {
+        Some(ModelKind::Learnt { bytes }) => {
+            let model = model.unwrap_or_else(|| unreachable!("it was matched"));
+            Ok(Box::new(LearntEngine::load(&model.path, bytes, &model.manifest, table, library)?))
+        }
+        Some(ModelKind::Geometric(tuning)) => {
+            tuning.apply(&mut config);
+            Ok(Box::new(GeometricEngine::new(config, table.clone())))
+        }
+        None => Ok(Box::new(GeometricEngine::new(config, table.clone()))),
+    }
+}

@@ -1,0 +1,302 @@
+//! Robot, handler and people, one decision at a time: for training and evaluation, which judge whole motions as
+//! Kim et al. 2023 do. [`crate::Physics`] moves them tick by tick, for the simulator.
+//!
+//! A motion in which robot or handler would touch something is refused: both stay where they were, and it is counted
+//! once. What people do goes on meanwhile: who yields stops in time, and who walks into robot or handler is held there
+//! and counted apart.
+
+use guidance::se2::{Point, Se2, exp, pose2, wrap_angle};
+use guidance::{Interaction, InteractionModel};
+use messages::{MAX_WALKERS, Twist2, Walker};
+use nalgebra::Vector2;
+use rand::{Rng, RngExt};
+
+use crate::people::Agent;
+use crate::physics::{HandlerConfig, RobotConfig, STEP_M};
+use crate::{People, Scene, World};
+
+/// A motion is swept in so many straight parts.
+const PARTS: usize = 5;
+
+/// A handler as they really are, whatever the shield is told of them.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HandlerProfile {
+    /// How they follow.
+    pub model: InteractionModel,
+    /// Swaying to either side while walking, metres.
+    pub sway_m: f64,
+    /// Period of the swaying, seconds.
+    pub sway_period_s: f64,
+}
+
+impl HandlerProfile {
+    /// Who follows just as the model says.
+    #[must_use]
+    pub fn exact(model: impl Into<InteractionModel>) -> Self {
+        Self { model: model.into(), sway_m: 0.0, sway_period_s: HandlerConfig::default().sway_period_s }
+    }
+
+    /// Who follows about as the model says: the default offset within 3 cm and 3 degrees (one standard deviation), and
+    /// who sways by up to 4 cm. What a fit to somebody leaves open.
+    #[must_use]
+    pub fn about(model: InteractionModel, random: &mut impl Rng) -> Self {
+        let sway_period_s = random.random_range(1.0..1.5);
+        Self { model, sway_m: random.random_range(0.0..0.04), sway_period_s }
+    }
+}
+
+/// What happened in one decision.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Stepped {
+    /// The robot would have touched something: the motion was refused.
+    pub robot_hit: bool,
+    /// The handler would have.
+    pub handler_hit: bool,
+    /// People who walked into robot or handler.
+    pub hit_by_others: u32,
+}
+
+impl Stepped {
+    /// Whether robot or handler moved into something.
+    #[must_use]
+    pub fn collided(&self) -> bool {
+        self.robot_hit || self.handler_hit
+    }
+}
+
+/// Robot, handler and people of a world.
+#[derive(Debug, Clone)]
+pub struct Team {
+    handler: HandlerProfile,
+    robot_radius_m: f64,
+    robot_height_m: f64,
+    handler_radius_m: f64,
+    handler_height_m: f64,
+    world_from_robot: Se2,
+    /// By the model alone, without the swaying.
+    robot_from_handler: Se2,
+    people: People,
+    walkers: [Walker; MAX_WALKERS],
+    /// Who touches whom: told once for each touch.
+    touching: [[bool; 2]; MAX_WALKERS],
+    time_s: f64,
+    walked_s: f64,
+}
+
+const ROBOT: usize = 0;
+const HANDLER: usize = 1;
+
+impl Team {
+    /// Robot and handler at rest, the handler at the default offset.
+    #[must_use]
+    pub fn new(world: &World, handler: HandlerProfile, world_from_robot: &Se2) -> Self {
+        let (robot, body) = (RobotConfig::default(), HandlerConfig::default());
+        let mut team = Self {
+            robot_from_handler: handler.model.robot_from_default(),
+            handler,
+            robot_radius_m: robot.radius_m,
+            robot_height_m: robot.height_m,
+            handler_radius_m: body.radius_m,
+            handler_height_m: body.height_m,
+            world_from_robot: *world_from_robot,
+            people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
+            walkers: [Walker::default(); MAX_WALKERS],
+            touching: [[false; 2]; MAX_WALKERS],
+            time_s: 0.0,
+            walked_s: 0.0,
+        };
+        team.note_walkers();
+        team
+    }
+
+    /// The robot.
+    #[must_use]
+    pub fn world_from_robot(&self) -> &Se2 {
+        &self.world_from_robot
+    }
+
+    /// The handler, swaying.
+    #[must_use]
+    pub fn world_from_handler(&self) -> Se2 {
+        self.world_from_robot * self.swayed(&self.robot_from_handler, self.walked_s)
+    }
+
+    /// What sensors look at.
+    #[must_use]
+    pub fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
+        Scene {
+            world,
+            world_from_robot: pose2(&self.world_from_robot),
+            world_from_handler: Some(pose2(&self.world_from_handler())),
+            walkers: &self.walkers[..self.people.len()],
+        }
+    }
+
+    /// Whether robot and handler stand free, with so much room about both and between them, metres.
+    #[must_use]
+    pub fn is_free(&self, world: &World, room_m: f64) -> bool {
+        let (robot, handler) = (place(&self.world_from_robot), place(&self.world_from_handler()));
+        [(ROBOT, robot), (HANDLER, nalgebra::center(&robot, &handler)), (HANDLER, handler)].iter().all(|(body, at)| {
+            let needed_m = self.radius_m(*body) + room_m;
+            let apart = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() > needed_m + walker.radius_m;
+            world.clearance(*at, self.z(*body), needed_m) >= needed_m
+                && self.walkers[..self.people.len()].iter().all(apart)
+        })
+    }
+
+    fn radius_m(&self, body: usize) -> f64 {
+        if body == ROBOT { self.robot_radius_m } else { self.handler_radius_m }
+    }
+
+    fn z(&self, body: usize) -> [f64; 2] {
+        [STEP_M, if body == ROBOT { self.robot_height_m } else { self.handler_height_m }]
+    }
+
+    fn swayed(&self, robot_from_handler: &Se2, walked_s: f64) -> Se2 {
+        let phase = std::f64::consts::TAU * walked_s / self.handler.sway_period_s;
+        let aside = Se2::translation(0.0, self.handler.sway_m * phase.sin());
+        aside * robot_from_handler
+    }
+
+    /// One decision: the robot moves at a constant velocity (robot frame) for `dt_s`.
+    pub fn step(&mut self, world: &World, velocity: Twist2, dt_s: f64) -> Stepped {
+        let (robot, offset, walked_s) = (self.world_from_robot, self.robot_from_handler, self.walked_s);
+        let part_s = dt_s / PARTS as f64;
+        let mut stepped = Stepped::default();
+        for part in 1..=PARTS {
+            stepped.hit_by_others += self.move_people(part_s, velocity);
+            if stepped.collided() {
+                continue;
+            }
+            let now = exp(velocity, part_s * part as f64);
+            let share = part as f64 / PARTS as f64;
+            let next = (robot * now, self.handler.model.follow(&offset, &now, share));
+            let next_walked_s = walked_s + if velocity.is_zero() { 0.0 } else { part_s * part as f64 };
+            let handler = next.0 * self.swayed(&next.1, next_walked_s);
+            stepped.robot_hit = self.is_blocked(world, ROBOT, place(&self.world_from_robot), place(&next.0));
+            stepped.handler_hit = self.is_blocked(world, HANDLER, place(&self.world_from_handler()), place(&handler));
+            if stepped.collided() {
+                (self.world_from_robot, self.robot_from_handler, self.walked_s) = (robot, offset, walked_s);
+            } else {
+                (self.world_from_robot, self.robot_from_handler, self.walked_s) = (next.0, next.1, next_walked_s);
+            }
+        }
+        // Normalised, so that rounding does not pile up.
+        let yaw_rad = wrap_angle(self.world_from_robot.rotation.angle());
+        self.world_from_robot = Se2::new(self.world_from_robot.translation.vector, yaw_rad);
+        stepped
+    }
+
+    fn is_blocked(&self, world: &World, body: usize, from: Point, to: Point) -> bool {
+        let radius_m = self.radius_m(body);
+        let into_person = |walker: &Walker| {
+            let (center, limit_m) = (Point::new(walker.x_m, walker.y_m), radius_m + walker.radius_m);
+            crate::sweep::free_share(from, to, limit_m, |p| (p - center).norm()).is_some()
+        };
+        world.free_share(from, to, radius_m, self.z(body)).is_some()
+            || self.walkers[..self.people.len()].iter().any(into_person)
+    }
+
+    /// Lets people walk on; how many of them walked into robot or handler, each touch once.
+    fn move_people(&mut self, dt_s: f64, velocity: Twist2) -> u32 {
+        if self.people.is_empty() {
+            return 0;
+        }
+        let places = [place(&self.world_from_robot), place(&self.world_from_handler())];
+        let agents = [ROBOT, HANDLER].map(|body| Agent { at: places[body], radius_m: self.radius_m(body) });
+        let mut touches = [[false; 2]; MAX_WALKERS];
+        self.people.step(self.time_s, dt_s, &agents, |person, agent| touches[person][agent] = true);
+        self.time_s += dt_s;
+        self.note_walkers();
+        let towards = self.world_from_robot.rotation * Vector2::new(velocity.vx_mps, velocity.vy_mps);
+        let mut hits = 0;
+        for (person, touched) in touches.iter().enumerate().take(self.people.len()) {
+            let at = Point::new(self.walkers[person].x_m, self.walkers[person].y_m);
+            for body in [ROBOT, HANDLER] {
+                // Who is being walked into is told by the team's own motion.
+                let closing = towards.dot(&(at - places[body])) > 0.05 * (at - places[body]).norm();
+                if touched[body] && !self.touching[person][body] && !closing {
+                    hits += 1;
+                }
+                let apart_m = (at - places[body]).norm() - self.walkers[person].radius_m - self.radius_m(body);
+                self.touching[person][body] = touched[body] || (self.touching[person][body] && apart_m < 0.05);
+            }
+        }
+        hits
+    }
+
+    fn note_walkers(&mut self) {
+        for (slot, walker) in self.walkers.iter_mut().zip(self.people.walkers()) {
+            *slot = walker;
+        }
+    }
+}
+
+fn place(pose: &Se2) -> Point {
+    Point::from(pose.translation.vector)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{HandlerProfile, Team};
+    use crate::prism::Prism;
+    use crate::{Person, Walk, World};
+    use guidance::DelayedHarness;
+    use guidance::se2::{Point, Se2};
+    use messages::Twist2;
+
+    const ON: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
+
+    fn team(world: &World) -> Team {
+        Team::new(world, HandlerProfile::exact(DelayedHarness::default()), &Se2::identity())
+    }
+
+    #[test]
+    fn the_handler_follows_as_the_model_says() {
+        let world = World::new(2.6, Vec::new());
+        let mut team = team(&world);
+        for _ in 0..40 {
+            assert_eq!(team.step(&world, ON, 0.5), super::Stepped::default());
+        }
+        assert!((team.world_from_robot().translation.x - 10.0).abs() < 1e-9);
+        // 0.75 behind, and the lag of alpha 0.4.
+        assert!((team.world_from_handler().translation.x - (10.0 - 0.75 - 0.25 * 0.4 / 0.6)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_motion_into_something_is_refused_and_counted_each_time() {
+        let wall = Prism::wall(vec![Point::new(0.45, -2.0), Point::new(0.45, 2.0)], [0.0, 2.0]);
+        let world = World::new(2.6, vec![wall]);
+        let mut team = team(&world);
+        assert!(team.is_free(&world, 0.1) && !team.is_free(&world, 0.2));
+        for _ in 0..2 {
+            let stepped = team.step(&world, ON, 0.5);
+            assert!(stepped.robot_hit && !stepped.handler_hit);
+            assert_eq!(team.world_from_robot(), &Se2::identity());
+        }
+        // Over the robot, but not over the handler.
+        let shelf = Prism::cuboid(Point::new(-0.2, -0.35), [0.2, 0.2], 0.0, [1.0, 1.4]);
+        let world = World::new(2.6, vec![shelf]);
+        let stepped = (0..4).map(|_| self::team(&world).step(&world, ON, 0.5)).next_back().expect("steps");
+        assert!(!stepped.robot_hit);
+        let mut team = self::team(&world);
+        assert!((0..4).any(|_| team.step(&world, ON, 0.5).handler_hit));
+    }
+
+    #[test]
+    fn who_walks_into_a_standing_team_is_counted_apart() {
+        let path = vec![Point::new(2.0, 0.0), Point::new(-2.0, 0.0)];
+        let person = Person { path, speed_mps: 1.0, radius_m: 0.25, walk: Walk::Once, yields: false, start_s: 0.0 };
+        let world = World::new(2.6, Vec::new()).with_people(vec![person]);
+        let mut team = team(&world);
+        let others: u32 = (0..12)
+            .map(|_| team.step(&world, Twist2::ZERO, 0.5))
+            .map(|stepped| {
+                assert!(!stepped.collided());
+                stepped.hit_by_others
+            })
+            .sum();
+        assert_eq!(others, 1, "one touch is one event");
+        assert!(team.step(&world, ON, 0.5).robot_hit, "walking into them is the team's own collision");
+    }
+}
