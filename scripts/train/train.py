@@ -13,6 +13,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback, ProgressBarCallback
 
 from shielded import Sectors, ShieldedPolicy
+from teaching import teach
 from vectors import Episodes
 
 
@@ -38,6 +39,7 @@ def parse():
     parser.add_argument("--channels", type=int, default=16)
     parser.add_argument("--option", action="append", default=[], metavar="KEY=NUMBER", help="of the environment")
     parser.add_argument("--threads", type=int, default=1, help="of torch")
+    parser.add_argument("--teach", type=float, default=0, help="environment steps of imitation before PPO")
     parser.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     parser.add_argument("--start", type=Path, help="begin with this model's weights")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -110,6 +112,9 @@ def main():
         )
         if arguments.start:
             model.set_parameters(arguments.start, exact_match=True)
+    if arguments.teach and not (arguments.resume and checkpoints):
+        teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
+        model.save(folder / "taught.zip")
     callbacks = [
         Reports(folder / "progress.jsonl"),
         CheckpointCallback(max(500_000 // arguments.environments, 1), str(folder), "checkpoint"),

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+pub mod evaluate;
 mod policy;
 
 use std::path::PathBuf;
@@ -67,6 +68,9 @@ pub enum Verb {
     /// Fit interaction models to recorded walks of handlers, and set them beside the paper's
     #[command(after_help = FIT_HELP)]
     Fit(FitArgs),
+    /// Run episodes of the wayfinding task with a policy, and tell how it fares
+    #[command(after_help = evaluate::HELP)]
+    Evaluate(evaluate::EvaluateArgs),
     /// Ask the shield itself: one case a line on standard input, one answer a line on standard output
     #[command(after_help = SHIELD_HELP)]
     Shield(ShieldArgs),

@@ -8,6 +8,7 @@ mod args;
 mod bench;
 mod control;
 mod doctor;
+mod evaluate;
 mod exit;
 mod fit;
 mod import;
@@ -103,6 +104,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),
+        Verb::Evaluate(args) => done(evaluate::evaluate(&args, json)),
         Verb::Shield(args) => done(shield::shield(&args, json)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use rayon::iter::{IndexedParallelIterator, IntoParallelRefMutIterator, ParallelIterator};
+use rayon::iter::{IndexedParallelIterator, IntoParallelRefIterator, IntoParallelRefMutIterator, ParallelIterator};
 
 use crate::config::Config;
 use crate::episode::Episode;
@@ -27,6 +27,8 @@ pub struct Finished {
 struct Place {
     episode: Episode,
     begun: u64,
+    /// Decisions of the running episode that are left.
+    left: usize,
     reward: f64,
     finished: Option<(Report, Vec<f32>, u32)>,
 }
@@ -46,7 +48,7 @@ impl Batch {
     pub fn new(config: &Arc<Config>, count: usize, seed: u64) -> Result<Self, world::ConfigError> {
         let place = |_| {
             let episode = Episode::new(config.clone())?;
-            Ok(Place { episode, begun: 0, reward: 0.0, finished: None })
+            Ok(Place { episode, begun: 0, left: 0, reward: 0.0, finished: None })
         };
         Ok(Self { places: (0..count).map(place).collect::<Result<_, _>>()?, seed })
     }
@@ -63,12 +65,15 @@ impl Batch {
         self.places.is_empty()
     }
 
-    /// Begins every place's first episode, or all of them anew with another seed.
+    /// Begins every place's first episode, or all of them anew with another seed. The first ones are cut short, each at
+    /// another decision: what is learnt from at one time is of all parts of an episode.
     pub fn begin(&mut self, seed: u64) {
         self.seed = seed;
+        let count = self.places.len();
         self.places.par_iter_mut().enumerate().for_each(|(i, place)| {
             place.begun = 0;
             place.next(seed, i);
+            place.left -= place.left * i / count;
         });
     }
 
@@ -82,7 +87,8 @@ impl Batch {
         self.places.par_iter_mut().with_min_len(8).zip(actions).enumerate().for_each(|(i, (place, action))| {
             let step = place.episode.step(*action);
             (place.reward, place.finished) = (step.reward, None);
-            if step.ended {
+            place.left -= 1;
+            if step.ended || place.left == 0 {
                 let episode = &place.episode;
                 place.finished = Some((episode.report(), episode.observation().to_vec(), episode.unsafe_mask()));
                 place.next(seed, i);
@@ -93,6 +99,12 @@ impl Batch {
     /// What every place is at now.
     pub fn episodes(&self) -> impl ExactSizeIterator<Item = &Episode> {
         self.places.iter().map(|place| &place.episode)
+    }
+
+    /// What the teacher would do in each.
+    #[must_use]
+    pub fn taught(&self) -> Vec<usize> {
+        self.places.par_iter().with_min_len(4).map(|place| place.episode.taught()).collect()
     }
 
     /// The rewards of the last step.
@@ -113,5 +125,6 @@ impl Place {
     fn next(&mut self, seed: u64, number: usize) {
         self.episode.begin(part_seed(part_seed(seed, number as u64), self.begun));
         self.begun += 1;
+        self.left = self.episode.decisions();
     }
 }

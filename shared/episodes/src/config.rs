@@ -8,7 +8,7 @@ use guidance::{
 };
 use messages::{CueKind, Pose2, Pose3};
 use rand::{Rng, RngExt};
-use world::{DepthConfig, GeneratorConfig, LidarConfig, OdometryConfig, Site};
+use world::{DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig};
 
 /// How exact the sensors are (Kim et al. 2023, section 5.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,8 +52,8 @@ pub enum RewardMeasure {
 pub enum Places {
     /// In another generated world each time.
     Generated(GeneratorConfig),
-    /// In these.
-    Sites(Arc<Vec<Site>>),
+    /// In corridors of these floor plans, with other things and people each time.
+    Plans(Arc<Vec<FloorPlan>>, GeneratorConfig),
 }
 
 /// See the module.
@@ -67,6 +67,12 @@ pub struct Config {
     pub harness: Harness,
     /// Who they are.
     pub handlers: Handlers,
+    /// Where the handler of the configuration walks, robot frame; others walk about there.
+    pub robot_from_handler: Pose2,
+    /// Their remembered share per decision; that of others is about as great.
+    pub alpha: f64,
+    /// What is known of a handler's body.
+    pub handler_limits: HandlerLimits,
     /// The actions.
     pub table: ActionTable,
     /// Decision period, seconds.
@@ -77,6 +83,9 @@ pub struct Config {
     pub cues: Vec<(CueKind, f64)>,
     /// Handlers face off the travel line by up to this, radians.
     pub orientation_max_rad: f64,
+    /// Cues to turn are given so much too early or too late at the most, metres of way before the place where they are
+    /// due; none: anywhere.
+    pub timing_max_m: Option<f64>,
     /// The reward.
     pub reward: RewardConfig,
     /// What the reward is measured by.
@@ -89,7 +98,7 @@ pub struct Config {
     pub lidar: LidarConfig,
     /// The depth camera, likewise; none: there is none.
     pub depth: Option<DepthConfig>,
-    /// Observations of the last so many decisions stand in one.
+    /// Observations of the last so many decisions stand in one; 0: none is made.
     pub frames: usize,
 }
 
@@ -100,12 +109,21 @@ impl Default for Config {
             noise: Noise::Noisy,
             harness: Harness::Delayed,
             handlers: Handlers::Personal,
+            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            alpha: 0.4,
+            handler_limits: HandlerLimits {
+                radius_m: 0.25,
+                seen_radius_m: 0.20,
+                speed_max_mps: 0.5,
+                not_seen_ns: 1_000_000_000,
+            },
             table: ActionTable::eight(),
             dt_s: 0.5,
             decisions: 100,
             cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
             orientation_max_rad: 30f64.to_radians(),
-            reward: RewardConfig { delta: Delta::Difference, ..RewardConfig::default() },
+            timing_max_m: None,
+            reward: RewardConfig { delta: Delta::Difference, motion_penalty: 0.02, ..RewardConfig::default() },
             measure: RewardMeasure::Line,
             shield: ShieldConfig {
                 robot_radius_m: 0.30,
@@ -160,26 +178,16 @@ impl Config {
         }
     }
 
-    /// What is known of a handler's body.
-    #[must_use]
-    pub fn handler_limits(&self) -> HandlerLimits {
-        let fastest = self.table.actions().iter().map(|action| action.velocity(self.dt_s).speed_mps());
-        HandlerLimits {
-            radius_m: 0.25,
-            seen_radius_m: 0.20,
-            speed_max_mps: fastest.fold(0.0, f64::max),
-            not_seen_ns: 1_000_000_000,
-        }
-    }
-
     /// How a handler follows, and what a fit to them has found.
     #[must_use]
     pub(crate) fn draw_handler(&self, random: &mut impl Rng) -> (InteractionModel, InteractionModel) {
         let mut about = |middle: f64, spread: f64| middle + spread * (random.random::<f64>() * 2.0 - 1.0);
         let (offset, alpha) = match self.handlers {
-            Handlers::Nominal => (Pose2::new(-0.75, -0.35, 0.0), 0.4),
+            Handlers::Nominal => (self.robot_from_handler, self.alpha),
             Handlers::Personal => {
-                (Pose2::new(about(-0.75, 0.12), about(-0.35, 0.10), about(0.0, 0.08)), about(0.4, 0.2))
+                let Pose2 { x_m, y_m, yaw_rad } = self.robot_from_handler;
+                let offset = Pose2::new(about(x_m, 0.12), about(y_m, 0.10), about(yaw_rad, 0.08));
+                (offset, about(self.alpha, 0.2).max(0.0))
             }
         };
         let fitted = match self.handlers {

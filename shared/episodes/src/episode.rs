@@ -15,6 +15,7 @@ use crate::config::{Config, Handlers, Places, RewardMeasure};
 use crate::part_seed;
 use crate::score::{Report, Score};
 use crate::task::Task;
+use crate::teacher::Teacher;
 
 /// Robot and handler begin with so much room about them, metres.
 const ROOM_M: f64 = 0.06;
@@ -45,7 +46,7 @@ struct Scenery {
 #[derive(Debug, Clone)]
 pub struct Episode {
     config: Arc<Config>,
-    seed: u64,
+    incarnation: u32,
     scenery: Option<Scenery>,
     lidar: LidarSensor,
     scan: Vec<f32>,
@@ -83,7 +84,7 @@ impl Episode {
         };
         let (_, told) = config.draw_handler(&mut ChaCha8Rng::seed_from_u64(0));
         Ok(Self {
-            seed: 0,
+            incarnation: 0,
             scenery: None,
             scan: vec![0.0; lidar.config().beams],
             scan_header: lidar.scan_header(),
@@ -92,7 +93,7 @@ impl Episode {
             odometry: OdometrySensor::new(config.odometry_config(), 0, 0)?,
             odom_from_robot: Se2::identity(),
             odom_from_before: Se2::identity(),
-            awareness: Awareness::new(told, config.handler_limits(), config.memory.clone()),
+            awareness: Awareness::new(told, config.handler_limits.clone(), config.memory.clone()),
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
             unsafe_mask: 0,
@@ -108,7 +109,7 @@ impl Episode {
 
     /// Begins the episode of a seed.
     pub fn begin(&mut self, seed: u64) {
-        self.seed = seed;
+        self.incarnation += 1;
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let (handler, told) = self.config.draw_handler(&mut random);
         let profile = match self.config.handlers {
@@ -132,7 +133,7 @@ impl Episode {
         if let Ok(odometry) = OdometrySensor::new(self.config.odometry_config(), part_seed(seed, 3), 0) {
             self.odometry = odometry;
         }
-        self.awareness = Awareness::new(told, self.config.handler_limits(), self.config.memory.clone());
+        self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
         (self.odom_from_start, self.odom_from_before) = (Se2::identity(), Se2::identity());
         self.sense();
@@ -142,13 +143,10 @@ impl Episode {
     fn draw_start(&self, cue: CueKind, profile: &HandlerProfile, random: &mut ChaCha8Rng) -> (Arc<Site>, Task, Team) {
         let mut site: Option<Arc<Site>> = None;
         for try_number in 0..TRIES {
-            let here = match (&self.config.places, site.take()) {
-                // A few tasks in each world, then another one.
-                (Places::Generated(_), Some(same)) if try_number % 8 != 0 => same,
-                (Places::Generated(config), _) => Arc::new(generate(config, random.random())),
-                (Places::Sites(sites), _) => Arc::new(sites[random.random_range(0..sites.len())].clone()),
-            };
-            if let Some(task) = Task::draw(&here.course, cue, self.config.orientation_max_rad, random) {
+            // A few tasks in each world, then another one.
+            let here = site.take().filter(|_| try_number % 8 != 0).or_else(|| self.draw_site(random));
+            let Some(here) = here else { continue };
+            if let Some(task) = Task::draw(&here.course, cue, &self.config, random) {
                 let team = Team::new(&here.world, profile.clone(), &task.world_from_robot);
                 if team.is_free(&here.world, ROOM_M) {
                     return (here, task, team);
@@ -157,6 +155,17 @@ impl Episode {
             site = Some(here);
         }
         unreachable!("in {TRIES} worlds there is room for robot and handler")
+    }
+
+    /// Another world; none where a floor plan's draw finds no way.
+    fn draw_site(&self, random: &mut ChaCha8Rng) -> Option<Arc<Site>> {
+        match &self.config.places {
+            Places::Generated(config) => Some(Arc::new(generate(config, random.random()))),
+            Places::Plans(plans, config) => {
+                let plan = &plans[random.random_range(0..plans.len())];
+                plan.site(config, random.random()).map(Arc::new)
+            }
+        }
     }
 
     fn scenery(&self) -> &Scenery {
@@ -214,8 +223,9 @@ impl Episode {
             before_from_robot: self.odom_from_before.inverse() * self.odom_from_robot,
             cue: self.cue,
         };
-        self.frames.push(&senses, self.cue_is_new);
-        self.cue_is_new = false;
+        if self.config.frames > 0 {
+            self.frames.push(&senses, self.cue_is_new);
+        }
     }
 
     /// What the policy sees: [`Config::frames`] observations, the newest last.
@@ -243,6 +253,47 @@ impl Episode {
         self.awareness.handler().robot_from_handler()
     }
 
+    /// Decisions of an episode.
+    #[must_use]
+    pub fn decisions(&self) -> usize {
+        self.config.decisions
+    }
+
+    /// What shield and policy know of the surroundings.
+    #[must_use]
+    pub fn awareness(&self) -> &Awareness {
+        &self.awareness
+    }
+
+    /// The newest scan.
+    #[must_use]
+    pub fn scan(&self) -> (&ScanHeader, &[f32]) {
+        (&self.scan_header, &self.scan)
+    }
+
+    /// Another number in each episode: nothing of the one before holds in its odometry frame.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.incarnation
+    }
+
+    /// The robot in the odometry frame.
+    #[must_use]
+    pub fn odom_from_robot(&self) -> &Se2 {
+        &self.odom_from_robot
+    }
+
+    /// The cue in force, the robot in its start frame, and whether it is another one than at the last decision.
+    #[must_use]
+    pub fn cue(&self) -> (CueKind, Se2, bool) {
+        (self.cue, self.odom_from_start.inverse() * self.odom_from_robot, self.cue_is_new)
+    }
+
+    /// Another cue is given, here and now.
+    pub fn give(&mut self, cue: CueKind) {
+        (self.cue, self.cue_is_new, self.odom_from_start) = (cue, true, self.odom_from_robot);
+    }
+
     /// The task.
     #[must_use]
     pub fn task(&self) -> &Task {
@@ -259,6 +310,14 @@ impl Episode {
     #[must_use]
     pub fn team(&self) -> &Team {
         &self.scenery().team
+    }
+
+    /// What the teacher would do now.
+    #[must_use]
+    pub fn taught(&self) -> usize {
+        let Scenery { site, task, team, .. } = self.scenery();
+        let table = &self.config.table;
+        Teacher { world: &site.world, team, line: &task.line, table, unsafe_mask: self.unsafe_mask }.action()
     }
 
     /// What became of it, so far.
@@ -281,6 +340,7 @@ impl Episode {
         let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum();
         scenery.score.step(&scenery.task, &world_from_handler, stepped, reward);
         self.decision += 1;
+        self.cue_is_new = false;
         self.sense();
         Step { reward, ended: self.decision >= self.config.decisions as u64 }
     }

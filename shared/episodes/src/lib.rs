@@ -6,14 +6,17 @@
 pub mod batch;
 pub mod config;
 pub mod episode;
+mod of_settings;
 pub mod score;
 pub mod task;
+pub mod teacher;
 
 pub use batch::{Batch, Finished};
 pub use config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
 pub use score::{Report, Score};
 pub use task::{Goal, Task};
+pub use teacher::Teacher;
 
 /// The seed of part `part` of something with the seed `seed`: what the parts draw does not hang together.
 #[must_use]

@@ -7,6 +7,8 @@ use messages::CueKind;
 use rand::{Rng, RngExt};
 use world::{Course, Opening, Side};
 
+use crate::config::Config;
+
 /// *Forward* is done when the handler is so far on along the corridor, metres,
 pub const ON_M: f64 = 10.0;
 /// or this near to its end: the robot is ahead of the handler, and stands before the wall.
@@ -21,6 +23,8 @@ pub const STILL_M: f64 = 0.3;
 pub const STILL_DECISIONS: usize = 10;
 /// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
 const BESIDE_M: f64 = 1.0;
+/// A cue to turn is due so far before the opening's middle, metres.
+const DUE_M: f64 = 1.5;
 /// The way of a handler who looks for an opening goes on so far before them, metres.
 const AHEAD_M: f64 = 0.75;
 
@@ -51,15 +55,18 @@ pub struct Task {
 }
 
 impl Task {
-    /// A task in a course: a cue, given somewhere by somebody who faces off the travel line by up to
-    /// `orientation_max_rad`. `None` where there is no room for one.
-    pub fn draw(course: &Course, cue: CueKind, orientation_max_rad: f64, random: &mut impl Rng) -> Option<Self> {
+    /// A task in a course: a cue, given by somebody who errs as [`Config::orientation_max_rad`] and
+    /// [`Config::timing_max_m`] say. `None` where there is no room for one.
+    pub fn draw(course: &Course, cue: CueKind, config: &Config, random: &mut impl Rng) -> Option<Self> {
         let length_m = course.line.length_m();
         let begin_m = 1.3;
         let side = side_of(cue);
         let mut way_m = random.random_range(begin_m..(length_m - 2.0).max(begin_m + 0.1));
         let openings: Vec<&Opening> = course.openings.iter().filter(|opening| Some(opening.side) == side).collect();
-        if !openings.is_empty() && random.random_bool(0.75) {
+        if let Some(timing_m) = config.timing_max_m.filter(|_| side.is_some()) {
+            let opening = openings.get(random.random_range(0..openings.len().max(1)))?;
+            way_m = opening.way_m - DUE_M - random.random_range(-timing_m..=timing_m);
+        } else if !openings.is_empty() && random.random_bool(0.75) {
             // Up to 12 m before an opening, or a little past it.
             let opening = openings[random.random_range(0..openings.len())];
             way_m = opening.way_m - random.random_range(-2.0..12.0);
@@ -72,7 +79,7 @@ impl Task {
         let at = course.line.at(way_m);
         let aside_m = (course.width_m / 2.0 - 0.65).max(0.05);
         let left_m = random.random_range(-aside_m..aside_m) + 0.17;
-        let yaw_rad = at.rotation.angle() + random.random_range(-1.0..1.0) * orientation_max_rad;
+        let yaw_rad = at.rotation.angle() + random.random_range(-1.0..1.0) * config.orientation_max_rad;
         let robot = at * Point::new(0.0, left_m);
         Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)))
     }

@@ -376,7 +376,7 @@ impl Default for ShieldSettings {
         Self {
             choice: Choice::ArgMax,
             seed: 1,
-            margin_m: 0.0,
+            margin_m: 0.04,
             unknown_gap_m: Positive::of(0.10),
             escape: true,
             unseen_limit_m2: None,

@@ -61,6 +61,14 @@ pub enum WorldError {
     /// A run has neither a scenario nor a map with a start.
     #[error("neither a scenario nor a map with a start is given")]
     NoScenario,
+    /// Robot and handler find no way in a floor plan.
+    #[error("{file}: there is no corridor of {length_m} m with room for robot and handler")]
+    NoWay {
+        /// The map.
+        file: String,
+        /// The shortest way of use, metres.
+        length_m: f64,
+    },
     /// Robot or handler is like none.
     #[error(transparent)]
     Config(#[from] ConfigError),

@@ -17,6 +17,9 @@ use crate::site::{Course, Site};
 use crate::world::DEFAULT_CEILING_M;
 use layout::Plan;
 
+pub(crate) use crowd::populate_course;
+pub(crate) use furnish::furnish_course;
+
 /// What a generated world is like. Shares are probabilities, 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct GeneratorConfig {
@@ -56,11 +59,10 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let plan = Plan::draw(config, &mut random);
     let mut prisms = plan.walls(config, &mut random);
-    let things = furnish::things(config, &plan, &mut random);
-    let people = crowd::people(config, &plan, &things, &mut random);
-    prisms.extend(things);
-    let world = World::new(DEFAULT_CEILING_M, prisms).with_people(people);
-    Site { world, course: plan.course() }
+    prisms.extend(furnish::things(config, &plan, &mut random));
+    let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());
+    let people = populate_course(config, &course, &world, &mut random);
+    Site { world: world.with_people(people), course }
 }
 
 /// A number between two.

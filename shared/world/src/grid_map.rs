@@ -66,8 +66,15 @@ impl GridMap {
     /// The cell at a place in the world; unknown off the map.
     #[must_use]
     pub fn at(&self, world: Point) -> Cell {
+        let (column, row) = self.cell_of(world);
+        self.cell(column, row)
+    }
+
+    /// Column and row at a place in the world, on the map or off it.
+    #[must_use]
+    pub fn cell_of(&self, world: Point) -> (i64, i64) {
         let p = self.to_cells(world);
-        self.cell(p.x.floor() as i64, p.y.floor() as i64)
+        (p.x.floor() as i64, p.y.floor() as i64)
     }
 
     /// The middle of a cell, in the world frame.

@@ -38,6 +38,7 @@ mod world_file;
 
 pub use depth::{DepthConfig, DepthSensor};
 pub use error::{ConfigError, WorldError};
+pub use floor_plan::FloorPlan;
 pub use generate::{GeneratorConfig, generate};
 pub use grid_map::{Cell, GridMap};
 pub use lidar::{LidarConfig, LidarSensor};

@@ -121,6 +121,31 @@ impl Team {
         self.world_from_robot * self.swayed(&self.robot_from_handler, self.walked_s)
     }
 
+    /// The handler in the robot's frame, without the swaying.
+    #[must_use]
+    pub fn robot_from_handler(&self) -> &Se2 {
+        &self.robot_from_handler
+    }
+
+    /// Who the handler is.
+    #[must_use]
+    pub fn handler(&self) -> &HandlerProfile {
+        &self.handler
+    }
+
+    /// The room that robot and handler would have if they were there, metres, at most `up_to_m`; less than 0 in
+    /// something. People are where they are now.
+    #[must_use]
+    pub fn room_m(&self, world: &World, world_from_robot: &Se2, world_from_handler: &Se2, up_to_m: f64) -> f64 {
+        let room_m = |body: usize, at: Point| {
+            let radius_m = self.radius_m(body);
+            let apart_m = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m - radius_m;
+            let in_world_m = world.clearance(at, self.z(body), radius_m + up_to_m) - radius_m;
+            self.walkers[..self.people.len()].iter().map(apart_m).fold(in_world_m, f64::min)
+        };
+        room_m(ROBOT, place(world_from_robot)).min(room_m(HANDLER, place(world_from_handler)))
+    }
+
     /// What sensors look at.
     #[must_use]
     pub fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {

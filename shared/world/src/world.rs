@@ -1,6 +1,7 @@
 //! A world: floor, ceiling, prisms, a floor plan where there is one, and walking people.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use guidance::se2::Point;
 use nalgebra::Vector2;
@@ -22,7 +23,7 @@ pub struct World {
     ceiling_m: f64,
     prisms: Vec<Prism>,
     index: SideIndex,
-    map: Option<GridMap>,
+    map: Option<Arc<GridMap>>,
     people: Vec<Person>,
 }
 
@@ -37,6 +38,13 @@ impl World {
     /// The same world on a floor plan.
     #[must_use]
     pub fn with_map(mut self, map: GridMap) -> Self {
+        self.map = Some(Arc::new(map));
+        self
+    }
+
+    /// The same world on a floor plan that others are on as well.
+    #[must_use]
+    pub fn with_shared_map(mut self, map: Arc<GridMap>) -> Self {
         self.map = Some(map);
         self
     }
@@ -93,7 +101,7 @@ impl World {
     /// The floor plan, if there is one.
     #[must_use]
     pub fn map(&self) -> Option<&GridMap> {
-        self.map.as_ref()
+        self.map.as_deref()
     }
 
     /// Who walks in it, and how.

@@ -74,3 +74,7 @@ class WayfindingVector(gymnasium.vector.VectorEnv):
             infos = self._add_info(infos, {"final_obs": final, "final_info": report}, place)
         observations = {"senses": senses, "unsafe": unsafe.astype(np.int8)}
         return observations, rewards, np.zeros(self.num_envs, bool), truncated, infos
+
+    def taught(self):
+        """What the teacher would do in each episode now."""
+        return self._episodes.taught()

@@ -10,6 +10,7 @@ use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use world::{FloorPlan, GeneratorConfig};
 
 /// Observations, and for each action whether the shield forbids it.
 type Seen<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>);
@@ -50,9 +51,8 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             }
             "maps" => {
                 let paths: Vec<PathBuf> = value.extract()?;
-                let sites = paths.iter().map(|path| world::floor_plan::sites(path).map_err(wrong));
-                let sites = sites.collect::<PyResult<Vec<_>>>()?;
-                config.places = Places::Sites(Arc::new(sites.concat()));
+                let plans: Result<Vec<FloorPlan>, _> = paths.iter().map(|path| FloorPlan::load(path)).collect();
+                config.places = Places::Plans(Arc::new(plans.map_err(wrong)?), GeneratorConfig::default());
             }
             "memory" => config.memory = config.memory.filter(|_| value.is_truthy().unwrap_or(true)),
             "decisions" => config.decisions = value.extract()?,
@@ -91,6 +91,12 @@ impl Episodes {
     fn begin<'py>(&mut self, py: Python<'py>, seed: u64) -> PyResult<Seen<'py>> {
         py.detach(|| self.batch.begin(seed));
         self.seen(py)
+    }
+
+    /// What the teacher would do in each: it knows the way, the world and the handler as they are.
+    fn taught<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+        let actions: Vec<i64> = py.detach(|| self.batch.taught()).into_iter().map(|action| action as i64).collect();
+        actions.into_pyarray(py)
     }
 
     /// One decision in each; an episode that ends is followed by another one at once.

@@ -7,7 +7,7 @@ use rand_chacha::ChaCha8Rng;
 use super::layout::{FULL, Plan};
 use super::{GeneratorConfig, beside, between};
 use crate::prism::Prism;
-use crate::site::Course;
+use crate::site::{Course, Opening};
 
 /// Things keep so far from each other along the way, metres: room to go from one side to the other.
 const APART_M: f64 = 2.2;
@@ -21,54 +21,66 @@ const CLOTH_M: f64 = 0.06;
 const LEAF_M: f64 = 0.85;
 const LEAF_THICK_M: f64 = 0.04;
 
-/// All things of the corridor, and one in some branches.
+/// All things of a generated corridor, and one in some branches.
 pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8Rng) -> Vec<Prism> {
-    let mut things = Vec::new();
     let course = plan.course();
-    let mut way_m = between(random, [0.5, 2.0]);
-    while config.clutter_per_m > 0.0 && way_m < course.line.length_m() - 1.0 {
-        let length_m = between(random, [0.2, 1.0]);
-        let at_mouth = |branch: &super::layout::Branch| {
-            branch.is_way && (branch.way_m - way_m).abs() < branch.width_m / 2.0 + length_m / 2.0 + MOUTH_M
-        };
-        if !plan.branches.iter().any(at_mouth) {
-            things.extend(thing(config, &course, way_m, length_m, random));
-        }
-        way_m += APART_M + length_m + between(random, [0.0, 2.0 / config.clutter_per_m]);
-    }
+    let mut things = furnish_course(config, &course, |_| [course.width_m / 2.0; 2], random);
     for branch in plan.branches.iter().filter(|branch| branch.is_way) {
         let line = plan.branch_line(branch);
         let from_m = plan.width_m / 2.0 + branch.width_m.max(1.5) + 1.5;
         if line.length_m() > from_m + 1.5 && random.random_bool((2.0 * config.clutter_per_m).min(0.5)) {
+            let way_m = between(random, [from_m, line.length_m() - 1.0]);
             let course = Course { width_m: branch.width_m, openings: Vec::new(), line };
-            let way_m = between(random, [from_m, course.line.length_m() - 1.0]);
-            things.extend(thing(config, &course, way_m, 0.5, random));
+            things.extend(thing(config, &course, [branch.width_m / 2.0; 2], [way_m, 0.5], random));
         }
     }
     things
 }
 
-/// One thing at a way along a corridor.
+/// What stands along a course; `free_m` tells how much room there is to the left and to the right of its middle at a way.
+pub(crate) fn furnish_course(
+    config: &GeneratorConfig,
+    course: &Course,
+    free_m: impl Fn(f64) -> [f64; 2],
+    random: &mut ChaCha8Rng,
+) -> Vec<Prism> {
+    let mut things = Vec::new();
+    let mut way_m = between(random, [0.5, 2.0]);
+    while config.clutter_per_m > 0.0 && way_m < course.line.length_m() - 1.0 {
+        let length_m = between(random, [0.2, 1.0]);
+        let at_mouth = |opening: &Opening| {
+            (opening.way_m - way_m).abs() < opening.width_m / 2.0 + length_m / 2.0 + MOUTH_M
+        };
+        if !course.openings.iter().any(at_mouth) {
+            things.extend(thing(config, course, free_m(way_m), [way_m, length_m], random));
+        }
+        way_m += APART_M + length_m + between(random, [0.0, 2.0 / config.clutter_per_m]);
+    }
+    things
+}
+
+/// One thing at a way along a corridor that is so wide to the left and to the right of its middle there.
 fn thing(
     config: &GeneratorConfig,
     course: &Course,
-    way_m: f64,
-    length_m: f64,
+    [left_m, right_m]: [f64; 2],
+    [way_m, length_m]: [f64; 2],
     random: &mut ChaCha8Rng,
 ) -> Option<Prism> {
     let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
-    let room_m = course.width_m - config.passage_m;
+    let width_m = left_m + right_m;
+    let room_m = width_m - config.passage_m;
     let yaw_rad = course.line.at(way_m).rotation.angle();
     // In the middle where both sides are wide enough, at a wall otherwise.
     let radius_m = between(random, [0.12, 0.3]);
-    if course.width_m > 2.0 * (config.passage_m + radius_m) && random.random_bool(0.4) {
+    if left_m.min(right_m) > config.passage_m + radius_m + 0.1 && random.random_bool(0.4) {
         return Some(Prism::pillar(beside(course, way_m, between(random, [-0.1, 0.1])), radius_m, FULL));
     }
     if room_m < LEAST_M {
         return None;
     }
     let depth_m = between(random, [LEAST_M, room_m.min(1.6)]);
-    let wall_m = side * course.width_m / 2.0;
+    let wall_m = if side > 0.0 { left_m } else { -right_m };
     let at_wall = |depth_m: f64| beside(course, way_m, wall_m - side * depth_m / 2.0);
     let cuboid = |z: [f64; 2]| Some(Prism::cuboid(at_wall(depth_m), [length_m, depth_m], yaw_rad, z));
     match random.random_range(0..10) {

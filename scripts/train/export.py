@@ -1,0 +1,92 @@
+#!/usr/bin/env python3
+"""Writes a trained policy as ONNX with its manifest: raw logits, never the shield."""
+
+import argparse
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import onnxruntime
+import torch
+from stable_baselines3 import PPO
+
+from guidedog_environment import ACTIONS, LENGTH, OBSERVATION
+
+# The handlers of training: see `Config::draw_handler` in shared/episodes.
+PERSONAL = {"alpha": [0.2, 0.6], "offset_x_m": [-0.87, -0.63], "offset_y_m": [-0.45, -0.25]}
+NOMINAL = {"alpha": [0.4, 0.4], "offset_x_m": [-0.75, -0.75], "offset_y_m": [-0.35, -0.35]}
+
+
+class Logits(torch.nn.Module):
+    def __init__(self, policy):
+        super().__init__()
+        self.policy = policy
+
+    def forward(self, senses):
+        features = self.policy.features_extractor({"senses": senses})
+        return self.policy.action_net(self.policy.mlp_extractor.forward_actor(features))
+
+
+def export(model, path):
+    """Writes the network; its greatest difference to torch over observations that never were."""
+    network = Logits(model.policy).eval().cpu()
+    width = model.observation_space["senses"].shape[0]
+    example = torch.rand(2, width)
+    torch.onnx.export(
+        network, (example,), str(path), dynamo=True, opset_version=18, external_data=False, verbose=False,
+        input_names=["senses"], output_names=["logits"],
+    ) if False else torch.onnx.export(
+        network, (example[:1],), str(path), dynamo=False, opset_version=17,
+        input_names=["senses"], output_names=["logits"],
+    )
+    session = onnxruntime.InferenceSession(str(path))
+    worst = 0.0
+    for _ in range(256):
+        senses = torch.rand(1, width)
+        (logits,) = session.run(None, {"senses": senses.numpy()})
+        with torch.no_grad():
+            worst = max(worst, float(np.abs(logits - network(senses).numpy()).max()))
+    return worst
+
+
+def manifest(path, arguments, steps, command):
+    handlers = PERSONAL if arguments["handlers"] == "personal" else NOMINAL
+    ranges = "\n".join(f"{key} = {value}" for key, value in handlers.items())
+    return f"""\
+sha256 = "{hashlib.sha256(path.read_bytes()).hexdigest()}"
+observation = "{OBSERVATION}"
+actions = "{ {8: "eight", 10: "ten"}[len(ACTIONS)] }"
+dt = "500ms"
+frames = {arguments["frames"]}
+
+[trained]
+steps = {steps}
+beta = {arguments["beta"]}
+noise = "{arguments["noise"]}"
+harness = "{arguments["harness"]}"
+seed = {arguments["seed"]}
+{ranges}
+command = {json.dumps(command)}
+"""
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("folder", type=Path, help="of the training")
+    parser.add_argument("output", type=Path, help="NAME.onnx; NAME.toml goes beside it")
+    parser.add_argument("--checkpoint", type=Path, help="instead of the folder's model.zip")
+    given = parser.parse_args()
+    model = PPO.load(given.checkpoint or given.folder / "model.zip", device="cpu")
+    arguments = json.loads((given.folder / "arguments.json").read_text())
+    given.output.parent.mkdir(parents=True, exist_ok=True)
+    worst = export(model, given.output)
+    if not worst < 1e-4:
+        raise SystemExit(f"the exported network differs from torch by {worst}")
+    text = manifest(given.output, arguments, model.num_timesteps, arguments.get("command", ""))
+    given.output.with_suffix(".toml").write_text(text)
+    print(f"{given.output}: {given.output.stat().st_size} bytes, differs from torch by at most {worst:.1e}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,110 @@
+//! Arguments of `guidedog evaluate`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+/// How many episodes of what, by whom.
+#[derive(Debug, Clone, Args)]
+pub struct EvaluateArgs {
+    /// `geometric`, or a model file (`NAME.onnx`, `NAME.geometric`) with its manifest beside it
+    #[arg(long, value_name = "geometric|FILE", default_value = "geometric")]
+    pub policy: PathBuf,
+    /// `generated`, or ROS maps (`MAP.yaml`), one or more
+    #[arg(long, value_name = "generated|MAP.yaml", num_args = 1.., default_value = "generated")]
+    pub worlds: Vec<PathBuf>,
+    /// Episodes: one cue and a hundred decisions each
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub episodes: u32,
+    /// How exact the sensors are
+    #[arg(long, value_enum, default_value_t = NoiseArg::Noisy)]
+    pub noise: NoiseArg,
+    /// The shield's suppression factor: 0 never takes what it forbids, 1 is no shield
+    #[arg(long, default_value_t = 0.0, value_name = "BETA")]
+    pub beta_test: f64,
+    /// How handlers follow
+    #[arg(long, value_enum, default_value_t = HarnessArg::Delayed)]
+    pub harness: HarnessArg,
+    /// Who they are: the configuration's, or another one in each episode
+    #[arg(long, value_enum, default_value_t = HandlersArg::Personal)]
+    pub handlers: HandlersArg,
+    /// What is asked
+    #[arg(long, value_enum, default_value_t = TasksArg::Mixed)]
+    pub tasks: TasksArg,
+    /// How an action is chosen among those that are left
+    #[arg(long, value_enum, default_value_t = ChoiceArg::Draw)]
+    pub choice: ChoiceArg,
+    /// Worlds, handlers, noise and draws follow from it
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// The same episodes without the shield as well, and the difference
+    #[arg(long)]
+    pub paired: bool,
+    /// Write pictures (SVG) of the first episodes, and of those that went wrong, into this folder
+    #[arg(long, value_name = "FOLDER")]
+    pub pictures: Option<PathBuf>,
+    /// Robot, sensors, handler and shield
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// See [`episodes::Noise`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum NoiseArg {
+    /// They measure what is
+    Ideal,
+    /// Gaussian lidar noise with drop-outs, Redwood depth noise at 1.0, drifting odometry
+    Noisy,
+}
+
+/// See [`episodes::Harness`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum HarnessArg {
+    /// At a fixed offset
+    Rigid,
+    /// By the delayed harness
+    Delayed,
+}
+
+/// See [`episodes::Handlers`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum HandlersArg {
+    /// The configuration's, as the model says
+    Nominal,
+    /// With offset, alpha and sway of their own
+    Personal,
+}
+
+/// What is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TasksArg {
+    /// Forward, left, right, anywhere
+    Mixed,
+    /// Forward, by handlers who face up to 30 degrees off the travel line, in empty corridors
+    Orientation,
+    /// Left and right, up to 5 m too early or too late
+    Timing,
+}
+
+/// How an action is chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ChoiceArg {
+    /// One by their probabilities
+    Draw,
+    /// The most probable one
+    ArgMax,
+}
+
+/// Examples of `guidedog evaluate --help`.
+pub const HELP: &str = "\
+Examples:
+  guidedog evaluate --policy config/policies/guide.onnx --episodes 2000
+  guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
+  guidedog evaluate --policy config/policies/guide.onnx --tasks timing --pictures pictures
+
+An episode is one cue and a hundred decisions. A motion in which robot or handler would touch something is refused and
+counted as one collision; who walks into them is counted as hit_by_others. Most people stop where robot or handler is
+within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
+Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the handler is 2 m
+inside the opening asked for and within 20 degrees of its axis, or stands still at the end where there is none within
+15 m; stop, the next decision stands.";

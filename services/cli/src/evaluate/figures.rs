@@ -1,0 +1,143 @@
+//! What many episodes amount to, with intervals of 95 %.
+
+use episodes::Report;
+use messages::CueKind;
+use serde_json::{Value, json};
+
+use super::course::Course;
+use crate::out::number;
+
+/// Of the normal distribution, for 95 %.
+const Z: f64 = 1.959_964;
+
+/// A mean with its interval: of numbers, by the normal distribution.
+fn mean(values: impl Iterator<Item = f64>) -> Value {
+    let values: Vec<f64> = values.collect();
+    let n = values.len() as f64;
+    if values.is_empty() {
+        return Value::Null;
+    }
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let half = Z * (variance / n).sqrt();
+    json!({ "mean": mean, "lo": mean - half, "hi": mean + half, "n": values.len() })
+}
+
+/// A ratio with its interval (Wilson 1927).
+fn ratio(hits: impl Iterator<Item = bool>) -> Value {
+    let hits: Vec<bool> = hits.collect();
+    let n = hits.len() as f64;
+    if hits.is_empty() {
+        return Value::Null;
+    }
+    let p = hits.iter().filter(|hit| **hit).count() as f64 / n;
+    let (z2, center) = (Z * Z, p + Z * Z / (2.0 * n));
+    let half = Z * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + z2 / n;
+    json!({ "mean": p, "lo": ((center - half) / scale).max(0.0), "hi": ((center + half) / scale).min(1.0), "n": hits.len() })
+}
+
+/// Adds the figures of these episodes to a report.
+pub fn add(report: &mut Value, courses: &[Course]) {
+    let reports = || courses.iter().map(|course| &course.report);
+    let of = |value: fn(&Report) -> f64| mean(reports().map(value));
+    let share = |count: fn(&Report) -> u32| mean(reports().map(|r| f64::from(count(r)) / f64::from(r.decisions.max(1))));
+    let success = |wanted: &dyn Fn(&Report) -> bool| ratio(reports().filter(|r| wanted(r)).map(|r| r.success));
+    let is_turn = |r: &Report| matches!(r.cue, CueKind::Left | CueKind::Right);
+    let mut latency: Vec<f32> = courses.iter().flat_map(|course| course.latency_us.iter().copied()).collect();
+    latency.sort_by(f32::total_cmp);
+    let quantile = |share: f64| latency.get(((latency.len() as f64 * share) as usize).min(latency.len() - 1));
+    let figures = json!({
+        "collision_free": ratio(reports().map(|r| r.collisions == 0)),
+        "collisions_per_episode": of(|r| f64::from(r.collisions)),
+        "robot_collisions": of(|r| f64::from(r.robot_collisions)),
+        "handler_collisions": of(|r| f64::from(r.handler_collisions)),
+        "hit_by_others": of(|r| f64::from(r.hit_by_others)),
+        "distance_m": of(|r| r.distance_m),
+        "walked_m": of(|r| r.walked_m),
+        "cue_success": {
+            "all": success(&|_| true),
+            "forward": success(&|r| r.cue == CueKind::Forward),
+            "left": success(&|r| r.cue == CueKind::Left),
+            "right": success(&|r| r.cue == CueKind::Right),
+            "turn_taken": success(&|r| is_turn(r) && !r.to_stand),
+            "turn_nowhere": success(&|r| is_turn(r) && r.to_stand),
+            "stop": ratio(courses.iter().map(|course| course.stopped)),
+        },
+        "orientation_corrected": ratio(reports().filter_map(|r| r.corrected)),
+        "all_unsafe": share(|r| r.all_unsafe),
+        "unsafe_taken": share(|r| r.unsafe_taken),
+        "longest_freeze": of(|r| f64::from(r.longest_freeze)),
+        "reward": of(|r| r.reward),
+        "decision_us": { "p50": quantile(0.5), "p99": quantile(0.99), "n": latency.len() },
+    });
+    if let (Value::Object(report), Value::Object(figures)) = (report, figures) {
+        report.extend(figures);
+    }
+}
+
+/// What the shield changed, episode by episode.
+pub fn difference(with: &[Course], without: &[Course]) -> Value {
+    let pairs = || with.iter().zip(without).map(|(a, b)| (&a.report, &b.report));
+    let free = |r: &Report| f64::from(u8::from(r.collisions == 0));
+    let before_m = pairs().map(|(_, b)| b.distance_m).sum::<f64>() / with.len().max(1) as f64;
+    let mut relative = mean(pairs().map(|(a, b)| (a.distance_m - b.distance_m) / before_m.max(1e-9)));
+    relative["of_m"] = json!(before_m);
+    json!({
+        "collision_free": mean(pairs().map(|(a, b)| free(a) - free(b))),
+        "distance_share": relative,
+    })
+}
+
+/// The report as lines for people.
+pub fn text(report: &Value) -> String {
+    let mut lines = Vec::new();
+    let row = |name: &str, at: &str, digits: usize| {
+        let interval = report.pointer(at).filter(|value| value.is_object())?;
+        let value = |key| number(interval, key);
+        let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
+        Some(format!("{name:<34}{mean:>9.digits$}  [{lo:.digits$}, {hi:.digits$}]  n = {n}"))
+    };
+    let rows = [
+        ("collision-free episodes", "/collision_free", 3),
+        ("collisions per episode", "/collisions_per_episode", 3),
+        ("  of the robot", "/robot_collisions", 3),
+        ("  of the handler", "/handler_collisions", 3),
+        ("hit by others, per episode", "/hit_by_others", 3),
+        ("distance from the cue, m", "/distance_m", 2),
+        ("cue followed", "/cue_success/all", 3),
+        ("  forward", "/cue_success/forward", 3),
+        ("  left", "/cue_success/left", 3),
+        ("  right", "/cue_success/right", 3),
+        ("  into an opening", "/cue_success/turn_taken", 3),
+        ("  where there was none", "/cue_success/turn_nowhere", 3),
+        ("  stop", "/cue_success/stop", 3),
+        ("orientation corrected in 3 m", "/orientation_corrected", 3),
+        ("steps with every action unsafe", "/all_unsafe", 4),
+        ("reward (eq. 1, from the start)", "/reward", 2),
+        ("without shield: collision-free", "/without_shield/collision_free", 3),
+        ("without shield: distance, m", "/without_shield/distance_m", 2),
+        ("gain of collision-free", "/difference/collision_free", 3),
+        ("change of distance, share", "/difference/distance_share", 4),
+    ];
+    lines.extend(rows.into_iter().filter_map(|(name, at, digits)| row(name, at, digits)));
+    let us = |key: &str| number(report, &format!("/decision_us/{key}"));
+    lines.push(format!("{:<34}{:>9.0}  p99 {:.0} us", "decision, p50", us("p50"), us("p99")));
+    lines.join("\n")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{mean, ratio};
+
+    #[test]
+    fn intervals_are_those_of_the_books() {
+        // Wilson's interval of 9 in 10.
+        let nine = ratio((0..10).map(|i| i > 0));
+        assert!((nine["lo"].as_f64().expect("a number") - 0.5958).abs() < 1e-3, "{nine}");
+        assert!((nine["hi"].as_f64().expect("a number") - 0.9821).abs() < 1e-3, "{nine}");
+        let four = mean([1.0, 2.0, 3.0, 4.0].into_iter());
+        assert!((four["hi"].as_f64().expect("a number") - 2.5 - 1.96 * 0.6455).abs() < 1e-3, "{four}");
+        assert!(mean(std::iter::empty()).is_null() && ratio(std::iter::empty()).is_null());
+    }
+}

@@ -1,0 +1,205 @@
+//! `guidedog evaluate`: many episodes, on all cores, and what became of them.
+
+mod course;
+mod figures;
+mod picture;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::Duration;
+
+use episodes::{Config, Handlers, Harness, Noise, Places, part_seed};
+use indicatif::{ProgressBar, ProgressStyle};
+use messages::CueKind;
+use policies::{Expected, GeometricConfig, Model, Pilot};
+use serde_json::{Value, json};
+use settings::{Profile, Settings};
+use world::{FloorPlan, GeneratorConfig};
+
+use crate::args::evaluate::{ChoiceArg, EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
+use crate::exit::Failure;
+use crate::out::{self, say};
+use course::{Course, walk};
+
+/// Cues are given so much too early or too late, metres.
+const TIMING_M: f64 = 5.0;
+/// Pictures of the first episodes, and of so many that went wrong.
+const PICTURES: usize = 12;
+
+/// `guidedog evaluate`.
+///
+/// # Errors
+/// Where a file cannot be read or written, or an argument is out of its bounds.
+pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
+    if !(0.0..=1.0).contains(&args.beta_test) {
+        return Err(Failure::input(format!("--beta-test is {}, not in 0..1", args.beta_test)));
+    }
+    let settings = crate::prepare::load(Profile::Walk, args.config.as_deref())?;
+    let evaluation = Evaluation::of(args, settings)?;
+    let courses = evaluation.run(args, args.beta_test)?;
+    let mut report = json!({
+        "policy": args.policy,
+        "worlds": args.worlds,
+        "episodes": args.episodes,
+        "noise": word(&args.noise),
+        "beta_test": args.beta_test,
+        "harness": word(&args.harness),
+        "handlers": word(&args.handlers),
+        "tasks": word(&args.tasks),
+        "choice": word(&args.choice),
+        "seed": args.seed,
+    });
+    figures::add(&mut report, &courses);
+    if args.paired {
+        let without = evaluation.run(args, 1.0)?;
+        report["without_shield"] = json!({});
+        figures::add(&mut report["without_shield"], &without);
+        report["difference"] = figures::difference(&courses, &without);
+    }
+    if let Some(folder) = &args.pictures {
+        draw(folder, &courses)?;
+    }
+    if as_json {
+        return out::json(&report);
+    }
+    tell(&report);
+    Ok(())
+}
+
+/// The word of an argument's choice, as it is given.
+fn word(choice: &impl clap::ValueEnum) -> Option<String> {
+    choice.to_possible_value().map(|value| value.get_name().to_owned())
+}
+
+/// What all episodes have in common.
+struct Evaluation {
+    settings: Settings,
+    config: Arc<Config>,
+    model: Option<Model>,
+}
+
+impl Evaluation {
+    fn of(args: &EvaluateArgs, settings: Settings) -> Result<Self, Failure> {
+        let table = settings.policy.actions.table();
+        let expected = Expected { table, dt_ns: settings.policy.dt.ns() };
+        let model = if args.policy == Path::new("geometric") {
+            None
+        } else {
+            Some(Model::load(&args.policy, &expected).map_err(Failure::of_input)?)
+        };
+        let config = Arc::new(config(args, &settings)?);
+        Ok(Self { settings, config, model })
+    }
+
+    fn pilot(&self) -> Result<Pilot, Failure> {
+        let table = self.settings.policy.actions.table();
+        let geometric = GeometricConfig::of(&self.settings).map_err(Failure::of_input)?;
+        let library = self.settings.policy.onnx_runtime.as_deref();
+        let engine = policies::engine(self.model.as_ref(), geometric, &table, library).map_err(Failure::of_input)?;
+        Ok(Pilot::new(engine))
+    }
+
+    /// All episodes, in order, whoever ran them.
+    fn run(&self, args: &EvaluateArgs, beta: f64) -> Result<Vec<Course>, Failure> {
+        let count = args.episodes as usize;
+        let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count);
+        let pilots = (0..workers).map(|_| self.pilot()).collect::<Result<Vec<_>, _>>()?;
+        let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
+        let work = |mut pilot: Pilot| -> Result<Vec<(usize, Course)>, Failure> {
+            let mut episode = episodes::Episode::new(self.config.clone()).map_err(Failure::of_input)?;
+            let mut done = Vec::new();
+            loop {
+                let number = next.fetch_add(1, Ordering::Relaxed);
+                if number >= count {
+                    return Ok(done);
+                }
+                let seed = part_seed(args.seed, number as u64);
+                let draw = args.choice == ChoiceArg::Draw;
+                let traced = args.pictures.is_some();
+                done.push((number, walk(&mut episode, &mut pilot, &self.config, seed, beta, draw, traced)?));
+                bar.inc(1);
+            }
+        };
+        let mut courses = std::thread::scope(|scope| {
+            let handles: Vec<_> = pilots.into_iter().map(|pilot| scope.spawn(move || work(pilot))).collect();
+            let joined = handles.into_iter().map(|handle| {
+                handle.join().unwrap_or_else(|_| Err(Failure::run("an episode panicked")))
+            });
+            joined.collect::<Result<Vec<_>, _>>()
+        })?
+        .concat();
+        bar.finish_and_clear();
+        courses.sort_by_key(|(number, _)| *number);
+        Ok(courses.into_iter().map(|(_, course)| course).collect())
+    }
+}
+
+/// A bar for people, where there are any.
+fn progress(count: u64) -> ProgressBar {
+    let bar = ProgressBar::new(count);
+    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} episodes, {eta} left");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.enable_steady_tick(Duration::from_millis(500));
+    bar
+}
+
+fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
+    let mut config = Config::of(settings).map_err(Failure::of_input)?;
+    config.frames = 0;
+    config.noise = match args.noise {
+        NoiseArg::Ideal => Noise::Ideal,
+        NoiseArg::Noisy => Noise::Noisy,
+    };
+    config.harness = match args.harness {
+        HarnessArg::Rigid => Harness::Rigid,
+        HarnessArg::Delayed => Harness::Delayed,
+    };
+    config.handlers = match args.handlers {
+        HandlersArg::Nominal => Handlers::Nominal,
+        HandlersArg::Personal => Handlers::Personal,
+    };
+    config.measure = episodes::RewardMeasure::Start;
+    config.reward.motion_penalty = 0.0;
+    let mut worlds = GeneratorConfig::default();
+    match args.tasks {
+        TasksArg::Mixed => {}
+        TasksArg::Orientation => {
+            config.cues = vec![(CueKind::Forward, 1.0)];
+            (worlds.clutter_per_m, worlds.people) = (0.0, 0.0);
+        }
+        TasksArg::Timing => {
+            config.cues = vec![(CueKind::Left, 0.5), (CueKind::Right, 0.5)];
+            config.timing_max_m = Some(TIMING_M);
+        }
+    }
+    config.places = if args.worlds == [Path::new("generated")] {
+        Places::Generated(worlds)
+    } else {
+        let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();
+        Places::Plans(Arc::new(plans.map_err(Failure::of_input)?), worlds)
+    };
+    Ok(config)
+}
+
+fn draw(folder: &Path, courses: &[Course]) -> Result<(), Failure> {
+    let failed = |path: &Path, error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
+    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
+    let wrong = |course: &&(usize, &Course)| course.1.report.collisions > 0 || !course.1.report.success;
+    let numbered: Vec<(usize, &Course)> = courses.iter().enumerate().collect();
+    for (kind, chosen) in [
+        ("first", numbered.iter().take(PICTURES).collect::<Vec<_>>()),
+        ("wrong", numbered.iter().filter(wrong).take(PICTURES).collect()),
+    ] {
+        for (number, course) in chosen {
+            let path = folder.join(format!("{kind}-{number}.svg"));
+            std::fs::write(&path, picture::svg(course)).map_err(|error| failed(&path, error))?;
+        }
+    }
+    Ok(())
+}
+
+/// The report for people.
+fn tell(report: &Value) {
+    say(figures::text(report));
+}
