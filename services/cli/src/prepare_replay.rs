@@ -121,21 +121,13 @@ fn keep_plan(args: &ReplayArgs, settings: &mut Settings) {
         settings.planned.clear();
         return;
     }
-    let is_played = |source: Source| source == Source::Replayed;
-    let (lidar, depth, odometry) =
-        (is_played(settings.lidar.source), is_played(settings.depth.source), is_played(settings.odometry.source));
-    let cue = settings.cue.source == CueOrigin::Replayed;
-    let played = |service: &ServiceId| match service {
-        ServiceId::Lidar => lidar,
-        ServiceId::Depth => depth,
-        ServiceId::Odometry => odometry,
-        ServiceId::Cue => cue,
-        _ => false,
-    };
+    let played = settings.replayed_topics();
+    let publishes =
+        |service: &ServiceId| played.iter().any(|t| t.spec().is_some_and(|spec| spec.publishers.contains(service)));
     settings.planned.retain(|planned| match &planned.ask {
-        Ask::Cue { .. } => !cue,
+        Ask::Cue { .. } => !played.contains(&TopicId::Cue),
         Ask::Inject { target, fault, .. } => {
-            messages::fault::parse(target, fault).is_ok_and(|(target, _)| !target.publishers().iter().any(&played))
+            messages::fault::parse(target, fault).is_ok_and(|(target, _)| !target.publishers().iter().any(&publishes))
         }
         _ => true,
     });

@@ -69,17 +69,6 @@ impl Seqs {
     }
 }
 
-/// The streams that these settings take from a recording.
-fn topics(settings: &Settings) -> Vec<TopicId> {
-    let sources = [
-        (settings.lidar.source, TopicId::LidarScan),
-        (settings.depth.source, TopicId::DepthFrame),
-        (settings.odometry.source, TopicId::Odometry),
-    ];
-    let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed).map(|(_, topic)| topic);
-    replayed.chain((settings.cue.source == CueOrigin::Replayed).then_some(TopicId::Cue)).collect()
-}
-
 impl Playlist {
     /// Opens the recording at `path` at the beginning of the part that the settings name.
     ///
@@ -94,7 +83,7 @@ impl Playlist {
         let mut playlist = Self {
             path,
             reader,
-            topics: topics(settings),
+            topics: settings.replayed_topics(),
             part: (from_ns, to_ns),
             times: settings.replay.times.into(),
             pass: 0,

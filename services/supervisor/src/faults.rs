@@ -20,8 +20,8 @@ const FILL_MAX_BYTES: u64 = 128 << 20;
 #[derive(Debug, Default)]
 pub struct Faults {
     allowed: bool,
-    /// Those that last, with the run time of their end.
-    lasting: Vec<(Injection, u64)>,
+    /// Those that last.
+    lasting: Vec<Injection>,
 }
 
 impl Faults {
@@ -31,22 +31,20 @@ impl Faults {
         Self { allowed, lasting: Vec::new() }
     }
 
-    fn keep(&mut self, injection: Injection, now_ns: u64) {
-        self.lasting.retain(|(old, _)| old.target != injection.target);
+    fn keep(&mut self, injection: Injection) {
+        self.lasting.retain(|old| old.target != injection.target);
         if injection.fault.is_some() {
-            let until_ns = injection.for_ns.map_or(u64::MAX, |span| now_ns.saturating_add(span));
-            self.lasting.push((injection, until_ns));
+            self.lasting.push(injection);
         }
     }
 
     /// What a new life of a publisher has to suffer: the faults of its streams, which know their end.
     fn inherited(&self, service: ServiceId, now_ns: u64) -> Vec<Injection> {
-        let of_it = |(injection, until_ns): &(Injection, u64)| {
+        let of_it = |injection: &&Injection| {
             let stream = matches!(injection.target, Target::Stream(..));
-            let lasts = stream && now_ns < *until_ns && injection.target.publishers().contains(&service);
-            lasts.then_some(*injection)
+            stream && now_ns < injection.until_ns() && injection.target.publishers().contains(&service)
         };
-        self.lasting.iter().filter_map(of_it).collect()
+        self.lasting.iter().filter(of_it).copied().collect()
     }
 }
 
@@ -78,7 +76,7 @@ impl Supervisor {
         {
             return refused(why);
         }
-        self.faults.keep(injection, io.now_ns());
+        self.faults.keep(injection);
         self.figures.note(io.now_ns(), format!("fault injected: {target} {fault}"));
         json!({ "ok": true, "at_ns": at_ns })
     }
@@ -133,13 +131,10 @@ impl Supervisor {
 
     /// The life of a service that a fault of its process is meant for: of two policies the one in force.
     pub(crate) fn victim(&self, service: ServiceId) -> Option<u32> {
+        let lives = || self.children.running().iter().filter(|c| c.service == service).map(|c| c.incarnation);
         let active = self.machine.mode().active_policy;
-        let running = self.children.running();
-        let in_force = |c: &&crate::children::Running| (c.service, c.incarnation) == (ServiceId::Policy, active);
-        running.iter().find(in_force).map(|c| c.incarnation).filter(|_| service == ServiceId::Policy).or_else(|| {
-            let lives = running.iter().filter(|c| c.service == service);
-            lives.map(|c| c.incarnation).max()
-        })
+        let in_force = service == ServiceId::Policy && lives().any(|life| life == active);
+        if in_force { Some(active) } else { lives().max() }
     }
 
     fn inject_host(&mut self, injection: &Injection, io: &Io) -> Result<(), String> {
@@ -167,8 +162,8 @@ impl Supervisor {
     /// Ends what has lasted long enough and does not end by itself.
     pub(crate) fn end_faults(&mut self, io: &Io) {
         let now_ns = io.now_ns();
-        let over = self.faults.lasting.iter().filter(|(_, until_ns)| now_ns >= *until_ns);
-        let over: Vec<Injection> = over.map(|(injection, _)| Injection { fault: None, ..*injection }).collect();
+        let over = self.faults.lasting.iter().filter(|injection| now_ns >= injection.until_ns());
+        let over: Vec<Injection> = over.map(|injection| Injection { fault: None, ..*injection }).collect();
         for mended in over {
             // A service that is down has lost its fault with its life.
             let _ = match mended.target {
@@ -176,7 +171,7 @@ impl Supervisor {
                 Target::Service(service) => self.inject_service(service, &mended, io),
                 Target::Host => self.inject_host(&mended, io),
             };
-            self.faults.keep(mended, now_ns);
+            self.faults.keep(mended);
         }
     }
 }
@@ -230,12 +225,12 @@ mod tests {
         let mut faults = Faults::new(true);
         let scan = Target::Stream(TopicId::LidarScan, ServiceId::None);
         let off = Injection { target: scan, fault: Some(Fault::Off), seed: 1, since_ns: 500, for_ns: Some(1000) };
-        faults.keep(off, 500);
-        faults.keep(Injection { target: Target::Service(ServiceId::Lidar), fault: Some(Fault::Leak), ..off }, 500);
+        faults.keep(off);
+        faults.keep(Injection { target: Target::Service(ServiceId::Lidar), fault: Some(Fault::Leak), ..off });
         assert_eq!(faults.inherited(ServiceId::Lidar, 1200), [off]);
         assert_eq!(faults.inherited(ServiceId::Depth, 1200), []);
         assert_eq!(faults.inherited(ServiceId::Lidar, 1500), []);
-        faults.keep(Injection { fault: None, ..off }, 1300);
+        faults.keep(Injection { fault: None, ..off });
         assert_eq!(faults.inherited(ServiceId::Lidar, 1300), []);
     }
 }

@@ -58,7 +58,12 @@ impl Teacher<'_> {
     pub fn action(&self) -> usize {
         let (robot, robot_from_handler) = (*self.team.world_from_robot(), *self.team.robot_from_handler());
         let foot_m = |pose: &Se2| self.line.foot(place(pose)).way_m;
-        let now = State { robot, robot_from_handler, robot_m: foot_m(&robot), handler_m: foot_m(&(robot * robot_from_handler)) };
+        let now = State {
+            robot,
+            robot_from_handler,
+            robot_m: foot_m(&robot),
+            handler_m: foot_m(&(robot * robot_from_handler)),
+        };
         let mut best = (f64::NEG_INFINITY, ActionTable::STOP);
         for action in 0..self.table.len() {
             if self.unsafe_mask >> action & 1 == 0 {

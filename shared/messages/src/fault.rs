@@ -254,6 +254,14 @@ pub struct Injection {
     pub for_ns: Option<u64>,
 }
 
+impl Injection {
+    /// Run time at which it ends by itself, nanoseconds.
+    #[must_use]
+    pub fn until_ns(&self) -> u64 {
+        self.for_ns.map_or(u64::MAX, |span| self.since_ns.saturating_add(span))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::{FAULTS, Fault, STREAMS, Target};

@@ -8,7 +8,7 @@ use guidance::{
     DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness, RotatingRod,
     ShieldConfig,
 };
-use messages::{NS_PER_S, Pose2, Pose3};
+use messages::{NS_PER_S, Pose2, Pose3, TopicId};
 use serde::{Deserialize, Serialize};
 
 use crate::planned::Planned;
@@ -75,6 +75,18 @@ impl Settings {
     pub fn replays(&self) -> bool {
         let sensors = [self.lidar.source, self.depth.source, self.odometry.source];
         sensors.contains(&Source::Replayed) || self.cue.source == CueOrigin::Replayed
+    }
+
+    /// The streams that are taken from a recording.
+    #[must_use]
+    pub fn replayed_topics(&self) -> Vec<TopicId> {
+        let sources = [
+            (self.lidar.source, TopicId::LidarScan),
+            (self.depth.source, TopicId::DepthFrame),
+            (self.odometry.source, TopicId::Odometry),
+        ];
+        let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed).map(|(_, topic)| topic);
+        replayed.chain((self.cue.source == CueOrigin::Replayed).then_some(TopicId::Cue)).collect()
     }
 
     /// What the handler's estimate is held to.

@@ -55,7 +55,7 @@ impl std::fmt::Debug for Faults {
 impl Faults {
     /// Takes an injection: a later one into the same target replaces the one before.
     pub fn take(&self, injection: &Injection) {
-        let until_ns = injection.for_ns.map_or(u64::MAX, |span| injection.since_ns.saturating_add(span));
+        let until_ns = injection.until_ns();
         match (injection.target, injection.fault) {
             (Target::Stream(topic, of), fault) => {
                 self.streams.borrow_mut().retain(|one| (one.topic, one.of) != (topic, of));

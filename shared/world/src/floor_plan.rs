@@ -218,9 +218,8 @@ fn distances_m(map: &GridMap) -> Vec<f32> {
     let (width, height) = map.size();
     let far = (width + height) as f32;
     let blocked = |column: usize, row: usize| map.cell(column as i64, row as i64) != Cell::Free;
-    let mut squares: Vec<f32> = (0..width * height)
-        .map(|i| if blocked(i % width, i / width) { 0.0 } else { far * far })
-        .collect();
+    let mut squares: Vec<f32> =
+        (0..width * height).map(|i| if blocked(i % width, i / width) { 0.0 } else { far * far }).collect();
     let mut line = Vec::new();
     for row in 0..height {
         line.clear();

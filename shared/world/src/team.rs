@@ -139,7 +139,8 @@ impl Team {
     pub fn room_m(&self, world: &World, world_from_robot: &Se2, world_from_handler: &Se2, up_to_m: f64) -> f64 {
         let room_m = |body: usize, at: Point| {
             let radius_m = self.radius_m(body);
-            let apart_m = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m - radius_m;
+            let apart_m =
+                |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m - radius_m;
             let in_world_m = world.clearance(at, self.z(body), radius_m + up_to_m) - radius_m;
             self.walkers[..self.people.len()].iter().map(apart_m).fold(in_world_m, f64::min)
         };

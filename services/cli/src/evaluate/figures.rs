@@ -41,7 +41,8 @@ fn ratio(hits: impl Iterator<Item = bool>) -> Value {
 pub fn add(report: &mut Value, courses: &[Course]) {
     let reports = || courses.iter().map(|course| &course.report);
     let of = |value: fn(&Report) -> f64| mean(reports().map(value));
-    let share = |count: fn(&Report) -> u32| mean(reports().map(|r| f64::from(count(r)) / f64::from(r.decisions.max(1))));
+    let share =
+        |count: fn(&Report) -> u32| mean(reports().map(|r| f64::from(count(r)) / f64::from(r.decisions.max(1))));
     let success = |wanted: &dyn Fn(&Report) -> bool| ratio(reports().filter(|r| wanted(r)).map(|r| r.success));
     let is_turn = |r: &Report| matches!(r.cue, CueKind::Left | CueKind::Right);
     let mut latency: Vec<f32> = courses.iter().flat_map(|course| course.latency_us.iter().copied()).collect();

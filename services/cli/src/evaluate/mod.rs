@@ -123,9 +123,9 @@ impl Evaluation {
         };
         let mut courses = std::thread::scope(|scope| {
             let handles: Vec<_> = pilots.into_iter().map(|pilot| scope.spawn(move || work(pilot))).collect();
-            let joined = handles.into_iter().map(|handle| {
-                handle.join().unwrap_or_else(|_| Err(Failure::run("an episode panicked")))
-            });
+            let joined = handles
+                .into_iter()
+                .map(|handle| handle.join().unwrap_or_else(|_| Err(Failure::run("an episode panicked"))));
             joined.collect::<Result<Vec<_>, _>>()
         })?
         .concat();

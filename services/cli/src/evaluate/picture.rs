@@ -49,7 +49,11 @@ pub fn svg(course: &Course) -> String {
         path(&mut prism.outline.iter(), &format!("fill=\"{fill}\" stroke=\"{stroke}\" stroke-width=\"2\""), tag);
     }
     for person in trace.site.world.people() {
-        path(&mut person.path.iter(), "fill=\"none\" stroke=\"#c3c\" stroke-width=\"2\" stroke-dasharray=\"4\"", "polyline");
+        path(
+            &mut person.path.iter(),
+            "fill=\"none\" stroke=\"#c3c\" stroke-width=\"2\" stroke-dasharray=\"4\"",
+            "polyline",
+        );
     }
     path(&mut trace.line.iter(), "fill=\"none\" stroke=\"#aaa\" stroke-width=\"1\" stroke-dasharray=\"6\"", "polyline");
     let (robots, handlers) = (trace.places.iter().map(|p| &p.0), trace.places.iter().map(|p| &p.1));
@@ -74,7 +78,10 @@ pub fn svg(course: &Course) -> String {
             let shown = p.x > min.x && p.x < max.x && p.y > min.y && p.y < max.y;
             if shown && map.cell(column as i64, row as i64) != Cell::Free {
                 let (x, y) = ((p.x - min.x) * SCALE, (max.y - p.y) * SCALE);
-                let _ = write!(out, "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{cell:.1}\" height=\"{cell:.1}\" fill=\"#555\"/>");
+                let _ = write!(
+                    out,
+                    "<rect x=\"{x:.1}\" y=\"{y:.1}\" width=\"{cell:.1}\" height=\"{cell:.1}\" fill=\"#555\"/>"
+                );
             }
         }
     }

@@ -48,9 +48,8 @@ pub(crate) fn furnish_course(
     let mut way_m = between(random, [0.5, 2.0]);
     while config.clutter_per_m > 0.0 && way_m < course.line.length_m() - 1.0 {
         let length_m = between(random, [0.2, 1.0]);
-        let at_mouth = |opening: &Opening| {
-            (opening.way_m - way_m).abs() < opening.width_m / 2.0 + length_m / 2.0 + MOUTH_M
-        };
+        let at_mouth =
+            |opening: &Opening| (opening.way_m - way_m).abs() < opening.width_m / 2.0 + length_m / 2.0 + MOUTH_M;
         if !course.openings.iter().any(at_mouth) {
             things.extend(thing(config, course, free_m(way_m), [way_m, length_m], random));
         }
