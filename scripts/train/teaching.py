@@ -18,6 +18,8 @@ ROLLOUT = 64
 UPDATES = 20
 # In so many of the episodes' decisions the teacher's own action is taken, at first.
 LED = 0.5
+# The policy is saved after every so many steps.
+SAVED = 100_000
 
 
 class Samples:
@@ -76,7 +78,8 @@ def teach(model, environments, steps, log):
             # An episode that was cut short would have gone on.
             ahead = reward + gamma * np.where(ended, cut, ahead)
             returns.append(ahead)
-        samples.add(np.concatenate(senses), np.concatenate(taught), np.concatenate(returns[::-1]))
+        samples_of_now = np.concatenate(taught)
+        samples.add(np.concatenate(senses), samples_of_now, np.concatenate(returns[::-1]))
         policy.set_training_mode(True)
         losses = [_update(policy, optimizer, *samples.draw(random)) for _ in range(UPDATES)]
         line = {"steps": walked, "seconds": round(time.time() - begun, 1)}
@@ -86,6 +89,8 @@ def teach(model, environments, steps, log):
             line |= {"success": float(np.mean([report["success"] for report in reports]))}
         with log.open("a") as out:
             out.write(json.dumps(line) + "\n")
+        if walked // SAVED > (walked - len(samples_of_now)) // SAVED:
+            model.save(log.parent / "taught.zip")
 
 
 def _cut(policy, infos):

@@ -68,7 +68,11 @@ fn real_time_loses_no_scan() {
 fn a_recorded_robot_that_hit_nothing_is_seldom_flagged() {
     let place = Place::new();
     let Some(recording) = import(&place, "lidar/radish_fr079.clf.bz2") else { return };
-    let (report, code) = place.json(&["shield", "--recording", &recording, "--json"]);
+    // The paper's algorithm knows no margin.
+    let config = place.path().join("paper.toml");
+    std::fs::write(&config, "[shield]\nmargin_m = 0.0\n").expect("written");
+    let config = config.to_string_lossy();
+    let (report, code) = place.json(&["shield", "--recording", &recording, "--config", &config, "--json"]);
     assert_eq!((code, report["scans"].as_u64()), (0, Some(4934)), "{report:#}");
     let flagged = |radius_m: f64| {
         let moves = report["moves"].as_array().expect("a list");

@@ -1,5 +1,5 @@
-//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. A [`Pilot`] decides; which engine it
-//! has is the model's to say.
+//! The policy service: decision *n* at run time *n dt*, in every mode, active or not. A [`Pilot`] decides; which
+//! engine it has is the model's to say.
 
 use std::path::PathBuf;
 
@@ -151,7 +151,8 @@ impl PolicyService {
         action
     }
 
-    /// What the pilot makes of the newest inputs; none where there is no fresh scan, or nobody knows where it was taken.
+    /// What the pilot makes of the newest inputs; none where there is no fresh scan, or nobody knows where it was
+    /// taken.
     fn look_and_decide(
         &mut self,
         now_ns: u64,

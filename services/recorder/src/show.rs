@@ -171,9 +171,11 @@ mod tests {
         };
         let hull = show.hull(&permit);
         let reach = |of: fn(&guidance::se2::Point) -> f64| hull.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
-        // 0.25 m ahead and the robot's radius; 0.75 m behind and the handler's.
-        assert!((reach(|point| point.x) - 0.55).abs() < 1e-9, "{hull:?}");
-        assert!(reach(|point| -point.x) > 0.85 && reach(|point| -point.x) <= 1.0 + 1e-9, "{hull:?}");
+        // 0.25 m ahead and the robot's radius; 0.75 m behind and the handler's; the shield's margin about both.
+        let margin_m = Settings::default().shield.margin_m;
+        assert!((reach(|point| point.x) - 0.55 - margin_m).abs() < 1e-9, "{hull:?}");
+        let behind_m = reach(|point| -point.x) - margin_m;
+        assert!(behind_m > 0.85 && behind_m <= 1.0 + 1e-9, "{hull:?}");
         let shown = show.of(&Record::Permit(Box::new(permit)));
         assert!(shown.is_some_and(|(viewer, value)| {
             viewer == Viewer::Scene

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use messages::{Cue, Header, NS_PER_S, TopicId};
 use recording::{Info, ReadError, Reader, Record};
-use settings::{CueOrigin, Settings, Source};
+use settings::Settings;
 
 /// From the run's beginning to the first record, where the recording does not say; and from one pass to the next.
 pub const LEAD_IN_NS: u64 = NS_PER_S / 10;

@@ -33,8 +33,8 @@ pub enum Harness {
 pub enum Handlers {
     /// The one of the configuration, who does what the model says.
     Nominal,
-    /// Another one in each episode, with an offset and an alpha of their own, who sways; the shield is told what a fit to
-    /// them would have found, which is not quite right.
+    /// Another one in each episode, with an offset and an alpha of their own, who sways; the shield is told what a fit
+    /// to them would have found, which is not quite right.
     Personal,
 }
 

@@ -1,5 +1,6 @@
 //! The wayfinding task in simulation: one cue, a hundred decisions (Kim et al. 2023, sections 3 and 5). What is learnt
-//! from and what is evaluated on are the same episodes, made of the same worlds, sensors, shield, observation and reward.
+//! from and what is evaluated on are the same episodes, made of the same worlds, sensors, shield, observation and
+//! reward.
 //!
 //! No clock, no I/O: the same configuration and seed give the same episode, to the bit.
 

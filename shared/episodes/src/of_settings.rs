@@ -8,8 +8,8 @@ use guidance::{HarnessError, Interaction};
 use crate::config::Config;
 
 impl Config {
-    /// Episodes of the robot, sensors, handler and shield of these settings. The camera has its place and field of view,
-    /// and fewer pixels.
+    /// Episodes of the robot, sensors, handler and shield of these settings. The camera has its place and field of
+    /// view, and fewer pixels.
     ///
     /// # Errors
     /// Where the handler's parameters are no handler's.

@@ -15,6 +15,12 @@ pub struct Score {
     way_m: f64,
     last_places: VecDeque<Point>,
     last: Point,
+    /// Sum of the heading's errors in the third metre, radians, and how many they are.
+    headings: (f64, u32),
+    /// Decisions in a row in which the handler did not move.
+    frozen: u32,
+    /// The handler faced off the travel line when they gave the cue.
+    errs: bool,
     report: Report,
 }
 
@@ -47,16 +53,19 @@ pub struct Report {
     pub unsafe_taken: u32,
     /// The sum of rewards.
     pub reward: f64,
-    /// Longest run of decisions in which the team did not move, though it was not to stand.
+    /// Longest run of decisions in which the handler did not move, before they had arrived.
     pub longest_freeze: u32,
-    /// The handler's heading was within 10 degrees of the travel line 3 m on; none: they never came so far.
+    /// In the third metre the handler faced within 10 degrees of the travel line, on average; none: they faced so from
+    /// the start, or never came so far.
     pub corrected: Option<bool>,
 }
 
+/// Who moves by less in a decision stands, metres.
+const FROZEN_M: f64 = 0.02;
 /// Who has corrected an error of orientation faces as near to the travel line, radians,
 const CORRECTED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// so far on, metres.
-const CORRECTED_M: f64 = 3.0;
+/// in this part of the way, metres.
+const CORRECTED_M: [f64; 2] = [2.0, 3.0];
 
 impl Score {
     /// At the beginning.
@@ -80,9 +89,14 @@ impl Score {
             longest_freeze: 0,
             corrected: None,
         };
+        let way_m = task.line.foot(place).way_m;
+        let off_rad = task.line.heading_error_rad(way_m, world_from_handler.rotation.angle());
         Self {
+            headings: (0.0, 0),
+            frozen: 0,
+            errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward,
             world_from_start: *world_from_handler,
-            way_m: task.line.foot(place).way_m,
+            way_m,
             last_places: VecDeque::from([place]),
             last: place,
             report,
@@ -100,15 +114,23 @@ impl Score {
         report.reward += reward;
         let place = Point::from(world_from_handler.translation.vector);
         report.walked_m += (place - self.last).norm();
+        self.frozen = if (place - self.last).norm() < FROZEN_M { self.frozen + 1 } else { 0 };
+        // Who has arrived may stand.
+        if !(report.success || report.to_stand) {
+            report.longest_freeze = report.longest_freeze.max(self.frozen);
+        }
         self.last = place;
         let start = Point::from(self.world_from_start.translation.vector);
         report.distance_m = report.distance_m.max((place - start).norm());
         let foot = task.line.foot_within(place, self.way_m - 1.0, self.way_m + 1.0);
         self.way_m = foot.way_m;
         let begun_m = task.line.foot(start).way_m;
-        if report.corrected.is_none() && self.way_m - begun_m >= CORRECTED_M {
+        let on_m = self.way_m - begun_m;
+        if (CORRECTED_M[0]..CORRECTED_M[1]).contains(&on_m) {
             let off_rad = task.line.heading_error_rad(self.way_m, world_from_handler.rotation.angle());
-            report.corrected = Some(off_rad.abs() <= CORRECTED_RAD);
+            self.headings = (self.headings.0 + off_rad, self.headings.1 + 1);
+        } else if on_m >= CORRECTED_M[1] && report.corrected.is_none() && self.errs && self.headings.1 > 0 {
+            report.corrected = Some((self.headings.0 / f64::from(self.headings.1)).abs() <= CORRECTED_RAD);
         }
         report.success |= task.is_done(world_from_handler, self.way_m);
         self.last_places.push_back(place);

@@ -57,8 +57,8 @@ impl Awareness {
         }
     }
 
-    /// Takes in what was measured; `share` of the running step has passed. With scan and frame stands where the robot was
-    /// then, in the robot frame of now. A depth frame that cannot be used says nothing.
+    /// Takes in what was measured; `share` of the running step has passed. With scan and frame stands where the robot
+    /// was then, in the robot frame of now. A depth frame that cannot be used says nothing.
     ///
     /// # Errors
     /// Where the scan cannot be used; then nothing was taken in.

@@ -29,7 +29,8 @@ const STRAY_MAX_M: f64 = 0.30;
 pub struct HandlerLimits {
     /// Radius of the disc that stands for the handler, metres.
     pub radius_m: f64,
-    /// Radius of what a lidar sees of them, metres: the disc has room for arms and a bag, which its plane does not meet.
+    /// Radius of what a lidar sees of them, metres: the disc has room for arms and a bag, which its plane does not
+    /// meet.
     pub seen_radius_m: f64,
     /// The fastest that the robot goes, for the model's largest lag, metres per second.
     pub speed_max_mps: f64,

@@ -95,7 +95,8 @@ impl Frames {
         Self { numbers: vec![0.0; count.max(1) * LENGTH] }
     }
 
-    /// Adds the newest. What was seen before a cue was given has no place in its frame: with `begins` all are the newest.
+    /// Adds the newest. What was seen before a cue was given has no place in its frame: with `begins` all are the
+    /// newest.
     pub fn push(&mut self, senses: &Senses<'_>, begins: bool) {
         self.numbers.copy_within(LENGTH.., 0);
         let kept = self.numbers.len() - LENGTH;

@@ -61,8 +61,8 @@ pub struct RewardConfig {
     pub collision_penalty: f64,
     /// `lambda`, reward for a step.
     pub time_penalty: f64,
-    /// Reward for a step in which the robot was not told to stand: with it, who has arrived stands still. Ours; 0 in the
-    /// paper.
+    /// Reward for a step in which the robot was not told to stand: with it, who has arrived stands still. Ours; 0 in
+    /// the paper.
     pub motion_penalty: f64,
     /// How Delta is read.
     pub delta: Delta,

@@ -84,8 +84,8 @@ impl LearntEngine {
 }
 
 impl Engine for LearntEngine {
-    /// What was seen and remembered before a cue has no place in the cue's frame: with a new cue, and with a new odometry
-    /// frame, both begin anew.
+    /// What was seen and remembered before a cue has no place in the cue's frame: with a new cue, and with a new
+    /// odometry frame, both begin anew.
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
         let here = (situation.odometry_incarnation, situation.odom_from_robot);
         let before = self.before.replace(here).filter(|(incarnation, _)| *incarnation == here.0);

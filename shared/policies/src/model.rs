@@ -295,9 +295,8 @@ fn parse<T: for<'a> Deserialize<'a>>(path: &Path, bytes: &[u8]) -> Result<T, Mod
 
 #[cfg(test)]
 mod tests {
-    use super::{Expected, Model, OBSERVATION};
-    use guidance::{ActionTable, observation};
-    use messages::Pose2;
+    use super::{Expected, Model, ModelKind, OBSERVATION};
+    use guidance::ActionTable;
     use sha2::{Digest, Sha256};
     use std::path::{Path, PathBuf};
 

@@ -86,7 +86,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
     let world = Arc::new(world);
     let table = ActionTable::eight();
     let mut physics = Physics::new(Arc::clone(&world), PhysicsConfig::default(), start).expect("a free start");
-    let lidar = LidarSensor::new(LidarConfig::default(), seed, 1).expect("the default lidar");
+    let mut lidar = LidarSensor::new(LidarConfig::default(), seed, 1).expect("the default lidar");
     let depth_config = DepthConfig { width: 320, height: 240, ..DepthConfig::default() };
     let mut depth = DepthSensor::new(depth_config, seed, 1).expect("the default camera");
     let mut engine = GeometricEngine::new(GeometricConfig::default(), table.clone());

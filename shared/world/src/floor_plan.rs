@@ -1,7 +1,8 @@
-//! Real floor plans as places for tasks: corridors are found by where there is room, openings by where a side way is free.
+//! Real floor plans as places for tasks: corridors are found by where there is room, openings by where a side way is
+//! free.
 //!
-//! A travel line is traced along the middle of the free space, as a person would walk on; what stands and walks there is
-//! added, as to generated worlds.
+//! A travel line is traced along the middle of the free space, as a person would walk on; what stands and walks there
+//! is added, as to generated worlds.
 
 use std::f64::consts::PI;
 use std::path::Path;
@@ -212,8 +213,8 @@ fn place(pose: &Se2) -> Point {
     Point::from(pose.translation.vector)
 }
 
-/// The distance of each cell's middle from the nearest cell that is not free, metres: exact, by rows and then by columns
-/// (Felzenszwalb and Huttenlocher 2012).
+/// The distance of each cell's middle from the nearest cell that is not free, metres: exact, by rows and then by
+/// columns (Felzenszwalb and Huttenlocher 2012).
 fn distances_m(map: &GridMap) -> Vec<f32> {
     let (width, height) = map.size();
     let far = (width + height) as f32;

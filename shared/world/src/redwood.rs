@@ -3,8 +3,8 @@
 //!
 //! A pixel reads a neighbour, at half the resolution; its depth is divided by a distortion that varies smoothly over
 //! image and depth; then the disparity is jittered and rounded. Some pixels never say anything. The table's own
-//! statistics are kept: how much the distortion spreads at each depth, and how many pixels are dumb. The field itself is
-//! drawn anew for each camera, so that nothing can be learnt by heart.
+//! statistics are kept: how much the distortion spreads at each depth, and how many pixels are dumb. The field itself
+//! is drawn anew for each camera, so that nothing can be learnt by heart.
 
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};

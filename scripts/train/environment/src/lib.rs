@@ -102,7 +102,8 @@ impl Episodes {
     /// One decision in each; an episode that ends is followed by another one at once.
     fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Stepped<'py>> {
         let count = self.actions as i64;
-        let given: Vec<usize> = actions.as_array().iter().filter(|a| (0..count).contains(*a)).map(|a| *a as usize).collect();
+        let is_one = |action: &&i64| (0..count).contains(*action);
+        let given: Vec<usize> = actions.as_array().iter().filter(is_one).map(|action| *action as usize).collect();
         if given.len() != self.batch.len() || actions.as_array().len() != given.len() {
             return Err(wrong(format!("{} actions from 0 to {} are wanted", self.batch.len(), count - 1)));
         }

@@ -80,7 +80,7 @@ pub enum HandlersArg {
 pub enum TasksArg {
     /// Forward, left, right, anywhere
     Mixed,
-    /// Forward, by handlers who face up to 30 degrees off the travel line, in empty corridors
+    /// Forward, by handlers who face up to 30 degrees off the travel line, in straight, empty corridors
     Orientation,
     /// Left and right, up to 5 m too early or too late
     Timing,
@@ -105,6 +105,6 @@ Examples:
 An episode is one cue and a hundred decisions. A motion in which robot or handler would touch something is refused and
 counted as one collision; who walks into them is counted as hit_by_others. Most people stop where robot or handler is
 within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
-Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the handler is 2 m
-inside the opening asked for and within 20 degrees of its axis, or stands still at the end where there is none within
-15 m; stop, the next decision stands.";
+Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
+handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still at the end where
+there is none within 15 m; stop, the next decision stands.";

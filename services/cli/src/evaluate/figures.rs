@@ -34,7 +34,8 @@ fn ratio(hits: impl Iterator<Item = bool>) -> Value {
     let (z2, center) = (Z * Z, p + Z * Z / (2.0 * n));
     let half = Z * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
     let scale = 1.0 + z2 / n;
-    json!({ "mean": p, "lo": ((center - half) / scale).max(0.0), "hi": ((center + half) / scale).min(1.0), "n": hits.len() })
+    let (lo, hi) = ((center - half) / scale, (center + half) / scale);
+    json!({ "mean": p, "lo": lo.max(0.0), "hi": hi.min(1.0), "n": hits.len() })
 }
 
 /// Adds the figures of these episodes to a report.

@@ -166,7 +166,7 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
         TasksArg::Mixed => {}
         TasksArg::Orientation => {
             config.cues = vec![(CueKind::Forward, 1.0)];
-            (worlds.clutter_per_m, worlds.people) = (0.0, 0.0);
+            (worlds.clutter_per_m, worlds.people, worlds.bends) = (0.0, 0.0, 0.0);
         }
         TasksArg::Timing => {
             config.cues = vec![(CueKind::Left, 0.5), (CueKind::Right, 0.5)];

@@ -37,7 +37,8 @@ pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8
     things
 }
 
-/// What stands along a course; `free_m` tells how much room there is to the left and to the right of its middle at a way.
+/// What stands along a course; `free_m` tells how much room there is to the left and to the right of its middle at a
+/// way.
 pub(crate) fn furnish_course(
     config: &GeneratorConfig,
     course: &Course,
