@@ -98,6 +98,8 @@ pub struct Config {
     pub lidar: LidarConfig,
     /// The depth camera, likewise; none: there is none.
     pub depth: Option<DepthConfig>,
+    /// Whether the shield judges every action at every decision; without it nothing is forbidden, nor observed.
+    pub judges: bool,
     /// Observations of the last so many decisions stand in one; 0: none is made.
     pub frames: usize,
 }
@@ -145,6 +147,7 @@ impl Default for Config {
                 robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
                 ..DepthConfig::default()
             }),
+            judges: true,
             frames: 1,
         }
     }

@@ -191,6 +191,9 @@ impl Episode {
             self.odom_from_start = self.odom_from_robot;
             self.awareness.reset(&self.odom_from_robot);
         }
+        if !self.config.judges {
+            return;
+        }
         let now_ns = (self.decision as f64 * self.config.dt_s * 1e9) as u64;
         // A scan of which nothing can be used leaves what was known before.
         let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then: Se2::identity() };

@@ -12,7 +12,7 @@ use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::memory::Memory;
 use crate::scan::{BeamKind, Beams};
-use crate::se2::{Point, Se2};
+use crate::se2::{Point, Se2, about_bearing_rad};
 
 /// The observation and its version: a model that was trained on another one is refused.
 pub const OBSERVATION: &str = "sectors-pose-cue-handler-motion/2";
@@ -174,7 +174,7 @@ fn turns(bearing_rad: f64) -> f64 {
 }
 
 fn turn_of(place: Point) -> f64 {
-    turns(place.y.atan2(place.x))
+    turns(about_bearing_rad(place.coords))
 }
 
 fn sector_of(place: Point) -> usize {

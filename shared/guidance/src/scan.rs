@@ -6,7 +6,7 @@ use messages::{MAX_BEAMS, ScanHeader};
 use nalgebra::Vector2;
 
 use crate::boundary::{Directions, Readings};
-use crate::se2::{Point, Se2, pose2, se2};
+use crate::se2::{Point, Se2, about_bearing_rad, pose2, se2};
 
 /// No lidar's beams are nearer to each other, radians.
 const INCREMENT_MIN_RAD: f64 = 1e-6;
@@ -300,7 +300,7 @@ impl Fan {
     pub fn nearest(&self, point: Point) -> Option<usize> {
         let to = point - self.origin;
         // Half an increment to the right of the first beam is nearest to it.
-        let turn = to.y.atan2(to.x) - self.first_rad + self.increment_rad / 2.0;
+        let turn = about_bearing_rad(to) - self.first_rad + self.increment_rad / 2.0;
         let beam = (turn.rem_euclid(std::f64::consts::TAU) / self.increment_rad) as usize;
         match beam {
             beam if beam < self.count => Some(beam),

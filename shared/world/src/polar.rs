@@ -3,13 +3,16 @@
 //! Along a straight face the inverse of the range is linear in the beam's direction, so that a face costs one sum and
 //! one maximum for each of its beams.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
+use std::ops::Range;
 
-use guidance::se2::Point;
+use guidance::se2::{Point, about_bearing_rad};
 use nalgebra::Vector2;
 
 /// Neighbouring faces share the beam on their common edge: no beam slips through. In beams.
 const EDGE: f64 = 1e-9;
+/// About how exact two bearings are together, radians.
+const BEARING_RAD: f64 = 4e-5;
 
 /// The beams of a lidar in its own frame, and for each the inverse of the range to the nearest thing so far.
 #[derive(Debug, Clone)]
@@ -69,7 +72,7 @@ impl PolarImage {
     }
 
     /// The beams within an angle counter-clockwise from `from_rad`: two runs, as it may go over the end.
-    fn span(&self, from_rad: f64, turn_rad: f64) -> [std::ops::Range<usize>; 2] {
+    fn span(&self, from_rad: f64, turn_rad: f64) -> [Range<usize>; 2] {
         let count = self.inverse.len();
         let begin = (from_rad - self.first_rad).rem_euclid(TAU) / self.increment_rad;
         let end = begin + turn_rad / self.increment_rad;
@@ -82,6 +85,18 @@ impl PolarImage {
         [run(begin, end), run(begin - whole, end - whole)]
     }
 
+    /// The beams of a run that pass between two points, from `a` counter-clockwise to `b`.
+    fn between(&self, run: Range<usize>, a: Point, b: Point) -> Range<usize> {
+        let hair = EDGE * self.increment_rad;
+        let after = |beam: usize| a.x * self.y[beam] - a.y * self.x[beam] >= -hair * (a.x.abs() + a.y.abs());
+        let before = |beam: usize| self.x[beam] * b.y - self.y[beam] * b.x >= -hair * (b.x.abs() + b.y.abs());
+        let inside = |beam: &usize| after(*beam) && before(*beam);
+        match run.clone().find(inside) {
+            Some(first) => first..run.rev().find(inside).map_or(first, |last| last + 1),
+            None => 0..0,
+        }
+    }
+
     /// A straight face between two points of the lidar frame, seen from both sides.
     pub(crate) fn draw_face(&mut self, a: Point, b: Point) {
         let (a, b) = (self.mirror(a), self.mirror(b));
@@ -91,9 +106,14 @@ impl PolarImage {
         if cross < 1e-12 {
             return;
         }
-        let turn_rad = cross.atan2(a.coords.dot(&b.coords));
+        let (from_rad, to_rad) = (about_bearing_rad(a.coords), about_bearing_rad(b.coords));
+        let turn_rad = (to_rad - from_rad).rem_euclid(TAU);
         let (by_x, by_y) = ((b.y - a.y) / cross, (a.x - b.x) / cross);
-        for run in self.span(a.y.atan2(a.x), turn_rad) {
+        // The bearings are about right; which beam is the first and which the last is told exactly.
+        let slack_rad = self.increment_rad + BEARING_RAD;
+        let turn_rad = if turn_rad > PI + BEARING_RAD { 0.0 } else { turn_rad };
+        for run in self.span(from_rad - slack_rad, turn_rad + 2.0 * slack_rad) {
+            let run = self.between(run, a, b);
             let (x, y) = (&self.x[run.clone()], &self.y[run.clone()]);
             for ((inverse, x), y) in self.inverse[run].iter_mut().zip(x).zip(y) {
                 let here = by_x * x + by_y * y;

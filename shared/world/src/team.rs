@@ -15,8 +15,9 @@ use crate::people::Agent;
 use crate::physics::{HandlerConfig, RobotConfig, STEP_M};
 use crate::{People, Scene, World};
 
-/// A motion is swept in so many straight parts.
-const PARTS: usize = 5;
+/// A motion is swept in so many straight parts: a straight one, one that turns, and one among people, who walk
+/// meanwhile.
+const PARTS: [usize; 3] = [2, 3, 5];
 
 /// A handler as they really are, whatever the shield is told of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -187,15 +188,16 @@ impl Team {
     /// One decision: the robot moves at a constant velocity (robot frame) for `dt_s`.
     pub fn step(&mut self, world: &World, velocity: Twist2, dt_s: f64) -> Stepped {
         let (robot, offset, walked_s) = (self.world_from_robot, self.robot_from_handler, self.walked_s);
-        let part_s = dt_s / PARTS as f64;
+        let parts = PARTS[if !self.people.is_empty() { 2 } else { usize::from(velocity.wz_radps != 0.0) }];
+        let part_s = dt_s / parts as f64;
         let mut stepped = Stepped::default();
-        for part in 1..=PARTS {
+        for part in 1..=parts {
             stepped.hit_by_others += self.move_people(part_s, velocity);
             if stepped.collided() {
                 continue;
             }
             let now = exp(velocity, part_s * part as f64);
-            let share = part as f64 / PARTS as f64;
+            let share = part as f64 / parts as f64;
             let next = (robot * now, self.handler.model.follow(&offset, &now, share));
             let next_walked_s = walked_s + if velocity.is_zero() { 0.0 } else { part_s * part as f64 };
             let handler = next.0 * self.swayed(&next.1, next_walked_s);

@@ -26,6 +26,8 @@ pub enum Bench {
     },
     /// The shield beside the paper's pseudo-code, one core
     Shield,
+    /// Decisions of simulated episodes a second, all cores: what training and evaluation are made of
+    World,
     /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
     Replay {
         /// The recording (.mcap)

@@ -9,6 +9,7 @@ pub mod shield;
 pub mod soak;
 pub mod swaps;
 pub mod transport;
+pub mod world;
 
 /// Percentiles of latencies.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,0 +1,94 @@
+//! `bench world`: how many decisions of episodes a second, on all cores: what training and evaluation are made of.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use episodes::{Batch, Config, Noise};
+use serde_json::{Value, json};
+
+use crate::exit::Failure;
+use crate::out::{self, say, table};
+
+/// Episodes side by side, and decisions of each in one measurement: all parts of an episode, and beginning the next.
+const EPISODES: usize = 64;
+const DECISIONS: usize = 200;
+/// Measurements of a row, in turns with the other rows.
+const TIMES: usize = 15;
+/// What a prototype of the same task reached on two such cores, decisions a second: sensors alone, with the shield, and
+/// with noise as well.
+const PROTOTYPE: [f64; 3] = [293_000.0, 117_000.0, 38_000.0];
+
+/// One row: what is simulated at each decision.
+struct Row {
+    name: &'static str,
+    batch: Batch,
+    per_s: Vec<f64>,
+}
+
+impl Row {
+    fn new(name: &'static str, noise: Noise, judges: bool) -> Result<Self, Failure> {
+        // As the prototype had it: a lidar of 360 beams, a depth frame of 64x32, one scan and one frame judged alone.
+        let config = Config { noise, judges, memory: None, frames: 0, ..Config::default() };
+        let mut batch = Batch::new(&Arc::new(config), EPISODES, 1).map_err(Failure::of_input)?;
+        batch.begin(1);
+        Ok(Self { name, batch, per_s: Vec::new() })
+    }
+
+    /// Walks on, mostly ahead, as a policy would.
+    fn measure(&mut self) {
+        let begun = Instant::now();
+        for decision in 0..DECISIONS {
+            let action = |place: usize| [1, 1, 1, 2, 1, 1, 3, 1, 6, 7][(decision + 3 * place) % 10];
+            let actions: Vec<usize> = (0..EPISODES).map(action).collect();
+            self.batch.step(&actions);
+        }
+        self.per_s.push((EPISODES * DECISIONS) as f64 / begun.elapsed().as_secs_f64());
+    }
+
+    fn json(&mut self, prototype: f64) -> Value {
+        self.per_s.sort_by(f64::total_cmp);
+        let median = self.per_s[self.per_s.len() / 2];
+        let (min, max) = (self.per_s.first(), self.per_s.last());
+        json!({
+            "what": self.name,
+            "decisions_per_s": { "p50": median, "min": min, "max": max, "n": self.per_s.len() },
+            "prototype_per_s": prototype,
+            "ratio": median / prototype,
+        })
+    }
+}
+
+/// `guidedog bench world`.
+///
+/// # Errors
+/// Where the report cannot be written.
+pub fn bench(as_json: bool) -> Result<(), Failure> {
+    let mut rows = [
+        Row::new("lidar, depth, motion", Noise::Ideal, false)?,
+        Row::new("and the shield, eight actions", Noise::Ideal, true)?,
+        Row::new("and noise", Noise::Noisy, true)?,
+    ];
+    // The machine's moods are shared by all rows.
+    for _ in 0..TIMES {
+        rows.iter_mut().for_each(Row::measure);
+    }
+    let rows: Vec<Value> = rows.iter_mut().zip(PROTOTYPE).map(|(row, prototype)| row.json(prototype)).collect();
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    if as_json {
+        return out::json(&json!({ "threads": threads, "episodes": EPISODES, "rows": rows }));
+    }
+    let lines = rows.iter().map(|row| {
+        let number = |at: &str| format!("{:.0}", out::number(row, at));
+        vec![
+            out::text(row, "/what").to_owned(),
+            number("/decisions_per_s/p50"),
+            number("/decisions_per_s/min"),
+            number("/decisions_per_s/max"),
+            format!("{:.2}", out::number(row, "/ratio")),
+        ]
+    });
+    say(format!("{EPISODES} episodes on {threads} threads, decisions a second"));
+    let heads = ["", "p50", "min", "max", "to the prototype's"];
+    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
+    Ok(())
+}

@@ -1,0 +1,132 @@
+//! Episodes as training and evaluation have them.
+
+use std::sync::Arc;
+
+use guidance::ActionTable;
+use guidance::observation::LENGTH;
+use guidedog_episodes::{Batch, Config, Episode, Goal, Handlers, Noise, part_seed};
+use messages::CueKind;
+
+fn config(noise: Noise) -> Config {
+    Config { noise, ..Config::default() }
+}
+
+/// The reports of episodes that the teacher leads.
+fn taught(config: Config, count: u64) -> Vec<guidedog_episodes::Report> {
+    let mut episode = Episode::new(Arc::new(config)).expect("sensors");
+    let walk = |seed: u64| {
+        episode.begin(part_seed(5, seed));
+        while !episode.step(episode.taught()).ended {}
+        episode.report()
+    };
+    (0..count).map(walk).collect()
+}
+
+#[test]
+fn the_same_seed_is_the_same_episode_to_the_bit() {
+    let config = Arc::new(config(Noise::Noisy));
+    let walk = |seed: u64| {
+        let mut episode = Episode::new(config.clone()).expect("sensors");
+        // Whatever was before.
+        episode.begin(seed + 77);
+        episode.begin(seed);
+        let mut seen = Vec::new();
+        for decision in 0..20 {
+            seen.extend(episode.observation().iter().map(|number| number.to_bits()));
+            seen.push(episode.unsafe_mask());
+            let step = episode.step(decision % 8);
+            seen.push((step.reward as f32).to_bits());
+        }
+        seen
+    };
+    assert_eq!(walk(3), walk(3));
+    assert_ne!(walk(3), walk(4));
+}
+
+#[test]
+fn who_knows_the_way_gets_there_and_touches_nothing() {
+    let reports = taught(config(Noise::Noisy), 60);
+    let share = |what: fn(&guidedog_episodes::Report) -> bool| {
+        reports.iter().filter(|report| what(report)).count() as f64 / reports.len() as f64
+    };
+    assert!(share(|report| report.success) > 0.85, "{reports:#?}");
+    assert!(share(|report| report.collisions == 0) > 0.95, "{reports:#?}");
+    assert!(reports.iter().any(|report| report.to_stand && report.success), "some are to stand, and do");
+}
+
+#[test]
+fn a_stop_and_a_turn_that_is_nowhere_are_stood() {
+    let mut episode = Episode::new(Arc::new(Config { cues: vec![(CueKind::Forward, 1.0)], ..config(Noise::Ideal) }))
+        .expect("sensors");
+    episode.begin(1);
+    assert!(!episode.must_stand());
+    episode.give(CueKind::Stop);
+    let before = *episode.team().world_from_robot();
+    episode.step(1);
+    assert!(episode.must_stand());
+    assert_eq!(episode.team().world_from_robot(), &before);
+}
+
+#[test]
+fn what_is_asked_for_is_where_it_is_asked() {
+    let mut episode = Episode::new(Arc::new(config(Noise::Ideal))).expect("sensors");
+    let mut seen = [0; 3];
+    for seed in 0..120 {
+        episode.begin(seed);
+        let (cue, course) = (episode.task().cue, &episode.site().course);
+        match &episode.task().goal {
+            Goal::Along(to_m) => {
+                seen[0] += 1;
+                assert_eq!(cue, CueKind::Forward);
+                assert!(*to_m <= course.line.length_m());
+            }
+            Goal::Into(openings) => {
+                seen[1] += 1;
+                assert!(!openings.is_empty() && openings.iter().all(|opening| course.openings.contains(opening)));
+            }
+            Goal::Stand => seen[2] += 1,
+        }
+        assert_eq!(episode.observation().len(), LENGTH);
+        assert!(episode.observation().iter().all(|number| number.is_finite() && number.abs() <= 4.0));
+    }
+    assert!(seen.iter().all(|count| *count > 5), "{seen:?}");
+}
+
+#[test]
+fn a_batch_is_the_same_on_any_number_of_cores() {
+    let walk = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        pool.install(|| {
+            let mut batch = Batch::new(&Arc::new(config(Noise::Noisy)), 12, 1).expect("sensors");
+            batch.begin(1);
+            let mut rewards = Vec::new();
+            for decision in 0..30 {
+                let actions: Vec<usize> =
+                    (0..12).map(|place| (place + decision) % ActionTable::eight().len()).collect();
+                batch.step(&actions);
+                rewards.extend(batch.rewards());
+            }
+            (rewards, batch.finished().count())
+        })
+    };
+    assert_eq!(walk(1), walk(3));
+}
+
+#[test]
+fn handlers_are_told_about_as_they_are() {
+    let nominal = Config { handlers: Handlers::Nominal, ..config(Noise::Ideal) };
+    let mut episode = Episode::new(Arc::new(nominal)).expect("sensors");
+    episode.begin(1);
+    let default = episode.team().robot_from_handler().translation.vector;
+    assert!((default.x + 0.75).abs() < 1e-9 && (default.y + 0.35).abs() < 1e-9);
+    let mut episode = Episode::new(Arc::new(config(Noise::Ideal))).expect("sensors");
+    let mut different = 0;
+    for seed in 0..20 {
+        episode.begin(seed);
+        let (told, truth) =
+            (episode.handler_estimate().translation.vector, episode.team().robot_from_handler().translation.vector);
+        assert!((told - truth).norm() < 0.1, "{told} {truth}");
+        different += u32::from((truth - default).norm() > 0.02);
+    }
+    assert!(different > 10);
+}

@@ -1,0 +1,92 @@
+//! Generated worlds: what is in them, and that there is a way through.
+
+use guidance::TravelLine;
+use guidance::se2::Point;
+use guidedog_world::{GeneratorConfig, SeenBy, Side, Site, World, generate};
+
+/// Robot and handler touch nothing between these heights, metres.
+const TALL: [f64; 2] = [0.02, 1.8];
+
+fn sites(config: &GeneratorConfig) -> Vec<Site> {
+    (0..300).map(|seed| generate(config, seed)).collect()
+}
+
+fn empty() -> GeneratorConfig {
+    GeneratorConfig { clutter_per_m: 0.0, people: 0.0, glass: 0.0, ..GeneratorConfig::default() }
+}
+
+/// The first place along a line at which a disc touches something.
+fn blocked(world: &World, line: &TravelLine, radius_m: f64, [from_m, to_m]: [f64; 2]) -> Option<f64> {
+    let steps = ((to_m - from_m) / 0.1) as usize;
+    let way_m = |i: usize| from_m + 0.1 * i as f64;
+    let place = |way_m: f64| Point::from(line.at(way_m).translation.vector);
+    (0..steps).map(way_m).find(|way_m| world.clearance(place(*way_m), TALL, radius_m) < radius_m)
+}
+
+#[test]
+fn the_same_seed_gives_the_same_world() {
+    let config = GeneratorConfig::default();
+    for seed in 0..20 {
+        let (one, other) = (generate(&config, seed), generate(&config, seed));
+        assert_eq!((one.world.prisms(), &one.course), (other.world.prisms(), &other.course));
+        assert_eq!(one.world.people(), other.world.people());
+        assert_ne!(one.course.line, generate(&config, seed + 1000).course.line);
+    }
+}
+
+#[test]
+fn without_things_the_ways_are_free_from_wall_to_wall() {
+    for (seed, site) in sites(&empty()).iter().enumerate() {
+        let (course, world) = (&site.course, &site.world);
+        let radius_m = course.width_m / 2.0 - 0.15;
+        let to_m = course.line.length_m() - radius_m - 0.1;
+        assert_eq!(blocked(world, &course.line, radius_m, [radius_m + 0.1, to_m]), None, "corridor of seed {seed}");
+        for opening in &course.openings {
+            let radius_m = opening.width_m.min(course.width_m) / 2.0 - 0.25;
+            let line = course.line_into(opening).expect("a way in");
+            let from_m = (opening.way_m - 2.0).max(radius_m + 0.1);
+            let to_m = line.length_m() - radius_m - 0.1;
+            let found = blocked(world, &line, radius_m.min(0.6), [from_m, to_m]);
+            assert_eq!(found, None, "opening at {} m of seed {seed}", opening.way_m);
+        }
+    }
+}
+
+#[test]
+fn everything_that_makes_buildings_hard_is_there() {
+    let sites = sites(&GeneratorConfig::default());
+    let worlds_with = |has: &dyn Fn(&Site) -> bool| sites.iter().filter(|site| has(site)).count();
+    let prism = |has: fn(&guidedog_world::Prism) -> bool| worlds_with(&|site| site.world.prisms().iter().any(has));
+    let opens = |side: Side| worlds_with(&|site| site.course.openings.iter().any(|opening| opening.side == side));
+    let dead_end = |site: &Site| {
+        let end_m = site.course.line.length_m() - 0.3;
+        site.course.openings.iter().all(|opening| opening.far_edge_m() < end_m)
+    };
+    let counts = [
+        ("boxes under the lidar's plane", prism(|p| p.solid && p.z0_m == 0.0 && p.z1_m < 0.35)),
+        ("things that hang over it", prism(|p| p.solid && p.z0_m > 0.4)),
+        ("curtains", prism(|p| p.solid && p.z1_m == 2.2)),
+        ("pillars", prism(|p| p.solid && p.outline.len() >= 8)),
+        ("glass that the lidar looks through", prism(|p| p.seen_by == SeenBy::Camera)),
+        ("people", worlds_with(&|site| !site.world.people().is_empty())),
+        ("bends", worlds_with(&|site| site.course.line.corners().len() > 2)),
+        ("dead ends", worlds_with(&dead_end)),
+        ("ways to the left", opens(Side::Left)),
+        ("ways to the right", opens(Side::Right)),
+    ];
+    for (what, count) in counts {
+        assert!(count >= 20, "{what}: in {count} of {} worlds", sites.len());
+    }
+}
+
+#[test]
+fn an_opening_is_asked_for_until_its_far_edge_is_passed() {
+    let site = (0..200).map(|seed| generate(&empty(), seed)).find(|site| site.course.openings.len() > 2).expect("one");
+    let course = &site.course;
+    for opening in &course.openings {
+        let asked = |from_m: f64| course.next(opening.side, from_m, 15.0);
+        assert_eq!(asked(opening.far_edge_m() - 0.01), Some(opening));
+        assert_ne!(asked(opening.far_edge_m() + 0.01), Some(opening));
+        assert!(asked(opening.way_m - 15.1).is_none_or(|found| found.way_m < opening.way_m));
+    }
+}
