@@ -32,12 +32,9 @@ def export(model, path):
     """Writes the network; its greatest difference to torch over observations that never were."""
     network = Logits(model.policy).eval().cpu()
     width = model.observation_space["senses"].shape[0]
-    example = torch.rand(2, width)
+    # The legacy exporter: its graph is of plain operators, which tract runs as well.
     torch.onnx.export(
-        network, (example,), str(path), dynamo=True, opset_version=18, external_data=False, verbose=False,
-        input_names=["senses"], output_names=["logits"],
-    ) if False else torch.onnx.export(
-        network, (example[:1],), str(path), dynamo=False, opset_version=17,
+        network, (torch.rand(1, width),), str(path), dynamo=False, opset_version=17,
         input_names=["senses"], output_names=["logits"],
     )
     session = onnxruntime.InferenceSession(str(path))
