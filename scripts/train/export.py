@@ -11,11 +11,7 @@ import onnxruntime
 import torch
 from stable_baselines3 import PPO
 
-from guidedog_environment import ACTIONS, LENGTH, OBSERVATION
-
-# The handlers of training: see `Config::draw_handler` in shared/episodes.
-PERSONAL = {"alpha": [0.2, 0.6], "offset_x_m": [-0.87, -0.63], "offset_y_m": [-0.45, -0.25]}
-NOMINAL = {"alpha": [0.4, 0.4], "offset_x_m": [-0.75, -0.75], "offset_y_m": [-0.35, -0.35]}
+from guidedog_environment import ACTIONS, OBSERVATION, Episodes
 
 
 class Logits(torch.nn.Module):
@@ -47,18 +43,20 @@ def export(model, path):
     return worst
 
 
-def manifest(path, arguments, steps, command):
-    handlers = PERSONAL if arguments["handlers"] == "personal" else NOMINAL
-    ranges = "\n".join(f"{key} = {value}" for key, value in handlers.items())
+def manifest(path, arguments, steps, command, temperature):
+    handlers = Episodes(1, options=arguments["environment"]).handlers()
+    ranges = "\n".join(f"{key} = [{least:.2f}, {most:.2f}]" for key, (least, most) in handlers.items())
     return f"""\
 sha256 = "{hashlib.sha256(path.read_bytes()).hexdigest()}"
 observation = "{OBSERVATION}"
 actions = "{ {8: "eight", 10: "ten"}[len(ACTIONS)] }"
 dt = "500ms"
 frames = {arguments["frames"]}
+temperature = {temperature}
 
 [trained]
 steps = {steps}
+taught = {int(arguments["teach"])}
 beta = {arguments["beta"]}
 noise = "{arguments["noise"]}"
 harness = "{arguments["harness"]}"
@@ -73,6 +71,8 @@ def main():
     parser.add_argument("folder", type=Path, help="of the training")
     parser.add_argument("output", type=Path, help="NAME.onnx; NAME.toml goes beside it")
     parser.add_argument("--checkpoint", type=Path, help="instead of the folder's model.zip")
+    parser.add_argument("--command", help="that makes it again, as the manifest tells it; the training's own otherwise")
+    parser.add_argument("--temperature", type=float, default=1.0, help="below 1 actions are drawn more surely")
     given = parser.parse_args()
     model = PPO.load(given.checkpoint or given.folder / "model.zip", device="cpu")
     arguments = json.loads((given.folder / "arguments.json").read_text())
@@ -80,7 +80,7 @@ def main():
     worst = export(model, given.output)
     if not worst < 1e-4:
         raise SystemExit(f"the exported network differs from torch by {worst}")
-    text = manifest(given.output, arguments, model.num_timesteps, arguments.get("command", ""))
+    text = manifest(given.output, arguments, model.num_timesteps, given.command or arguments["command"], given.temperature)
     given.output.with_suffix(".toml").write_text(text)
     print(f"{given.output}: {given.output.stat().st_size} bytes, differs from torch by at most {worst:.1e}")
 

@@ -3,6 +3,8 @@
 
 import argparse
 import json
+import shlex
+import sys
 import time
 from collections import defaultdict
 from pathlib import Path
@@ -86,6 +88,7 @@ def main():
     options |= {"noise": arguments.noise, "harness": arguments.harness, "handlers": arguments.handlers}
     options |= {"measure": arguments.measure, "frames": arguments.frames}
     said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
+    said["command"] = shlex.join(["python", *sys.argv])
     (folder / "arguments.json").write_text(json.dumps(said | {"environment": options}, indent=2))
     environments = Episodes(arguments.environments, arguments.seed, **options)
     checkpoints = sorted(folder.glob("checkpoint_*_steps.zip"), key=lambda path: path.stat().st_mtime)

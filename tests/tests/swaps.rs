@@ -127,6 +127,22 @@ fn a_model_is_swapped_in_and_rolled_back_while_the_robot_walks() {
     place.assert_empty();
 }
 
+#[test]
+fn what_is_built_in_needs_no_file() {
+    let place = Place::new();
+    let mut run = walking(&place, "named", QUICK);
+    for (name, engine) in [("guide", "learnt"), ("geometric", "geometric")] {
+        let (swap, code) = policy(&run, &place, &["swap", "--model", name, "--settle"]);
+        assert_eq!((code, swap["state"].as_str()), (0, Some("done")), "{swap:#}");
+        let shown = policy(&run, &place, &["show"]).0;
+        assert_eq!(shown["active"]["runs"]["engine"], engine, "{shown:#}");
+    }
+    assert_eq!(stops(&run, &place), ["boot"]);
+    let (report, code) = run.end();
+    assert_eq!((code, report["missed_decisions"].as_u64()), (0, Some(0)), "{report:#}");
+    place.assert_empty();
+}
+
 fn write_model(place: &Place, name: &str, dt: &str) -> (String, String) {
     let tuning = "reserve_m = 0.05\n";
     let path: PathBuf = place.path().join(format!("{name}.geometric"));

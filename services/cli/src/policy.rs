@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use serde_json::{Value, json};
+use settings::PolicyModel;
 
 use crate::args::{PolicyArgs, PolicyRunArgs, PolicyVerb, RunArg, SwapArgs};
 use crate::control::ask;
@@ -26,11 +27,14 @@ pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
 }
 
 fn swap(args: &SwapArgs, as_json: bool) -> Result<u8, Failure> {
-    let whole = |path: &Option<PathBuf>| {
-        let found = path.as_deref().map(whole_path).transpose()?;
-        found.as_deref().map(named).transpose()
-    };
-    let request = json!({ "verb": "policy_swap", "exe": whole(&args.exe)?, "model": whole(&args.model)? });
+    let exe = args.exe.as_deref().map(whole_path).transpose()?;
+    let exe = exe.as_deref().map(named).transpose()?;
+    let mut model = args.model.clone();
+    if let Some(path) = model.as_mut().and_then(PolicyModel::file_mut) {
+        *path = whole_path(path)?;
+        named(path)?;
+    }
+    let request = json!({ "verb": "policy_swap", "exe": exe, "model": model });
     follow(&args.run, &request, as_json)
 }
 

@@ -114,6 +114,10 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     for path in paths.into_iter().flatten() {
         *path = folder.join(&path);
     }
+    let policy = &mut settings.policy;
+    for path in [policy.model.file_mut(), policy.onnx_runtime.as_mut()].into_iter().flatten() {
+        *path = folder.join(&path);
+    }
     settings.planned_paths_mut().for_each(|path| *path = folder.join(&path));
     Ok(settings)
 }

@@ -6,7 +6,8 @@ mod script;
 
 use std::path::{Path, PathBuf};
 
-use guidance::se2::{pose2, se2};
+use guidance::cue::CueTrack;
+use guidance::se2::{Se2, pose2, se2};
 use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
 use settings::Settings;
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
@@ -27,7 +28,9 @@ pub struct CueService {
     /// The scripted handler's memory as last written, and where.
     remembered: Memory,
     memory_path: PathBuf,
-    /// The turn for which "forward" was given already: (incarnation, seq) of its cue.
+    /// The turn in force, by (incarnation, seq) of its cue, and what has been walked since.
+    turning: ((u32, u64), CueTrack),
+    /// The turn for which "forward" was given already.
     turned: Option<(u32, u64)>,
 }
 
@@ -54,6 +57,7 @@ impl CueService {
             pose: None,
             mode: None,
             truth: None,
+            turning: ((0, 0), CueTrack::default()),
             turned: None,
         })
     }
@@ -90,18 +94,24 @@ impl CueService {
         if kind.is_moving() && self.pose.is_none() {
             return Ok(());
         }
-        let odom_from_start = match (source, self.turn_in_force()) {
-            (CueSource::TurnDone, Some(turn)) => {
-                guidance::cue::start_after_turn(turn.kind, &se2(turn.odom_from_start), &se2(pose.odom_from_robot))
-            }
-            _ => se2(pose.odom_from_robot),
-        };
+        self.give_from(io, kind, source, request_seq, &se2(pose.odom_from_robot))
+    }
+
+    fn give_from(
+        &mut self,
+        io: &Io,
+        kind: CueKind,
+        source: CueSource,
+        request_seq: u64,
+        odom_from_start: &Se2,
+    ) -> Result<(), TransportError> {
+        let incarnation = self.pose.map_or(0, |pose| pose.header.incarnation);
         let cue = Cue {
             kind,
             source,
             confidence: 1.0,
-            odom_from_start: pose2(&odom_from_start),
-            odometry_incarnation: pose.header.incarnation,
+            odom_from_start: pose2(odom_from_start),
+            odometry_incarnation: incarnation,
             request_seq,
             ..Cue::default()
         };
@@ -114,18 +124,22 @@ impl CueService {
         matches!(mode.cue.cue.kind, CueKind::Left | CueKind::Right).then_some(mode.cue.cue)
     }
 
-    /// The turn in force, where it is done and "forward" has not been given for it.
-    fn turn_done(&mut self) -> Option<Cue> {
+    /// The turn in force, where it is done and "forward" has not been given for it: its number, and where forward
+    /// begins.
+    fn turn_done(&mut self) -> Option<(u64, Se2)> {
         let (turn, pose) = (self.turn_in_force()?, self.pose?);
         let id = (turn.header.incarnation, turn.header.seq);
         if self.turned == Some(id) || turn.odometry_incarnation != pose.header.incarnation {
             return None;
         }
-        let start_from_robot = se2(turn.odom_from_start).inverse() * se2(pose.odom_from_robot);
-        guidance::cue::turn_done(turn.kind, &start_from_robot).then(|| {
-            self.turned = Some(id);
-            turn
-        })
+        if self.turning.0 != id {
+            self.turning = (id, CueTrack::default());
+        }
+        let (odom_from_start, track) = (se2(turn.odom_from_start), &mut self.turning.1);
+        track.observe(&(odom_from_start.inverse() * se2(pose.odom_from_robot)));
+        let odom_from_branch = odom_from_start * track.after_turn(turn.kind)?;
+        self.turned = Some(id);
+        Some((turn.header.seq, odom_from_branch))
     }
 }
 
@@ -160,8 +174,8 @@ impl Service for CueService {
             self.give(io, request.kind, CueSource::Operator, request.header.seq)?;
         }
         self.take_inputs()?;
-        if let Some(turn) = self.turn_done() {
-            self.give(io, CueKind::Forward, CueSource::TurnDone, turn.header.seq)?;
+        if let Some((request_seq, odom_from_branch)) = self.turn_done() {
+            self.give_from(io, CueKind::Forward, CueSource::TurnDone, request_seq, &odom_from_branch)?;
         }
         let situation = Situation {
             now_ns: io.now_ns(),

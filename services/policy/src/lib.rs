@@ -10,7 +10,7 @@ use messages::{
     PolicyAction, age_ns,
 };
 use policies::{Engine, Expected, GeometricConfig, Model, Pilot, Probabilities, Situation, stand};
-use settings::{Settings, Source};
+use settings::{PolicyModel, Settings, Source};
 use transport::{
     ChildArgs, FrameSample, FrameSubscriber, FromChild, Io, Publisher, Service, Subscriber, TransportError,
 };
@@ -50,9 +50,10 @@ impl PolicyService {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let table = settings.policy.actions.table();
-        let named = std::env::var_os(ChildArgs::MODEL).map(PathBuf::from).or_else(|| settings.policy.model.clone());
+        let swapped_in = std::env::var_os(ChildArgs::MODEL).map(|name| PolicyModel::from(PathBuf::from(name)));
+        let named = swapped_in.as_ref().unwrap_or(&settings.policy.model);
         let expected = Expected { table: table.clone(), dt_ns: settings.policy.dt.ns() };
-        let model = named.map(|path| Model::load(&path, &expected)).transpose().map_err(TransportError::service)?;
+        let model = Model::named(named, &expected).map_err(TransportError::service)?;
         let library = settings.policy.onnx_runtime.as_deref();
         let config = GeometricConfig::of(&settings).map_err(TransportError::service)?;
         let engine = policies::engine(model.as_ref(), config, &table, library).map_err(TransportError::service)?;

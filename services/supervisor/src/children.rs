@@ -153,7 +153,7 @@ impl Children {
         let life_variable = if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
         if let Some(model) = &spec.model {
-            command.env(ChildArgs::MODEL, model);
+            command.env(ChildArgs::MODEL, PathBuf::from(model.clone()));
         }
         if let Some(i) = self.doomed.iter().position(|doomed| *doomed == service) {
             self.doomed.swap_remove(i);

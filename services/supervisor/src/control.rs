@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use messages::CueKind;
 use serde::Deserialize;
 use serde_json::{Value, json};
+use settings::PolicyModel;
 use transport::{Io, TransportError};
 
 pub use inbox::{Abuse, Inbox, MAX_REQUEST, MAX_WAITING};
@@ -56,8 +57,8 @@ pub enum Request {
     PolicySwap {
         /// Another executable in place of `guidedog-policy`, its path absolute.
         exe: Option<PathBuf>,
-        /// The model to load, its path absolute.
-        model: Option<PathBuf>,
+        /// The model to load, a file's path absolute.
+        model: Option<PolicyModel>,
     },
     /// Back to the policy before.
     PolicyRollback,

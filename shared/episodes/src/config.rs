@@ -3,10 +3,10 @@
 use std::sync::Arc;
 
 use guidance::{
-    ActionTable, DelayedHarness, Delta, HandlerLimits, InteractionModel, MemoryConfig, RewardConfig, RigidHarness,
+    ActionTable, DelayedHarness, HandlerLimits, InteractionModel, MemoryConfig, RewardConfig, RigidHarness,
     ShieldConfig,
 };
-use messages::{CueKind, Pose2, Pose3};
+use messages::{CueKind, Pose2};
 use rand::{Rng, RngExt};
 use world::{DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig};
 
@@ -36,6 +36,19 @@ pub enum Handlers {
     /// Another one in each episode, with an offset and an alpha of their own, who sways; the shield is told what a fit
     /// to them would have found, which is not quite right.
     Personal,
+}
+
+/// What handlers are drawn from, least and greatest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HandlerRanges {
+    /// Their remembered share per decision.
+    pub alpha: [f64; 2],
+    /// Where they walk, robot frame, metres and radians.
+    pub x_m: [f64; 2],
+    /// See [`HandlerRanges::x_m`].
+    pub y_m: [f64; 2],
+    /// See [`HandlerRanges::x_m`].
+    pub yaw_rad: [f64; 2],
 }
 
 /// How the reward is measured; see [`guidance::Measure`].
@@ -104,55 +117,6 @@ pub struct Config {
     pub frames: usize,
 }
 
-impl Default for Config {
-    fn default() -> Self {
-        Self {
-            places: Places::Generated(GeneratorConfig::default()),
-            noise: Noise::Noisy,
-            harness: Harness::Delayed,
-            handlers: Handlers::Personal,
-            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            alpha: 0.4,
-            handler_limits: HandlerLimits {
-                radius_m: 0.25,
-                seen_radius_m: 0.20,
-                speed_max_mps: 0.5,
-                not_seen_ns: 1_000_000_000,
-            },
-            table: ActionTable::eight(),
-            dt_s: 0.5,
-            decisions: 100,
-            cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
-            orientation_max_rad: 30f64.to_radians(),
-            timing_max_m: None,
-            reward: RewardConfig { delta: Delta::Difference, motion_penalty: 0.02, ..RewardConfig::default() },
-            measure: RewardMeasure::Line,
-            shield: ShieldConfig {
-                robot_radius_m: 0.30,
-                margin_m: 0.04,
-                unknown_gap_m: 0.10,
-                escape: true,
-                unseen_limit_m2: None,
-            },
-            memory: Some(MemoryConfig { kept_ns: 10_000_000_000, free_ns: 500_000_000, drift: 0.03 }),
-            lidar: LidarConfig {
-                height_m: 0.35,
-                robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
-                ..LidarConfig::default()
-            },
-            depth: Some(DepthConfig {
-                width: 64,
-                height: 32,
-                hfov_rad: 90f64.to_radians(),
-                robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
-                ..DepthConfig::default()
-            }),
-            judges: true,
-            frames: 1,
-        }
-    }
-}
-
 impl Config {
     /// The lidar with its noise.
     #[must_use]
@@ -181,25 +145,34 @@ impl Config {
         }
     }
 
+    /// Who the handlers are, least and greatest.
+    #[must_use]
+    pub fn handler_ranges(&self) -> HandlerRanges {
+        let Pose2 { x_m, y_m, yaw_rad } = self.robot_from_handler;
+        let spread = if self.handlers == Handlers::Personal { 1.0 } else { 0.0 };
+        let about = |middle: f64, by: f64| [middle - spread * by, middle + spread * by];
+        HandlerRanges {
+            alpha: about(self.alpha, 0.2).map(|alpha| alpha.max(0.0)),
+            x_m: about(x_m, 0.12),
+            y_m: about(y_m, 0.10),
+            yaw_rad: about(yaw_rad, 0.08),
+        }
+    }
+
     /// How a handler follows, and what a fit to them has found.
     #[must_use]
     pub(crate) fn draw_handler(&self, random: &mut impl Rng) -> (InteractionModel, InteractionModel) {
-        let mut about = |middle: f64, spread: f64| middle + spread * (random.random::<f64>() * 2.0 - 1.0);
-        let (offset, alpha) = match self.handlers {
-            Handlers::Nominal => (self.robot_from_handler, self.alpha),
-            Handlers::Personal => {
-                let Pose2 { x_m, y_m, yaw_rad } = self.robot_from_handler;
-                let offset = Pose2::new(about(x_m, 0.12), about(y_m, 0.10), about(yaw_rad, 0.08));
-                (offset, about(self.alpha, 0.2).max(0.0))
-            }
+        let ranges = self.handler_ranges();
+        let mut within = |[least, most]: [f64; 2]| least + (most - least) * random.random::<f64>();
+        let offset = Pose2::new(within(ranges.x_m), within(ranges.y_m), within(ranges.yaw_rad));
+        let alpha = within(ranges.alpha);
+        let mut about = |middle: f64, by: f64| match self.handlers {
+            Handlers::Nominal => middle,
+            Handlers::Personal => within([middle - by, middle + by]),
         };
-        let fitted = match self.handlers {
-            Handlers::Nominal => (offset, alpha),
-            Handlers::Personal => {
-                let x_m = about(offset.x_m, 0.04);
-                (Pose2::new(x_m, about(offset.y_m, 0.04), about(offset.yaw_rad, 0.05)), about(alpha, 0.05).max(0.0))
-            }
-        };
+        let x_m = about(offset.x_m, 0.04);
+        let fitted = Pose2::new(x_m, about(offset.y_m, 0.04), about(offset.yaw_rad, 0.05));
+        let fitted = (fitted, about(alpha, 0.05).max(0.0));
         (self.model(offset, alpha), self.model(fitted.0, fitted.1))
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use guidance::cue::{start_after_turn, turn_done, turn_missed};
+use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Se2, pose2, se2};
 use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
@@ -62,6 +62,7 @@ pub struct Episode {
     cue: CueKind,
     cue_is_new: bool,
     odom_from_start: Se2,
+    track: CueTrack,
     decision: u64,
     frames: Frames,
     velocities: Vec<Twist2>,
@@ -100,6 +101,7 @@ impl Episode {
             cue: CueKind::Stop,
             cue_is_new: true,
             odom_from_start: Se2::identity(),
+            track: CueTrack::default(),
             decision: 0,
             frames: Frames::new(config.frames),
             velocities: config.table.actions().iter().map(|action| action.velocity(config.dt_s)).collect(),
@@ -136,6 +138,7 @@ impl Episode {
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
         (self.odom_from_start, self.odom_from_before) = (Se2::identity(), Se2::identity());
+        self.track.clear();
         self.sense();
     }
 
@@ -208,10 +211,11 @@ impl Episode {
 
     /// A turn that is done goes on as forward, as in a run.
     fn take_turn(&mut self) {
-        let start_from_robot = self.odom_from_start.inverse() * self.odom_from_robot;
-        if turn_done(self.cue, &start_from_robot) {
-            self.odom_from_start = start_after_turn(self.cue, &self.odom_from_start, &self.odom_from_robot);
+        self.track.observe(&(self.odom_from_start.inverse() * self.odom_from_robot));
+        if let Some(start_from_branch) = self.track.after_turn(self.cue) {
+            self.odom_from_start *= start_from_branch;
             (self.cue, self.cue_is_new) = (CueKind::Forward, true);
+            self.track.clear();
         }
     }
 
@@ -241,13 +245,6 @@ impl Episode {
     #[must_use]
     pub fn unsafe_mask(&self) -> u32 {
         self.unsafe_mask
-    }
-
-    /// Whether the robot stands whatever the policy says: stop was asked for, or a turn found nothing to turn into.
-    #[must_use]
-    pub fn must_stand(&self) -> bool {
-        let start_from_robot = self.odom_from_start.inverse() * self.odom_from_robot;
-        self.cue == CueKind::Stop || turn_missed(self.cue, &start_from_robot)
     }
 
     /// Where shield and policy take the handler to be, robot frame.
@@ -295,6 +292,7 @@ impl Episode {
     /// Another cue is given, here and now.
     pub fn give(&mut self, cue: CueKind) {
         (self.cue, self.cue_is_new, self.odom_from_start) = (cue, true, self.odom_from_robot);
+        self.track.clear();
     }
 
     /// The task.
@@ -331,7 +329,7 @@ impl Episode {
 
     /// Carries out an action of the table.
     pub fn step(&mut self, action: usize) -> Step {
-        let action = if self.must_stand() { ActionTable::STOP } else { action };
+        let action = if self.track.must_stand(self.cue) { ActionTable::STOP } else { action };
         let all = (1u32 << self.velocities.len()) - 1;
         let (all_unsafe, taken) = (self.unsafe_mask == all, self.unsafe_mask >> action & 1 == 1);
         let velocity = self.velocities[action];

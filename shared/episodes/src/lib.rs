@@ -13,7 +13,7 @@ pub mod task;
 pub mod teacher;
 
 pub use batch::{Batch, Finished};
-pub use config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
+pub use config::{Config, HandlerRanges, Handlers, Harness, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
 pub use score::{Report, Score};
 pub use task::{Goal, Task};
@@ -22,8 +22,5 @@ pub use teacher::Teacher;
 /// The seed of part `part` of something with the seed `seed`: what the parts draw does not hang together.
 #[must_use]
 pub fn part_seed(seed: u64, part: u64) -> u64 {
-    let mut z = seed.wrapping_add(part.wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
+    guidance::seed::mixed(seed, part.wrapping_add(1))
 }

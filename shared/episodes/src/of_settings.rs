@@ -1,38 +1,60 @@
 //! Episodes of a configured robot.
 
-use settings::Settings;
-use world::{DepthConfig, LidarConfig};
+use guidance::{Delta, HarnessError, Interaction, RewardConfig};
+use messages::CueKind;
+use settings::{Settings, Source};
+use world::{DepthConfig, GeneratorConfig, LidarConfig};
 
-use guidance::{HarnessError, Interaction};
+use crate::config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
 
-use crate::config::Config;
+/// The camera has its place and field of view, and so many pixels only: enough to learn from.
+const DEPTH_WIDTH: usize = 64;
+const DEPTH_HEIGHT: usize = 32;
+/// What costs what is taught by: a metre is worth 1.
+const MOTION_PENALTY: f64 = 0.02;
 
 impl Config {
-    /// Episodes of the robot, sensors, handler and shield of these settings. The camera has its place and field of
-    /// view, and fewer pixels.
+    /// Episodes of the robot, sensors, handler and shield of these settings, in generated worlds with noisy sensors and
+    /// handlers of all kinds.
     ///
     /// # Errors
     /// Where the handler's parameters are no handler's.
     pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
-        let default = Self::default();
         let interaction = settings.interaction()?;
-        let camera = default.depth.as_ref().map(|small| DepthConfig {
-            width: small.width,
-            height: small.height,
-            ..DepthConfig::from(&settings.depth)
-        });
-        let has_depth = settings.depth.source != settings::Source::Absent;
+        let depth = DepthConfig { width: DEPTH_WIDTH, height: DEPTH_HEIGHT, ..DepthConfig::from(&settings.depth) };
         Ok(Self {
-            table: settings.policy.actions.table(),
-            dt_s: settings.policy.dt.s(),
+            places: Places::Generated(GeneratorConfig::default()),
+            noise: Noise::Noisy,
+            harness: Harness::Delayed,
+            handlers: Handlers::Personal,
             robot_from_handler: guidance::se2::pose2(&interaction.robot_from_default()),
             alpha: settings.handler.alpha.get(),
+            handler_limits: settings.handler_limits(),
+            table: settings.policy.actions.table(),
+            dt_s: settings.policy.dt.s(),
+            decisions: 100,
+            cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
+            orientation_max_rad: 30f64.to_radians(),
+            timing_max_m: None,
+            reward: RewardConfig {
+                delta: Delta::Difference,
+                motion_penalty: MOTION_PENALTY,
+                ..RewardConfig::default()
+            },
+            measure: RewardMeasure::Line,
             shield: settings.shield_config(),
             memory: settings.memory_config(),
-            handler_limits: settings.handler_limits(),
             lidar: LidarConfig::from(&settings.lidar),
-            depth: camera.filter(|_| has_depth),
-            ..default
+            depth: (settings.depth.source != Source::Absent).then_some(depth),
+            judges: true,
+            frames: 1,
         })
+    }
+}
+
+/// Those of the default settings.
+impl Default for Config {
+    fn default() -> Self {
+        Self::of(&Settings::default()).unwrap_or_else(|_| unreachable!("the default handler is one"))
     }
 }

@@ -15,8 +15,8 @@ pub struct Score {
     way_m: f64,
     last_places: VecDeque<Point>,
     last: Point,
-    /// Sum of the heading's errors in the third metre, radians, and how many they are.
-    headings: (f64, u32),
+    /// Where the handler came into the third metre of way.
+    third_metre: Option<Point>,
     /// Decisions in a row in which the handler did not move.
     frozen: u32,
     /// The handler faced off the travel line when they gave the cue.
@@ -55,14 +55,14 @@ pub struct Report {
     pub reward: f64,
     /// Longest run of decisions in which the handler did not move, before they had arrived.
     pub longest_freeze: u32,
-    /// In the third metre the handler faced within 10 degrees of the travel line, on average; none: they faced so from
-    /// the start, or never came so far.
+    /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, or
+    /// never came so far.
     pub corrected: Option<bool>,
 }
 
 /// Who moves by less in a decision stands, metres.
 const FROZEN_M: f64 = 0.02;
-/// Who has corrected an error of orientation faces as near to the travel line, radians,
+/// Who has corrected an error of orientation walks as near to the travel line, radians,
 const CORRECTED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
 /// in this part of the way, metres.
 const CORRECTED_M: [f64; 2] = [2.0, 3.0];
@@ -92,7 +92,7 @@ impl Score {
         let way_m = task.line.foot(place).way_m;
         let off_rad = task.line.heading_error_rad(way_m, world_from_handler.rotation.angle());
         Self {
-            headings: (0.0, 0),
+            third_metre: None,
             frozen: 0,
             errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward,
             world_from_start: *world_from_handler,
@@ -126,11 +126,13 @@ impl Score {
         self.way_m = foot.way_m;
         let begun_m = task.line.foot(start).way_m;
         let on_m = self.way_m - begun_m;
-        if (CORRECTED_M[0]..CORRECTED_M[1]).contains(&on_m) {
-            let off_rad = task.line.heading_error_rad(self.way_m, world_from_handler.rotation.angle());
-            self.headings = (self.headings.0 + off_rad, self.headings.1 + 1);
-        } else if on_m >= CORRECTED_M[1] && report.corrected.is_none() && self.errs && self.headings.1 > 0 {
-            report.corrected = Some((self.headings.0 / f64::from(self.headings.1)).abs() <= CORRECTED_RAD);
+        if on_m >= CORRECTED_M[0] {
+            let walked = place - *self.third_metre.get_or_insert(place);
+            if on_m >= CORRECTED_M[1] && report.corrected.is_none() && self.errs {
+                let middle_m = begun_m + f64::midpoint(CORRECTED_M[0], CORRECTED_M[1]);
+                let off_rad = task.line.heading_error_rad(middle_m, walked.y.atan2(walked.x));
+                report.corrected = Some(off_rad.abs() <= CORRECTED_RAD);
+            }
         }
         report.success |= task.is_done(world_from_handler, self.way_m);
         self.last_places.push_back(place);

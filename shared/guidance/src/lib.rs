@@ -14,6 +14,7 @@ pub mod memory;
 pub mod observation;
 pub mod scan;
 pub mod se2;
+pub mod seed;
 pub mod shield;
 pub mod track;
 pub mod travel_line;

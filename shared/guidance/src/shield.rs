@@ -12,6 +12,7 @@ use crate::interaction::Interaction;
 use crate::memory::Memory;
 use crate::scan::Beams;
 use crate::se2::{Se2, exp};
+use crate::seed::mixed;
 use judging::{Present, Sorted};
 
 /// How the shield judges.
@@ -251,14 +252,9 @@ pub fn choose(probabilities: &[f64], draw: Draw, decision: u64) -> usize {
     }
 }
 
-/// A number in [0, 1) that depends on seed and counter alone (the finaliser of SplitMix64), so that a restarted shield
-/// draws the same.
+/// A number in [0, 1) that depends on seed and counter alone, so that a restarted shield draws the same.
 fn uniform(seed: u64, counter: u64) -> f64 {
-    let mut z = seed.wrapping_add(counter.wrapping_mul(0x9e37_79b9_7f4a_7c15));
-    for (shift, factor) in [(30, 0xbf58_476d_1ce4_e5b9), (27, 0x94d0_49bb_1331_11eb)] {
-        z = (z ^ (z >> shift)).wrapping_mul(factor);
-    }
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    (mixed(seed, counter) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 #[cfg(test)]

@@ -18,6 +18,7 @@ use crate::{Engine, EngineError, Probabilities, Situation, runtime};
 pub struct LearntEngine {
     session: Session,
     actions: usize,
+    temperature: f32,
     frames: Frames,
     /// The recurrent state; empty where there is none.
     memory: Vec<f32>,
@@ -41,6 +42,7 @@ impl LearntEngine {
         let mut engine = Self {
             session,
             actions: table.len(),
+            temperature: manifest.temperature.map_or(1.0, |temperature| temperature.get() as f32),
             frames: Frames::new(manifest.frames),
             memory: vec![0.0; manifest.memory],
             before: None,
@@ -74,7 +76,7 @@ impl LearntEngine {
             }
             Ok(numbers)
         };
-        let probabilities = softmax(output("logits", self.actions)?);
+        let probabilities = softmax(output("logits", self.actions)?, self.temperature);
         if !self.memory.is_empty() {
             let next = output("memory_next", self.memory.len())?.to_vec();
             self.memory.copy_from_slice(&next);
@@ -108,13 +110,13 @@ impl Engine for LearntEngine {
     }
 }
 
-/// Probabilities of logits.
-fn softmax(logits: &[f32]) -> Probabilities {
+/// Probabilities of logits: the lower the temperature, the surer.
+fn softmax(logits: &[f32], temperature: f32) -> Probabilities {
     let greatest = logits.iter().copied().fold(f32::MIN, f32::max);
     let mut probabilities = [0.0; MAX_ACTIONS];
     let mut sum = 0.0;
     for (p, logit) in probabilities.iter_mut().zip(logits) {
-        *p = (logit - greatest).exp();
+        *p = ((logit - greatest) / temperature).exp();
         sum += *p;
     }
     probabilities.iter_mut().for_each(|p| *p /= sum);

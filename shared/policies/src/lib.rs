@@ -9,7 +9,7 @@ mod runtime;
 
 use std::path::Path;
 
-use guidance::cue::turn_missed;
+use guidance::cue::CueTrack;
 use guidance::se2::pose2;
 use guidance::{ActionTable, Evidence, HandlerBody, Se2};
 use messages::{CueKind, MAX_ACTIONS, ScanHeader};
@@ -87,24 +87,28 @@ impl Engine for GeometricEngine {
 /// What every engine is held to: no engine decides against a stop, nor goes on looking for an opening for ever.
 pub struct Pilot {
     engine: Box<dyn Engine>,
+    track: CueTrack,
 }
 
 impl Pilot {
     /// The pilot with that engine.
     #[must_use]
     pub fn new(engine: Box<dyn Engine>) -> Self {
-        Self { engine }
+        Self { engine, track: CueTrack::default() }
     }
 
-    /// One decision: certain to stand where stop was asked for or a turn has found nothing to turn into
-    /// ([`turn_missed`]), the engine's probabilities otherwise.
+    /// One decision: certain to stand where that is not the engine's to say ([`CueTrack::must_stand`]), the engine's probabilities
+    /// otherwise.
     ///
     /// # Errors
     /// Where the engine could not decide.
     pub fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
+        if situation.cue_is_new {
+            self.track.clear();
+        }
+        self.track.observe(&situation.start_from_robot);
         let decided = self.engine.decide(situation)?;
-        let must_stand = situation.cue == CueKind::Stop || turn_missed(situation.cue, &situation.start_from_robot);
-        Ok(if must_stand { stand() } else { decided })
+        Ok(if self.track.must_stand(situation.cue) { stand() } else { decided })
     }
 }
 

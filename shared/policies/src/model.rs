@@ -9,7 +9,7 @@ use guidance::{ActionTable, observation};
 use messages::Pose2;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use settings::{ActionTableName, Millis, Positive, Settings};
+use settings::{ActionTableName, Millis, PolicyModel, Positive, Settings};
 use sha2::{Digest, Sha256};
 
 use crate::geometric::GeometricConfig;
@@ -41,6 +41,8 @@ pub struct Manifest {
     /// Size of the recurrent state; 0: there is none.
     #[serde(default)]
     pub memory: usize,
+    /// A learnt policy's logits are divided by it: below 1 what is drawn is drawn more surely, above 1 less.
+    pub temperature: Option<Positive>,
     /// How it was trained.
     pub trained: Option<Trained>,
     /// What it scored when it was made, as `guidedog evaluate` tells it.
@@ -56,8 +58,11 @@ fn one() -> usize {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Trained {
-    /// Environment steps.
+    /// Environment steps of reinforcement.
     pub steps: u64,
+    /// Environment steps of imitation before.
+    #[serde(default)]
+    pub taught: u64,
     /// The shield's suppression factor (Kim et al. 2023, section 5).
     pub beta: f64,
     /// "ideal" or "noisy".
@@ -205,7 +210,26 @@ pub enum ModelKind {
     },
 }
 
+/// The learnt policy that is shipped: `scripts/train/guide` makes it again.
+const GUIDE: (&[u8], &[u8]) =
+    (include_bytes!("../../../config/policies/guide.onnx"), include_bytes!("../../../config/policies/guide.toml"));
+
 impl Model {
+    /// The model of that name; none for the geometric engine as it is built.
+    ///
+    /// # Errors
+    /// As [`Model::load`].
+    pub fn named(name: &PolicyModel, expected: &Expected) -> Result<Option<Self>, ModelError> {
+        match name {
+            PolicyModel::Geometric => Ok(None),
+            PolicyModel::Guide => {
+                let (bytes, manifest) = GUIDE;
+                Self::verified(&PathBuf::from(name.clone()), true, bytes.to_vec(), manifest, expected).map(Some)
+            }
+            PolicyModel::File(path) => Self::load(path, expected).map(Some),
+        }
+    }
+
     /// Loads the model at `path` with its manifest beside it.
     ///
     /// # Errors
@@ -217,8 +241,18 @@ impl Model {
             _ => return Err(ModelError::Kind { path: path.to_owned() }),
         };
         let bytes = read(path)?;
+        Self::verified(path, is_learnt, bytes, &read(&path.with_extension("toml"))?, expected)
+    }
+
+    fn verified(
+        path: &Path,
+        is_learnt: bool,
+        bytes: Vec<u8>,
+        manifest: &[u8],
+        expected: &Expected,
+    ) -> Result<Self, ModelError> {
         let manifest_path = path.with_extension("toml");
-        let manifest: Manifest = parse(&manifest_path, &read(&manifest_path)?)?;
+        let manifest: Manifest = parse(&manifest_path, manifest)?;
         let sha256: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
         if !manifest.sha256.eq_ignore_ascii_case(&sha256) {
             return Err(ModelError::Digest { path: path.to_owned(), wanted: manifest.sha256, found: sha256 });

@@ -10,6 +10,7 @@ use guidance::{ActionTable, Beams, Evidence, HandlerBody};
 use guidedog_policies::{Expected, GeometricConfig, Model, ModelError, Pilot, Situation};
 use messages::{CueKind, ScanHeader};
 use onnx::{Network, bias, counting};
+use settings::PolicyModel;
 use sha2::{Digest, Sha256};
 
 /// A folder of models.
@@ -125,6 +126,19 @@ fn what_cannot_decide_is_refused_when_it_is_loaded() {
     std::fs::write(path.with_extension("toml"), text.replace(OBSERVATION, "pixels/1")).expect("written");
     let error = pilot(&path).err().map(|error| error.to_string()).expect("refused");
     assert!(error.contains("was made for the observation pixels/1"), "{error}");
+}
+
+#[test]
+fn the_shipped_policy_fits_this_build_and_walks_where_it_is_free() {
+    let table = ActionTable::eight();
+    let expected = Expected { table: table.clone(), dt_ns: 500_000_000 };
+    let model = Model::named(&PolicyModel::Guide, &expected).expect("fits").expect("a model");
+    assert!(model.manifest.trained.is_some());
+    let engine = guidedog_policies::engine(Some(&model), GeometricConfig::default(), &table, None).expect("loads");
+    let mut pilot = Pilot::new(engine);
+    let decided = decide(&mut pilot, CueKind::Forward, true, Se2::identity());
+    assert!((decided.iter().sum::<f32>() - 1.0).abs() < 1e-3 && decided[ActionTable::STOP] < 0.5, "{decided:?}");
+    assert_eq!(decide(&mut pilot, CueKind::Stop, true, Se2::identity())[ActionTable::STOP], 1.0);
 }
 
 #[test]

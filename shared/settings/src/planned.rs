@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use messages::CueKind;
 use serde::{Deserialize, Serialize};
 
-use crate::Settings;
 use crate::units::Millis;
+use crate::{PolicyModel, Settings};
 
 /// One thing that is planned. In stepped time it happens in the very step of that time, the same in every run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -36,7 +36,7 @@ pub enum Ask {
         /// Another executable in place of `guidedog-policy`.
         exe: Option<PathBuf>,
         /// The model to load.
-        model: Option<PathBuf>,
+        model: Option<PolicyModel>,
     },
     /// Back to the policy before.
     PolicyRollback,
@@ -65,7 +65,9 @@ impl Settings {
     /// The paths in what is planned.
     pub fn planned_paths_mut(&mut self) -> impl Iterator<Item = &mut PathBuf> {
         self.planned.iter_mut().flat_map(|planned| match &mut planned.ask {
-            Ask::PolicySwap { exe, model } => [exe.as_mut(), model.as_mut()].into_iter().flatten(),
+            Ask::PolicySwap { exe, model } => {
+                [exe.as_mut(), model.as_mut().and_then(PolicyModel::file_mut)].into_iter().flatten()
+            }
             _ => [None, None].into_iter().flatten(),
         })
     }

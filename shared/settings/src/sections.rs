@@ -15,7 +15,7 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
-pub use policy::{ActionTableName, PolicyEngine, PolicySettings, SwapSettings};
+pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;

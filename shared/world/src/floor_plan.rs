@@ -127,7 +127,7 @@ impl FloorPlan {
             rooms.sort_by(f64::total_cmp);
             let width_m = 2.0 * rooms[rooms.len() / 2].min(ENOUGH_M);
             let openings = self.openings(&line, width_m);
-            return Some(Course { line, width_m, openings });
+            return Some(Course::new(line, width_m, openings));
         }
         None
     }

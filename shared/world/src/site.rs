@@ -1,6 +1,8 @@
 //! A world and what is known of its ways: for who sets tasks in it and judges how they were done. The robot is told
 //! none of it.
 
+use std::f64::consts::FRAC_PI_4;
+
 use guidance::TravelLine;
 use guidance::se2::{Point, wrap_angle};
 
@@ -64,7 +66,31 @@ pub struct Course {
     pub openings: Vec<Opening>,
 }
 
+/// A corridor that itself turns by so much, radians,
+const CORNER_RAD: f64 = FRAC_PI_4;
+/// in so short a way, metres, is a turn: whoever is asked to turn to that side has done so when they are round it.
+const CORNER_M: f64 = guidance::cue::TURN_WITHIN_M;
+/// Corners and openings are as near to each other as this where they are the same, metres.
+const SAME_M: f64 = 2.0;
+/// A way that leaves another one by less is that way: one of its corners.
+const ALONG_RAD: f64 = 0.1;
+/// Ways are looked at every so far, metres.
+const LOOK_M: f64 = 0.25;
+
 impl Course {
+    /// A corridor with what leads off it, and its own sharp corners as ways to turn into.
+    #[must_use]
+    pub fn new(line: TravelLine, width_m: f64, mut openings: Vec<Opening>) -> Self {
+        for corner in corners(&line, width_m) {
+            let is_same = |o: &Opening| o.side == corner.side && (o.way_m - corner.way_m).abs() < SAME_M;
+            if !openings.iter().any(is_same) {
+                openings.push(corner);
+            }
+        }
+        openings.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
+        Self { line, width_m, openings }
+    }
+
     /// The first opening to a side whose farther edge is ahead of that way and whose middle is within `reach_m`.
     #[must_use]
     pub fn next(&self, side: Side, from_m: f64, reach_m: f64) -> Option<&Opening> {
@@ -72,11 +98,15 @@ impl Course {
         ahead.find(|opening| opening.far_edge_m() > from_m && opening.way_m <= from_m + reach_m)
     }
 
-    /// The line of who turns into an opening: along the corridor, round the corner, and on to the branch's end.
+    /// The line of who turns into an opening: along the corridor, round the corner, and on to the branch's end; the
+    /// corridor's own where it is one of its corners.
     #[must_use]
     pub fn line_into(&self, opening: &Opening) -> Option<TravelLine> {
         let corner = self.line.at(opening.way_m);
         let turn_rad = wrap_angle(opening.axis_rad() - corner.rotation.angle()).abs();
+        if turn_rad < ALONG_RAD {
+            return Some(self.line.clone());
+        }
         // As round as both ways have room for.
         let cut_m = (0.5 * self.width_m.min(opening.width_m)).min(opening.way_m).max(0.1);
         let mut places: Vec<Point> = self.line.part(0.0, opening.way_m - cut_m)?.corners().to_vec();
@@ -93,6 +123,25 @@ impl Course {
         places.extend(opening.line.part(cut_m, opening.line.length_m())?.corners());
         TravelLine::new(&places)
     }
+}
+
+/// The sharp corners of a corridor: where it turns most, its way on being the way turned into.
+fn corners(line: &TravelLine, width_m: f64) -> Vec<Opening> {
+    let heading = |way_m: f64| line.at(way_m).rotation.angle();
+    let turned = |way_m: f64| wrap_angle(heading(way_m + CORNER_M / 2.0) - heading(way_m - CORNER_M / 2.0));
+    let looks = (line.length_m() / LOOK_M) as usize;
+    let turns: Vec<(f64, f64)> = (0..=looks).map(|i| i as f64 * LOOK_M).map(|way_m| (way_m, turned(way_m))).collect();
+    let mut corners = Vec::new();
+    for bend in turns.chunk_by(|a, b| (a.1.abs() > CORNER_RAD) == (b.1.abs() > CORNER_RAD) && a.1 * b.1 > 0.0) {
+        let [first, .., last] = bend else { continue };
+        if first.1.abs() <= CORNER_RAD {
+            continue;
+        }
+        let way_m = f64::midpoint(first.0, last.0);
+        let side = if first.1 > 0.0 { Side::Left } else { Side::Right };
+        corners.extend(line.part(way_m, line.length_m()).map(|on| Opening { way_m, width_m, side, line: on }));
+    }
+    corners
 }
 
 /// A world whose ways are known.

@@ -72,6 +72,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
 /// Many episodes side by side, on all cores, without the interpreter's lock.
 #[pyclass]
 struct Episodes {
+    config: Arc<Config>,
     batch: Batch,
     actions: usize,
     frames: usize,
@@ -84,7 +85,18 @@ impl Episodes {
     fn new(count: usize, seed: u64, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let config = Arc::new(config(options)?);
         let (actions, frames) = (config.table.len(), config.frames);
-        Ok(Self { batch: Batch::new(&config, count, seed).map_err(wrong)?, actions, frames })
+        let batch = Batch::new(&config, count, seed).map_err(wrong)?;
+        Ok(Self { config, batch, actions, frames })
+    }
+
+    /// What handlers are drawn from, least and greatest, as a manifest tells it.
+    fn handlers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let ranges = self.config.handler_ranges();
+        let told = PyDict::new(py);
+        told.set_item("alpha", ranges.alpha)?;
+        told.set_item("offset_x_m", ranges.x_m)?;
+        told.set_item("offset_y_m", ranges.y_m)?;
+        Ok(told)
     }
 
     /// Begins all episodes anew.

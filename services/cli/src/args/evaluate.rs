@@ -3,13 +3,17 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
+use settings::PolicyModel;
+
+use super::policy::policy_model;
 
 /// How many episodes of what, by whom.
 #[derive(Debug, Clone, Args)]
 pub struct EvaluateArgs {
-    /// `geometric`, or a model file (`NAME.onnx`, `NAME.geometric`) with its manifest beside it
-    #[arg(long, value_name = "geometric|FILE", default_value = "geometric")]
-    pub policy: PathBuf,
+    /// `guide` or `geometric`, which are built in, or a model file (`NAME.onnx`, `NAME.geometric`) with its manifest
+    /// beside it
+    #[arg(long, value_name = "guide|geometric|FILE", default_value = "guide", value_parser = policy_model())]
+    pub policy: PolicyModel,
     /// `generated`, or ROS maps (`MAP.yaml`), one or more
     #[arg(long, value_name = "generated|MAP.yaml", num_args = 1.., default_value = "generated")]
     pub worlds: Vec<PathBuf>,
@@ -98,9 +102,9 @@ pub enum ChoiceArg {
 /// Examples of `guidedog evaluate --help`.
 pub const HELP: &str = "\
 Examples:
-  guidedog evaluate --policy config/policies/guide.onnx --episodes 2000
+  guidedog evaluate --policy guide --episodes 2000
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
-  guidedog evaluate --policy config/policies/guide.onnx --tasks timing --pictures pictures
+  guidedog evaluate --policy guide --tasks timing --pictures pictures
 
 An episode is one cue and a hundred decisions. A motion in which robot or handler would touch something is refused and
 counted as one collision; who walks into them is counted as hit_by_others. Most people stop where robot or handler is

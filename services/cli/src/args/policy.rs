@@ -2,7 +2,9 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PathBufValueParser, TypedValueParser};
 use clap::{Args, Subcommand};
+use settings::PolicyModel;
 
 use super::RunArg;
 
@@ -10,12 +12,18 @@ use super::RunArg;
 pub const HELP: &str = "\
 Examples:
   guidedog policy swap --model careful.geometric    with its manifest careful.toml beside it
+  guidedog policy swap --model guide                the learnt policy that is built in
   guidedog policy swap --exe ./my-policy            another executable in place of guidedog-policy
   guidedog policy rollback                          the policy before
   guidedog policy show
 
 The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
 before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
+
+/// A model's name, or its file.
+pub fn policy_model() -> impl TypedValueParser<Value = PolicyModel> {
+    PathBufValueParser::new().map(PolicyModel::from)
+}
 
 /// `guidedog policy`.
 #[derive(Debug, Args)]
@@ -40,9 +48,9 @@ pub enum PolicyVerb {
 #[derive(Debug, Args)]
 #[group(id = "candidate", required = true, multiple = true, args = ["model", "exe"])]
 pub struct SwapArgs {
-    /// The model to load; its manifest lies beside it
-    #[arg(long, value_name = "FILE")]
-    pub model: Option<PathBuf>,
+    /// `guide` or `geometric`, which are built in, or a model file with its manifest beside it
+    #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy_model())]
+    pub model: Option<PolicyModel>,
     /// The executable to start in place of guidedog-policy
     #[arg(long, value_name = "FILE")]
     pub exe: Option<PathBuf>,

@@ -83,11 +83,7 @@ impl Evaluation {
     fn of(args: &EvaluateArgs, settings: Settings) -> Result<Self, Failure> {
         let table = settings.policy.actions.table();
         let expected = Expected { table, dt_ns: settings.policy.dt.ns() };
-        let model = if args.policy == Path::new("geometric") {
-            None
-        } else {
-            Some(Model::load(&args.policy, &expected).map_err(Failure::of_input)?)
-        };
+        let model = Model::named(&args.policy, &expected).map_err(Failure::of_input)?;
         let config = Arc::new(config(args, &settings)?);
         Ok(Self { settings, config, model })
     }

@@ -8,6 +8,7 @@ use std::path::PathBuf;
 
 use messages::{ModeClass, Permit, PolicyAction, ServiceId};
 use serde::{Deserialize, Serialize};
+use settings::PolicyModel;
 
 use super::watched::{Phase, Role, Watched};
 use super::{Action, Machine, Now};
@@ -23,7 +24,7 @@ pub struct PolicySpec {
     /// Another executable in place of `guidedog-policy`.
     pub exe: Option<PathBuf>,
     /// The model that it is to load.
-    pub model: Option<PathBuf>,
+    pub model: Option<PolicyModel>,
 }
 
 impl PolicySpec {
@@ -32,10 +33,10 @@ impl PolicySpec {
     /// # Errors
     /// Where it names nothing, or a path that would be looked for from wherever the supervisor works.
     pub fn checked(self) -> Result<Self, String> {
-        let paths = [&self.exe, &self.model];
-        if paths.iter().all(|path| path.is_none()) {
+        if self.exe.is_none() && self.model.is_none() {
             return Err("neither an executable nor a model is named".to_owned());
         }
+        let paths = [self.exe.as_deref(), self.model.as_ref().and_then(PolicyModel::file)];
         if let Some(path) = paths.into_iter().flatten().find(|path| !path.is_absolute()) {
             return Err(format!("{}: the path is not absolute", path.display()));
         }

@@ -1,18 +1,64 @@
 //! The policy's section.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use guidance::ActionTable;
 use serde::{Deserialize, Serialize};
 
 use crate::units::Millis;
 
-/// Which policy.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum PolicyEngine {
-    /// Follows the travel line from lidar and depth by geometry.
+/// Which model decides, as configuration and command line name it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "PathBuf", into = "PathBuf")]
+pub enum PolicyModel {
+    /// `guide`: the learnt policy that is built in.
+    Guide,
+    /// `geometric`: the engine that follows the travel line by geometry, as it is built.
     Geometric,
+    /// A model file, its manifest beside it.
+    File(PathBuf),
+}
+
+const GUIDE: &str = "guide";
+const GEOMETRIC: &str = "geometric";
+
+impl From<PathBuf> for PolicyModel {
+    fn from(path: PathBuf) -> Self {
+        match path.to_str() {
+            Some(GUIDE) => Self::Guide,
+            Some(GEOMETRIC) => Self::Geometric,
+            _ => Self::File(path),
+        }
+    }
+}
+
+impl From<PolicyModel> for PathBuf {
+    fn from(model: PolicyModel) -> Self {
+        match model {
+            PolicyModel::Guide => GUIDE.into(),
+            PolicyModel::Geometric => GEOMETRIC.into(),
+            PolicyModel::File(path) => path,
+        }
+    }
+}
+
+impl PolicyModel {
+    /// The file, where it is one.
+    #[must_use]
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Guide | Self::Geometric => None,
+        }
+    }
+
+    /// See [`PolicyModel::file`].
+    pub fn file_mut(&mut self) -> Option<&mut PathBuf> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Guide | Self::Geometric => None,
+        }
+    }
 }
 
 /// Which action table.
@@ -40,14 +86,12 @@ impl ActionTableName {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
-    /// Which policy.
-    pub engine: PolicyEngine,
+    /// What decides.
+    pub model: PolicyModel,
     /// Which actions.
     pub actions: ActionTableName,
     /// Decision period.
     pub dt: Millis,
-    /// The model to load, with its manifest beside it; none: the engine as it is built.
-    pub model: Option<PathBuf>,
     /// ONNX Runtime's library, which then runs learnt models; none: tract, which is built in.
     pub onnx_runtime: Option<PathBuf>,
     /// What another policy has to show to be swapped in.
@@ -57,10 +101,9 @@ pub struct PolicySettings {
 impl Default for PolicySettings {
     fn default() -> Self {
         Self {
-            engine: PolicyEngine::Geometric,
+            model: PolicyModel::Geometric,
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
-            model: None,
             onnx_runtime: None,
             swap: SwapSettings::default(),
         }
@@ -82,5 +125,23 @@ pub struct SwapSettings {
 impl Default for SwapSettings {
     fn default() -> Self {
         Self { decisions: 4, latency: Millis::of_ms(100), probation: Millis::of_ms(3000) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{PolicyModel, PolicySettings};
+
+    #[test]
+    fn a_model_is_a_name_or_a_file() {
+        for (word, model) in [
+            ("guide", PolicyModel::Guide),
+            ("geometric", PolicyModel::Geometric),
+            ("models/guide.onnx", PolicyModel::File("models/guide.onnx".into())),
+        ] {
+            let read: PolicySettings = toml::from_str(&format!("model = \"{word}\"")).expect("a model");
+            assert_eq!(read.model, model);
+            assert_eq!(toml::from_str::<PolicySettings>(&toml::to_string(&read).expect("written")), Ok(read));
+        }
     }
 }

@@ -198,7 +198,7 @@ impl Plan {
             side: branch.side,
             line: self.branch_line(branch),
         };
-        Course { line: self.line.clone(), width_m: self.width_m, openings: ways.map(opening).collect() }
+        Course::new(self.line.clone(), self.width_m, ways.map(opening).collect())
     }
 
     /// All walls.

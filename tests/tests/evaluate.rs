@@ -1,0 +1,67 @@
+//! `guidedog evaluate`: the shipped policy, and what an operator gets to read.
+
+use std::fs;
+use std::process::Output;
+
+use guidedog_tests::Place;
+use serde_json::Value;
+
+fn evaluate(place: &Place, args: &[&str]) -> Output {
+    place.command(&[&["evaluate"], args].concat()).output().expect("runs")
+}
+
+fn report(place: &Place, args: &[&str]) -> Value {
+    let output = evaluate(place, &[args, &["--json"]].concat());
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("one object")
+}
+
+/// Far below what it reaches on more episodes: this is whether it works at all, and whether it stays so.
+#[test]
+fn the_shipped_policy_guides() {
+    let place = Place::new();
+    let found = report(&place, &["--policy", "guide", "--episodes", "100", "--seed", "77"]);
+    for (figure, least) in [
+        ("/collision_free/mean", 0.93),
+        ("/cue_success/forward/mean", 0.85),
+        ("/cue_success/turn_taken/mean", 0.70),
+        ("/cue_success/stop/mean", 1.0),
+    ] {
+        let value = found.pointer(figure).and_then(Value::as_f64).unwrap_or_default();
+        assert!(value >= least, "{figure} = {value}, at least {least} is wanted: {found:#}");
+    }
+}
+
+#[test]
+fn the_same_seed_gives_the_same_figures_on_any_number_of_cores() {
+    let place = Place::new();
+    let figures = |seed: &str| {
+        let mut found = report(&place, &["--policy", "guide", "--episodes", "12", "--seed", seed]);
+        // The clock's, not the seed's.
+        assert!(found.as_object_mut().is_some_and(|report| report.remove("decision_us").is_some()), "{found:#}");
+        found
+    };
+    assert_eq!(figures("3"), figures("3"));
+    assert_ne!(figures("3")["walked_m"], figures("4")["walked_m"]);
+}
+
+#[test]
+fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
+    let place = Place::new();
+    let folder = place.path().join("pictures");
+    let folder = folder.to_string_lossy();
+    report(&place, &["--policy", "guide", "--episodes", "2", "--pictures", &folder]);
+    let picture = fs::read_to_string(format!("{folder}/first-0.svg")).expect("a picture");
+    assert!(picture.starts_with("<svg ") && picture.ends_with("</svg>\n") || picture.ends_with("</svg>"), "{picture}");
+    for (args, why) in [
+        (&["--policy", "guide.bin"][..], "guide.bin: no engine loads a file of that kind"),
+        (&["--policy", "nowhere.onnx"], "failed to read nowhere.onnx"),
+        (&["--worlds", "nowhere.yaml"], "nowhere.yaml"),
+        (&["--beta-test", "2"], "--beta-test is 2, not in 0..1"),
+        (&["--episodes", "0"], "0 is not in 1..=1000000"),
+    ] {
+        let output = evaluate(&place, args);
+        let told = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && told.contains(why), "{args:?}: {told}");
+    }
+}
