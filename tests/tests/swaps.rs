@@ -130,7 +130,7 @@ fn a_model_is_swapped_in_and_rolled_back_while_the_robot_walks() {
 #[test]
 fn what_is_built_in_needs_no_file() {
     let place = Place::new();
-    let mut run = walking(&place, "named", QUICK);
+    let run = walking(&place, "named", QUICK);
     for (name, engine) in [("guide", "learnt"), ("geometric", "geometric")] {
         let (swap, code) = policy(&run, &place, &["swap", "--model", name, "--settle"]);
         assert_eq!((code, swap["state"].as_str()), (0, Some("done")), "{swap:#}");
