@@ -9,7 +9,8 @@ use world::{HandlerProfile, Team, World};
 const DEPTH: usize = 3;
 /// The handler walks to the right of the robot: the team's middle is so far to the right of it, metres.
 const MIDDLE_M: f64 = 0.17;
-/// Headings this near to the line's are as good, radians: half a turn of the table. Beyond it a radian costs as much as so many metres of way.
+/// Headings this near to the line's are as good, radians: half a turn of the table. Beyond it a radian costs as much as
+/// so many metres of way.
 const HEADING_FREE_RAD: f64 = 0.09;
 const HEADING_COST_M: f64 = 1.0;
 /// The line's direction is that of so far ahead of the robot, metres.

@@ -55,7 +55,8 @@ impl CueTrack {
     }
 
     /// The start frame of the forward that follows a done turn, in the cue's start frame: the robot's place, the
-    /// branch's direction. `None`: the robot has not turned more than half-way to the cue's side, or it is none to turn.
+    /// branch's direction. `None`: the robot has not turned more than half-way to the cue's side, or the cue is none to
+    /// turn.
     #[must_use]
     pub fn after_turn(&self, kind: CueKind) -> Option<Se2> {
         let target_rad = target_yaw_rad(kind);

@@ -97,8 +97,8 @@ impl Pilot {
         Self { engine, track: CueTrack::default() }
     }
 
-    /// One decision: certain to stand where that is not the engine's to say ([`CueTrack::must_stand`]), the engine's probabilities
-    /// otherwise.
+    /// One decision: certain to stand where that is not the engine's to say ([`CueTrack::must_stand`]), the engine's
+    /// probabilities otherwise.
     ///
     /// # Errors
     /// Where the engine could not decide.
