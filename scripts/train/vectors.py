@@ -1,7 +1,6 @@
 """The batch of episodes as stable-baselines3 has its environments."""
 
 import numpy as np
-from gymnasium.vector.utils import batch_space  # noqa: F401  (the spaces are Gymnasium's)
 from stable_baselines3.common.vec_env import VecEnv
 
 from guidedog_environment import WayfindingVector

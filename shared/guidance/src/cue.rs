@@ -40,12 +40,17 @@ impl CueTrack {
         self.newest = None;
     }
 
-    /// Takes the robot's pose in the cue's start frame. Whoever begins in the middle knows the straight way only.
+    /// Takes the robot's pose in the cue's start frame. Whoever begins in the middle, restarted, knows the start and
+    /// the straight way from it.
     pub fn observe(&mut self, start_from_robot: &Se2) {
-        let (before_m, before) = self.trail.back().copied().unwrap_or((0.0, Se2::identity()));
+        let start = (0.0, Se2::identity());
+        if self.trail.is_empty() {
+            self.trail.push_back(start);
+        }
+        let (before_m, before) = self.trail.back().copied().unwrap_or(start);
         let step_m = (start_from_robot.translation.vector - before.translation.vector).norm();
         let way_m = before_m + step_m;
-        if self.trail.is_empty() || step_m >= CHORD_M {
+        if step_m >= CHORD_M {
             self.trail.push_back((way_m, *start_from_robot));
         }
         self.newest = Some((way_m, *start_from_robot));
@@ -139,6 +144,12 @@ mod tests {
         let mut late = CueTrack::default();
         late.observe(&Se2::new(Vector2::new(16.0, 0.0), 0.0));
         assert!(late.turn_missed(CueKind::Left));
+        // And in the middle of a turn, how far it has turned.
+        let mut late = CueTrack::default();
+        late.observe(&Se2::new(Vector2::new(1.0, 0.3), 0.6));
+        assert_eq!(late.after_turn(CueKind::Left), None);
+        late.observe(&Se2::new(Vector2::new(1.1, 0.4), 0.9));
+        assert!(late.after_turn(CueKind::Left).is_some());
     }
 
     #[test]

@@ -130,15 +130,13 @@ pub fn engine(
     table: &ActionTable,
     library: Option<&Path>,
 ) -> Result<Box<dyn Engine>, ModelError> {
-    match model.map(|model| &model.kind) {
-        Some(ModelKind::Learnt { bytes }) => {
-            let model = model.unwrap_or_else(|| unreachable!("it was matched"));
-            Ok(Box::new(LearntEngine::load(&model.path, bytes, &model.manifest, table, library)?))
+    if let Some(Model { path, manifest, kind, .. }) = model {
+        match kind {
+            ModelKind::Learnt { bytes } => {
+                return Ok(Box::new(LearntEngine::load(path, bytes, manifest, table, library)?));
+            }
+            ModelKind::Geometric(tuning) => tuning.apply(&mut config),
         }
-        Some(ModelKind::Geometric(tuning)) => {
-            tuning.apply(&mut config);
-            Ok(Box::new(GeometricEngine::new(config, table.clone())))
-        }
-        None => Ok(Box::new(GeometricEngine::new(config, table.clone()))),
     }
+    Ok(Box::new(GeometricEngine::new(config, table.clone())))
 }

@@ -111,4 +111,5 @@ counted as one collision; who walks into them is counted as hit_by_others. Most 
 within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
 handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still at the end where
-there is none within 15 m; stop, the next decision stands.";
+there is none within 15 m of way; stop, the next decision stands. An error of orientation is corrected where the
+handler's third metre of way leads within 10 degrees of the corridor.";
