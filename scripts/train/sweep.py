@@ -16,7 +16,7 @@ HERE = Path(__file__).parent.resolve()
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("table", choices=["2", "3"])
-    parser.add_argument("folder", type=Path, help="one folder for each policy; one that has a model is not trained again")
+    parser.add_argument("folder", type=Path, help="one folder for each policy, policy.onnx in it; one that has a model is not trained again")
     parser.add_argument("--steps", type=float, default=1e6, help="environment steps of each policy")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--cores", type=float, default=1, help="of each training")
@@ -43,10 +43,15 @@ def name(cell):
 def train(config):
     """One policy, in a process of its own: what a worker on another machine does as well."""
     cell, folder = config["cell"], Path(config["folder"]) / name(config["cell"])
+    # Trainings share a machine: none takes more of its cores than it was given.
+    environment = os.environ | {"RAYON_NUM_THREADS": str(max(int(config["cores"]), 1))}
     if not (folder / "model.zip").exists():
         arguments = [f"--{key}={value}" for key, value in cell.items()]
         command = [sys.executable, str(HERE / "train.py"), str(folder), "--quiet", "--resume"]
-        subprocess.run([*command, f"--steps={config['steps']}", *arguments, *config["rest"]], check=True)
+        command += [f"--steps={config['steps']}", *arguments, *config["rest"]]
+        subprocess.run(command, check=True, env=environment)
+    if not (folder / "policy.onnx").exists():
+        subprocess.run([sys.executable, str(HERE / "export.py"), str(folder), str(folder / "policy.onnx")], check=True)
     tune.report({"done": 1})
 
 
@@ -55,7 +60,7 @@ def main():
     folder = given.folder.resolve()
     cells = space(given.table, given.seeds)
     trainable = tune.with_resources(train, {"cpu": given.cores})
-    common = {"folder": str(folder), "steps": given.steps, "rest": given.rest}
+    common = {"folder": str(folder), "steps": given.steps, "cores": given.cores, "rest": given.rest}
     tuner = tune.Tuner(trainable, param_space=common | {"cell": tune.grid_search(cells)})
     os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "1")
     failed = [result.error for result in tuner.fit() if result.error]

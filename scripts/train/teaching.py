@@ -1,7 +1,8 @@
 """Imitation before reinforcement (DAgger, Ross et al. 2011): the student walks, the teacher says what it would have done.
 
 The teacher knows the travel line, the world and the handler (`shared/episodes/src/teacher.rs`); the student sees what a
-robot sees. What is taught is the network's own choice, without the shield, so that it does not lean on it.
+robot sees. What is taught is the network's own choice, without the shield, so that it does not lean on it: not the best
+action alone, but how much worse the others are, which is most of what there is to know where several are as good.
 """
 
 import json
@@ -11,11 +12,16 @@ import numpy as np
 import torch
 from torch.nn import functional
 
+from guidedog_environment import ACTIONS
+from shielded import STOP
+
 # Samples that are kept, and of those how many make an update.
-KEPT = 600_000
+KEPT = 1_200_000
 BATCH = 2048
 ROLLOUT = 64
 UPDATES = 20
+# Actions that the teacher takes to be worth so much less are e times less probable, metres of way.
+INDIFFERENT_M = 0.02
 # In so many of the episodes' decisions the teacher's own action is taken, at first.
 LED = 0.5
 # The policy is saved after every so many steps.
@@ -27,7 +33,7 @@ class Samples:
 
     def __init__(self, width):
         self.senses = np.zeros((KEPT, width), np.float16)
-        self.taught = np.zeros(KEPT, np.int64)
+        self.taught = np.zeros((KEPT, len(ACTIONS)), np.float16)
         self.returns = np.zeros(KEPT, np.float32)
         self.count = 0
 
@@ -40,7 +46,7 @@ class Samples:
         places = random.integers(min(self.count, KEPT), size=BATCH)
         return (
             torch.from_numpy(self.senses[places].astype(np.float32)),
-            torch.from_numpy(self.taught[places]),
+            torch.from_numpy(self.taught[places].astype(np.float32)),
             torch.from_numpy(self.returns[places]),
         )
 
@@ -59,13 +65,13 @@ def teach(model, environments, steps, log):
         senses, taught, rewards, ends, cuts, reports = [], [], [], [], [], []
         policy.set_training_mode(False)
         for _ in range(ROLLOUT):
-            told = environments.vector.taught()
+            told = wishes(environments.vector.taught())
             with torch.no_grad():
                 own = policy.get_distribution(policy.obs_to_tensor(seen)[0]).sample().numpy()
             led = random.random(len(told)) < LED * left
             senses.append(seen["senses"])
             taught.append(told)
-            seen, reward, ended, infos = environments.step(np.where(led, told, own))
+            seen, reward, ended, infos = environments.step(np.where(led, told.argmax(axis=1), own))
             rewards.append(reward)
             ends.append(ended)
             cuts.append(_cut(policy, infos))
@@ -87,10 +93,21 @@ def teach(model, environments, steps, log):
         if reports:
             line |= {"collision_free": float(np.mean([report["collisions"] == 0 for report in reports]))}
             line |= {"success": float(np.mean([report["success"] for report in reports]))}
+            into = [report["success"] for report in reports if report["cue"] != "forward" and not report["to_stand"]]
+            line |= {"success_into": float(np.mean(into))}
         with log.open("a") as out:
             out.write(json.dumps(line) + "\n")
         if walked // SAVED > (walked - len(samples_of_now)) // SAVED:
             model.save(log.parent / "taught.zip")
+
+
+def wishes(worths_m):
+    """How probable each action is with the teacher; certain to stand where all are forbidden."""
+    best_m = worths_m.max(axis=1, keepdims=True)
+    lost = np.isneginf(best_m[:, 0])
+    worths_m = np.where(lost[:, None], np.where(np.arange(len(ACTIONS)) == STOP, 0.0, -np.inf), worths_m)
+    likely = np.exp((worths_m - worths_m.max(axis=1, keepdims=True)) / INDIFFERENT_M)
+    return (likely / likely.sum(axis=1, keepdims=True)).astype(np.float32)
 
 
 def _cut(policy, infos):
@@ -112,4 +129,4 @@ def _update(policy, optimizer, senses, taught, returns):
     (imitation + 0.02 * value).backward()
     torch.nn.utils.clip_grad_norm_(policy.parameters(), 1.0)
     optimizer.step()
-    return imitation.item(), (logits.argmax(-1) == taught).float().mean().item()
+    return imitation.item(), (logits.argmax(-1) == taught.argmax(-1)).float().mean().item()

@@ -5,6 +5,9 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from guidedog_environment import WayfindingVector
 
+# Returns are of the order of 1 so: what the value's error weighs beside the policy's is then what it should.
+REWARD_SCALE = 0.1
+
 
 class Episodes(VecEnv):
     """All episodes are stepped at once, on all cores. The hundredth decision cuts an episode short: it is told as
@@ -33,7 +36,7 @@ class Episodes(VecEnv):
                 "report": report,
                 "episode": {"r": float(report["reward"]), "l": 100, "t": 0.0},
             }
-        return observations, rewards.astype(np.float32), truncated, infos
+        return observations, (REWARD_SCALE * rewards).astype(np.float32), truncated, infos
 
     def close(self):
         pass

@@ -67,7 +67,7 @@ def test_the_teacher_gets_there():
     vector.reset(seed=5)
     reports = []
     for decision in range(230):
-        _, _, _, truncated, infos = vector.step(vector.taught())
+        _, _, _, truncated, infos = vector.step(vector.taught().argmax(axis=1))
         # The first ones are cut short, each at another decision.
         whole = np.flatnonzero(truncated) if decision >= 100 else []
         reports += [infos["final_info"]["success"][place] for place in whole]

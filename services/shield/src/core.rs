@@ -11,7 +11,7 @@ use guidance::{
 };
 use messages::{
     DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
-    ScanHeader, TopicId, Twist2, age_ns, s_from_ns,
+    ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Choice, Settings, Source};
 use surroundings::Surroundings;
@@ -93,6 +93,7 @@ struct Running {
     /// Of the action drawn; of the most probable one where all were unsafe.
     judgement: Judgement,
     begin_ns: u64,
+    odom_from_begin: Se2,
     end_ns: u64,
 }
 
@@ -151,9 +152,20 @@ impl Core {
 
     /// The newest mode.
     pub fn take_mode(&mut self, mode: &Mode) {
-        if self.mode.is_none_or(|old| mode.may_follow(&old)) {
-            self.mode = Some(*mode);
+        if self.mode.is_some_and(|old| !mode.may_follow(&old)) {
+            return;
         }
+        let is_fault = mode.class == ModeClass::Fault && mode.reason.kind == StopKind::OdometryContradicts;
+        let is_new = self.mode.is_some_and(|old| old.epoch != mode.epoch);
+        if is_fault
+            && is_new
+            && let Some(running) = self.running.filter(|running| running.drawn == Outcome::Granted)
+        {
+            // Whatever held the robot is met again where this action leads, whoever gives the next cue.
+            let action = self.config.table.actions()[running.index].start_from_end();
+            self.surroundings.feel(&running.odom_from_begin, &action);
+        }
+        self.mode = Some(*mode);
     }
 
     /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
@@ -310,6 +322,7 @@ impl Core {
             drawn: Outcome::InvalidAction,
             judgement: Judgement::default(),
             begin_ns: now_ns,
+            odom_from_begin: self.odom_from_robot,
             end_ns: (action.decision + 1) * self.config.dt_ns,
         };
         let count = self.config.table.len();

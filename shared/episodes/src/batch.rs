@@ -101,10 +101,10 @@ impl Batch {
         self.places.iter().map(|place| &place.episode)
     }
 
-    /// What the teacher would do in each.
+    /// What the teacher says that each action is worth in each; see [`crate::Teacher::worths_m`].
     #[must_use]
-    pub fn taught(&self) -> Vec<usize> {
-        self.places.par_iter().with_min_len(4).map(|place| place.episode.taught()).collect()
+    pub fn taught(&self) -> Vec<Vec<f64>> {
+        self.places.par_iter().with_min_len(4).map(|place| place.episode.teacher().worths_m()).collect()
     }
 
     /// The rewards of the last step.

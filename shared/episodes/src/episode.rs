@@ -55,6 +55,8 @@ pub struct Episode {
     odometry: OdometrySensor,
     odom_from_robot: Se2,
     odom_from_before: Se2,
+    /// The motion that was to lead here, in the robot's frame then.
+    begun: Se2,
     awareness: Awareness,
     shield: Shield,
     judgements: Vec<Judgement>,
@@ -94,6 +96,7 @@ impl Episode {
             odometry: OdometrySensor::new(config.odometry_config(), 0, 0)?,
             odom_from_robot: Se2::identity(),
             odom_from_before: Se2::identity(),
+            begun: Se2::identity(),
             awareness: Awareness::new(told, config.handler_limits.clone(), config.memory.clone()),
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
@@ -138,6 +141,7 @@ impl Episode {
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
         (self.odom_from_start, self.odom_from_before) = (Se2::identity(), Se2::identity());
+        self.begun = Se2::identity();
         self.track.clear();
         self.sense();
     }
@@ -201,6 +205,7 @@ impl Episode {
         // A scan of which nothing can be used leaves what was known before.
         let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then: Se2::identity() };
         let _ = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
+        self.awareness.moved(&self.odom_from_before, &self.begun, &self.odom_from_robot);
         self.take_turn();
         self.awareness.begin_step(&self.odom_from_robot);
         let handler = self.awareness.handler();
@@ -313,12 +318,12 @@ impl Episode {
         &self.scenery().team
     }
 
-    /// What the teacher would do now.
+    /// Who knows what the robot does not, and says what it would do now.
     #[must_use]
-    pub fn taught(&self) -> usize {
+    pub fn teacher(&self) -> Teacher<'_> {
         let Scenery { site, task, team, .. } = self.scenery();
         let table = &self.config.table;
-        Teacher { world: &site.world, team, line: &task.line, table, unsafe_mask: self.unsafe_mask }.action()
+        Teacher { world: &site.world, team, line: &task.line, table, unsafe_mask: self.unsafe_mask }
     }
 
     /// What became of it, so far.
@@ -338,6 +343,7 @@ impl Episode {
         let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
         let world_from_handler = scenery.team.world_from_handler();
         let moved = action != ActionTable::STOP;
+        self.begun = self.config.table.actions()[action].start_from_end();
         let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum();
         scenery.score.step(&scenery.task, &world_from_handler, stepped, reward);
         self.decision += 1;

@@ -25,6 +25,8 @@ pub const STILL_DECISIONS: usize = 10;
 const BESIDE_M: f64 = 1.0;
 /// A cue to turn is due so far before the opening's middle, metres.
 const DUE_M: f64 = 1.5;
+/// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
+const BEFORE_M: f64 = 1.6;
 /// The way of a handler who looks for an opening goes on so far before them, metres.
 const AHEAD_M: f64 = 0.75;
 
@@ -84,7 +86,7 @@ impl Task {
         Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)))
     }
 
-    /// The task of who gives a cue there.
+    /// The task of who gives a cue there; `None` where what is next is a niche, and nobody can say whether it is meant.
     #[must_use]
     pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2) -> Option<Self> {
         let way_m = course.line.foot(Point::from(world_from_robot.translation.vector)).way_m;
@@ -105,6 +107,9 @@ impl Task {
         let second = course.next(side, first.far_edge_m(), TURN_REACH_M);
         let is_beside = first.far_edge_m() - way_m < BESIDE_M;
         let meant = if is_beside { second.unwrap_or(first) } else { first };
+        if meant.line.length_m() < course.width_m / 2.0 + INSIDE_M + BEFORE_M {
+            return None;
+        }
         let allowed = [Some(first), second.filter(|_| is_beside)].into_iter().flatten().cloned().collect();
         task(course.line_into(meant)?, Goal::Into(allowed))
     }

@@ -54,9 +54,23 @@ struct State {
 }
 
 impl Teacher<'_> {
-    /// The best action.
+    /// The best action; of equals the first.
     #[must_use]
     pub fn action(&self) -> usize {
+        let mut best = ActionTable::STOP;
+        let worths_m = self.worths_m();
+        for (action, worth_m) in worths_m.iter().enumerate() {
+            if *worth_m > worths_m[best] + 1e-9 {
+                best = action;
+            }
+        }
+        best
+    }
+
+    /// What each action is worth with the best that can follow it, metres of way; of forbidden ones less than nothing
+    /// can be.
+    #[must_use]
+    pub fn worths_m(&self) -> Vec<f64> {
         let (robot, robot_from_handler) = (*self.team.world_from_robot(), *self.team.robot_from_handler());
         let foot_m = |pose: &Se2| self.line.foot(place(pose)).way_m;
         let now = State {
@@ -65,19 +79,13 @@ impl Teacher<'_> {
             robot_m: foot_m(&robot),
             handler_m: foot_m(&(robot * robot_from_handler)),
         };
-        let mut best = (f64::NEG_INFINITY, ActionTable::STOP);
-        for action in 0..self.table.len() {
-            if self.unsafe_mask >> action & 1 == 0 {
-                let worth_m = self.worth_m(&now, &now, action, DEPTH);
-                if worth_m > best.0 + 1e-9 {
-                    best = (worth_m, action);
-                }
-            }
-        }
-        best.1
+        let is_unsafe = |action: usize| self.unsafe_mask >> action & 1 == 1;
+        let worth_m = |action: usize| {
+            if is_unsafe(action) { f64::NEG_INFINITY } else { self.worth_m(&now, &now, action, DEPTH) }
+        };
+        (0..self.table.len()).map(worth_m).collect()
     }
 
-    /// What an action is worth with the best that can follow it, metres of way.
     fn worth_m(&self, begin: &State, state: &State, action: usize, depth: usize) -> f64 {
         let profile: &HandlerProfile = self.team.handler();
         let motion = self.table.actions()[action].start_from_end();

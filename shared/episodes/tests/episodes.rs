@@ -16,7 +16,7 @@ fn taught(config: Config, count: u64) -> Vec<guidedog_episodes::Report> {
     let mut episode = Episode::new(Arc::new(config)).expect("sensors");
     let walk = |seed: u64| {
         episode.begin(part_seed(5, seed));
-        while !episode.step(episode.taught()).ended {}
+        while !episode.step(episode.teacher().action()).ended {}
         episode.report()
     };
     (0..count).map(walk).collect()

@@ -3,6 +3,7 @@
 
 use messages::{DepthHeader, ScanHeader};
 
+use crate::contact::comes_about;
 use crate::depth::DepthView;
 use crate::handler::{HandlerEstimate, HandlerLimits};
 use crate::interaction::InteractionModel;
@@ -85,6 +86,15 @@ impl Awareness {
             memory.update(now_ns, odom_from_robot, &self.beams, depth, &body);
         }
         Ok(())
+    }
+
+    /// The robot was to move by `begin_from_end` from where it was; where it is now shows whether it did.
+    pub fn moved(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2, odom_from_robot: &Se2) {
+        if let Some(memory) = &mut self.memory
+            && !comes_about(begin_from_end, &(odom_from_begin.inverse() * odom_from_robot))
+        {
+            memory.feel(odom_from_begin, begin_from_end);
+        }
     }
 
     /// A decision begins.

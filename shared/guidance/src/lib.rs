@@ -5,6 +5,7 @@
 pub mod action;
 pub mod awareness;
 pub mod boundary;
+pub mod contact;
 pub mod cue;
 pub mod depth;
 pub mod handler;

@@ -6,6 +6,7 @@
 
 use std::collections::VecDeque;
 
+use crate::contact::Contacts;
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::scan::{BeamKind, Beams, Fan};
@@ -122,6 +123,7 @@ pub struct Memory {
     odom_from_robot: Se2,
     odometer: Odometer,
     hidden: Vec<Remembered>,
+    contacts: Contacts,
 }
 
 impl Memory {
@@ -139,6 +141,7 @@ impl Memory {
             odom_from_robot: Se2::identity(),
             odometer: Odometer::default(),
             hidden: Vec::new(),
+            contacts: Contacts::default(),
         }
     }
 
@@ -264,6 +267,17 @@ impl Memory {
             let uncertainty_m = self.odometer.error_m(&spot.seen_at, self.config.drift, place.coords.norm());
             self.hidden.push(Remembered { place, uncertainty_m });
         }
+    }
+
+    /// The robot was to move by `begin_from_end` from where it was, and did not get there.
+    pub fn feel(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2) {
+        self.contacts.feel(self.now_ns, odom_from_begin, begin_from_end);
+    }
+
+    /// Whether a motion from here leads to where one did not get before.
+    #[must_use]
+    pub fn meets_contact(&self, robot_from_end: &Se2) -> bool {
+        self.contacts.is_met(self.now_ns, &self.odom_from_robot, robot_from_end)
     }
 
     /// The obstacles that cannot be seen now.

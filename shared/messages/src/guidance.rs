@@ -299,6 +299,8 @@ pub enum UnsafeCause {
     Unknown,
     /// Too much of the hull is seen by nothing.
     Unseen,
+    /// It leads to where a motion did not get before: something is there that no sensor tells of.
+    Contact,
 }
 
 /// No beam: what a verdict names where it judged none.

@@ -24,6 +24,10 @@ use crate::{World, WorldError};
 const ROOM_M: f64 = 0.75;
 /// More room is as good: in a hall nobody keeps to the middle, metres.
 const ENOUGH_M: f64 = 1.5;
+/// What is wider than this is no corridor, metres, unless it is for no longer than a junction: nobody can say which way
+/// is meant.
+const CORRIDOR_M: f64 = 4.0;
+const JUNCTION_M: f64 = 4.0;
 /// A line is traced in steps of so much, metres, looking ahead so far.
 const STEP_M: f64 = 0.4;
 const LOOK_M: f64 = 1.2;
@@ -109,8 +113,12 @@ impl FloorPlan {
         Some(Site { world: furnished.with_people(people), course })
     }
 
-    /// A corridor from somewhere.
+    /// A corridor from somewhere; a way through the open where there is no corridor.
     fn course(&self, random: &mut ChaCha8Rng) -> Option<Course> {
+        self.course_with(CORRIDOR_M, random).or_else(|| self.course_with(f64::INFINITY, random))
+    }
+
+    fn course_with(&self, widest_m: f64, random: &mut ChaCha8Rng) -> Option<Course> {
         if self.roomy.is_empty() {
             return None;
         }
@@ -118,7 +126,7 @@ impl FloorPlan {
             let (column, row) = self.roomy[random.random_range(0..self.roomy.len())];
             let heading_rad = random.random_range(-PI..PI);
             let start = self.map.middle(column, row);
-            let Some(line) = self.trace(start, heading_rad) else { continue };
+            let Some(line) = self.trace(start, heading_rad, widest_m) else { continue };
             if line.length_m() < LENGTH_M[0] {
                 continue;
             }
@@ -132,10 +140,11 @@ impl FloorPlan {
         None
     }
 
-    /// The line of who walks on from there, keeping to the middle, until there is no way on.
-    fn trace(&self, start: Point, heading_rad: f64) -> Option<TravelLine> {
+    /// The line of who walks on from there, keeping to the middle, until there is no way on or it is wider than
+    /// `widest_m` for longer than a junction.
+    fn trace(&self, start: Point, heading_rad: f64, widest_m: f64) -> Option<TravelLine> {
         let (mut at, mut heading_rad, mut places) = (start, heading_rad, vec![start]);
-        let mut way_m = 0.0;
+        let (mut way_m, mut open_m) = (0.0, 0.0);
         while way_m < LENGTH_M[1] {
             let ahead = |bend_rad: f64| {
                 let direction = Vector2::new((heading_rad + bend_rad).cos(), (heading_rad + bend_rad).sin());
@@ -146,10 +155,11 @@ impl FloorPlan {
             let bends = (-BENDS..=BENDS).map(|i| BEND_RAD * f64::from(i) / f64::from(BENDS));
             let best = bends.map(|bend_rad| (bend_rad, ahead(bend_rad))).max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
             let (bend_rad, (near_m, worth)) = best;
-            if near_m < ROOM_M - 0.1 || worth < 0.3 {
+            if near_m < ROOM_M - 0.1 || worth < 0.3 || open_m > JUNCTION_M {
                 break;
             }
             heading_rad = wrap_angle(heading_rad + bend_rad);
+            open_m = if self.is_wider(at, heading_rad, widest_m) { open_m + STEP_M } else { 0.0 };
             at += Vector2::new(heading_rad.cos(), heading_rad.sin()) * STEP_M;
             // Round in a circle: the way on is the way back.
             if way_m > 6.0 && places[..places.len() - 10].iter().any(|before: &Point| (before - at).norm() < 1.0) {
@@ -159,6 +169,19 @@ impl FloorPlan {
             way_m += STEP_M;
         }
         TravelLine::new(&places)
+    }
+
+    /// Whether it is wider there than so much, across that heading.
+    fn is_wider(&self, at: Point, heading_rad: f64, widest_m: f64) -> bool {
+        if widest_m.is_infinite() {
+            return false;
+        }
+        let across = Vector2::new(-heading_rad.sin(), heading_rad.cos());
+        let free_m = |sign: f64| {
+            let far_m = (1..).map(|i| 0.1 * f64::from(i));
+            far_m.take_while(|m| *m <= widest_m && self.room_m(at + across * (sign * m)) > 0.05).last().unwrap_or(0.0)
+        };
+        free_m(1.0) + free_m(-1.0) > widest_m
     }
 
     /// Whether a disc can go straight from a place.
@@ -269,7 +292,7 @@ fn lower_envelope(costs: &[f32]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::{FloorPlan, distances_m};
+    use super::{CORRIDOR_M, FloorPlan, distances_m};
     use crate::generate::GeneratorConfig;
     use crate::grid_map::{Cell, GridMap};
     use crate::site::Side;
@@ -304,12 +327,28 @@ mod tests {
     #[test]
     fn the_corridor_and_its_opening_are_found() {
         let plan = FloorPlan::new(tee());
-        let line = plan.trace(Point::new(3.0, 2.0), 0.0).expect("a line");
+        let line = plan.trace(Point::new(3.0, 2.0), 0.0, CORRIDOR_M).expect("a line");
         assert!(line.length_m() > 15.0 && line.corners().iter().all(|p| (p.y - 2.0).abs() < 0.2), "{line:?}");
         let openings = plan.openings(&line, 2.0);
         assert_eq!(openings.len(), 1, "{openings:?}");
         let opening = &openings[0];
         assert!(opening.side == Side::Left && (opening.way_m - 9.0).abs() < 0.2 && (opening.width_m - 1.6).abs() < 0.3);
+    }
+
+    #[test]
+    fn a_corridor_ends_where_a_hall_begins() {
+        let (width, resolution_m) = (600, 0.05);
+        let cells = (0..width * 200).map(|i| {
+            let (x, y) = ((i % width) as f64 * resolution_m, (i / width) as f64 * resolution_m);
+            let corridor = (1.0..14.0).contains(&x) && (4.0..6.0).contains(&y);
+            let hall = (14.0..29.0).contains(&x) && (0.5..9.5).contains(&y);
+            if corridor || hall { Cell::Free } else { Cell::Occupied }
+        });
+        let plan = FloorPlan::new(GridMap::new(width, resolution_m, Pose2::default(), cells.collect()));
+        for seed in 0..8 {
+            let course = plan.site(&GeneratorConfig::default(), seed).expect("a site").course;
+            assert!(course.line.corners().iter().all(|corner| corner.x < 18.8), "{:?}", course.line);
+        }
     }
 
     #[test]

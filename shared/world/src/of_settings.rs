@@ -64,6 +64,7 @@ impl From<&DepthSettings> for DepthConfig {
             robot_from_camera: depth.robot_from_camera,
             range_min_m: depth.range_m[0],
             range_max_m: depth.range_m[1],
+            redwood: depth.redwood,
             ..Self::default()
         }
     }

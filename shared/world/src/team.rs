@@ -2,7 +2,7 @@
 //! Kim et al. 2023 do. [`crate::Physics`] moves them tick by tick, for the simulator.
 //!
 //! A motion in which robot or handler would touch something is refused: both stay where they were, and it is counted
-//! once. What people do goes on meanwhile: who yields stops in time, and who walks into robot or handler is held there
+//! once. While the robot stands, a handler who has touched something does not try again. What people do goes on meanwhile: who yields stops in time, and who walks into robot or handler is held there
 //! and counted apart.
 
 use guidance::se2::{Point, Se2, exp, pose2, wrap_angle};
@@ -82,6 +82,8 @@ pub struct Team {
     touching: [[bool; 2]; MAX_WALKERS],
     time_s: f64,
     walked_s: f64,
+    /// The handler has touched something, and the robot has not moved since.
+    handler_rests: bool,
 }
 
 const ROBOT: usize = 0;
@@ -105,6 +107,7 @@ impl Team {
             touching: [[false; 2]; MAX_WALKERS],
             time_s: 0.0,
             walked_s: 0.0,
+            handler_rests: false,
         };
         team.note_walkers();
         team
@@ -190,16 +193,17 @@ impl Team {
         let (robot, offset, walked_s) = (self.world_from_robot, self.robot_from_handler, self.walked_s);
         let parts = PARTS[if !self.people.is_empty() { 2 } else { usize::from(velocity.wz_radps != 0.0) }];
         let part_s = dt_s / parts as f64;
+        let stands = velocity.is_zero();
         let mut stepped = Stepped::default();
         for part in 1..=parts {
             stepped.hit_by_others += self.move_people(part_s, velocity);
-            if stepped.collided() {
+            if stepped.collided() || stands && self.handler_rests {
                 continue;
             }
             let now = exp(velocity, part_s * part as f64);
             let share = part as f64 / parts as f64;
             let next = (robot * now, self.handler.model.follow(&offset, &now, share));
-            let next_walked_s = walked_s + if velocity.is_zero() { 0.0 } else { part_s * part as f64 };
+            let next_walked_s = walked_s + if stands { 0.0 } else { part_s * part as f64 };
             let handler = next.0 * self.swayed(&next.1, next_walked_s);
             stepped.robot_hit = self.is_blocked(world, ROBOT, place(&self.world_from_robot), place(&next.0));
             stepped.handler_hit = self.is_blocked(world, HANDLER, place(&self.world_from_handler()), place(&handler));
@@ -209,6 +213,7 @@ impl Team {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (next.0, next.1, next_walked_s);
             }
         }
+        self.handler_rests = stepped.handler_hit || stands && self.handler_rests;
         // Normalised, so that rounding does not pile up.
         let yaw_rad = wrap_angle(self.world_from_robot.rotation.angle());
         self.world_from_robot = Se2::new(self.world_from_robot.translation.vector, yaw_rad);
@@ -309,6 +314,9 @@ mod tests {
         assert!(!stepped.robot_hit);
         let mut team = self::team(&world);
         assert!((0..4).any(|_| team.step(&world, ON, 0.5).handler_hit));
+        // Beside a robot that stands nobody pushes on.
+        assert!((0..4).all(|_| !team.step(&world, Twist2::ZERO, 0.5).collided()));
+        assert!(team.step(&world, ON, 0.5).handler_hit);
     }
 
     #[test]

@@ -76,5 +76,5 @@ class WayfindingVector(gymnasium.vector.VectorEnv):
         return observations, rewards, np.zeros(self.num_envs, bool), truncated, infos
 
     def taught(self):
-        """What the teacher would do in each episode now."""
+        """What each action is worth in each episode now, metres of way, as the teacher says; -inf: forbidden."""
         return self._episodes.taught()

@@ -105,10 +105,10 @@ impl Episodes {
         self.seen(py)
     }
 
-    /// What the teacher would do in each: it knows the way, the world and the handler as they are.
-    fn taught<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
-        let actions: Vec<i64> = py.detach(|| self.batch.taught()).into_iter().map(|action| action as i64).collect();
-        actions.into_pyarray(py)
+    /// What each action is worth in each, metres of way, as the teacher says, who knows the way, the world and the
+    /// handler as they are; minus infinity where the shield forbids it.
+    fn taught<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        Ok(PyArray2::from_vec2(py, &py.detach(|| self.batch.taught()))?)
     }
 
     /// One decision in each; an episode that ends is followed by another one at once.

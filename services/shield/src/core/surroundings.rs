@@ -109,6 +109,13 @@ impl Surroundings {
         }
     }
 
+    /// The robot was to move by `begin_from_end` from where it was, and did not get there.
+    pub fn feel(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2) {
+        if let Some(memory) = &mut self.memory {
+            memory.feel(odom_from_begin, begin_from_end);
+        }
+    }
+
     /// What is judged on now.
     pub fn evidence(&self, now_ns: u64) -> Evidence<'_> {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);

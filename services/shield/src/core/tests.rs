@@ -2,7 +2,7 @@ use super::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
 use messages::{
     Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause, PolicyAction,
-    Pose2, Pose3, ScanHeader, UnsafeCause,
+    Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, UnsafeCause,
 };
 use settings::Settings;
 
@@ -125,6 +125,22 @@ fn a_decision_gets_a_permit_that_every_scan_renews_until_the_action_ends() {
     let moved: Vec<f32> = open_scan().iter().map(|range| range + 0.001).collect();
     let ended = core.on_scan(1700 * MS, &scan_header(1690), &moved);
     assert_eq!(ended.outcome, Outcome::ActionEnded);
+}
+
+#[test]
+fn where_something_held_the_robot_nobody_pushes_again() {
+    let mut core = ready();
+    assert_eq!(core.on_action(1000 * MS, &action(2, 1)).expect("a verdict").unsafe_mask, 0);
+    // Locomotion found that the robot did not move, and the handler gives another cue.
+    let reason = StopReason::service(StopKind::OdometryContradicts, ServiceId::Odometry, 1);
+    core.take_mode(&Mode { epoch: 4, reason, header: header(1300, 2), ..mode(ModeClass::Fault, 0) });
+    core.take_mode(&Mode { epoch: 4, header: header(1400, 3), ..mode(ModeClass::Run, 0) });
+    core.take_odometry(&odometry(1490, 0.0));
+    core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+    core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
+    let permit = core.on_action(1500 * MS, &action(3, 1)).expect("a verdict");
+    assert_eq!(permit.unsafe_mask, 0b1100_0010, "forward, and the diagonals that lead there");
+    assert_eq!(permit.outcome, Outcome::Stop);
 }
 
 #[test]

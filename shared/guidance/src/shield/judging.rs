@@ -152,6 +152,9 @@ impl<'a> Present<'a> {
             None => self.judge_from_outside(&discs, motion, &mut judgement),
         }
         self.judge_points(&discs, motion, &mut judgement);
+        if self.memory.is_some_and(|memory| memory.meets_contact(&motion.robot)) {
+            judgement.forbid(UnsafeCause::Contact);
+        }
         if self.config.unseen_limit_m2.is_some_and(|limit| judgement.unseen_area_m2 > limit) {
             judgement.forbid(UnsafeCause::Unseen);
         }
