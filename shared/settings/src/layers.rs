@@ -205,6 +205,7 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
         ("handler.seen_radius_m", settings.handler.seen_radius_m.get(), 0.05, settings.handler.radius_m.get()),
+        ("depth.redwood", settings.depth.redwood, 0.0, 10.0),
         ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
         ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
         ("locomotion.limits.speed_mps", limits.speed_mps.get(), 0.05, 3.0),

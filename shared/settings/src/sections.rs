@@ -275,6 +275,8 @@ pub struct DepthSettings {
     pub field_of_view_deg: Positive,
     /// Nearest and farthest depth that the camera gives, metres.
     pub range_m: [f64; 2],
+    /// Noise of the simulated camera: the intensity of a Redwood-type model, 0 to 10; 1 is that of the paper.
+    pub redwood: f64,
     /// Where the camera is on the robot.
     pub robot_from_camera: Pose3,
     /// Whether motion needs it.
@@ -290,6 +292,7 @@ impl Default for DepthSettings {
             rate_hz: Positive::of(15.0),
             field_of_view_deg: Positive::of(90.0),
             range_m: [0.3, 10.0],
+            redwood: 0.0,
             robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
             needed: true,
         }
