@@ -75,7 +75,7 @@ impl Score {
         let report = Report {
             cue: task.cue,
             success: false,
-            to_stand: task.goal == Goal::Stand,
+            to_stand: matches!(task.goal, Goal::Stand(_)),
             decisions: 0,
             robot_collisions: 0,
             handler_collisions: 0,
@@ -153,7 +153,7 @@ impl Score {
         let mut report = self.report;
         if report.to_stand {
             let moved_m = self.last_places.iter().map(|place| (place - self.last).norm()).fold(0.0, f64::max);
-            report.success = self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M;
+            report.success |= self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M;
         }
         report
     }

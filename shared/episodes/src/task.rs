@@ -37,8 +37,8 @@ pub enum Goal {
     Along(f64),
     /// The handler is inside one of the openings.
     Into(Vec<Opening>),
-    /// The handler stands still at the end.
-    Stand,
+    /// The handler stands still at the end; or is inside one of these, beside which they gave the cue.
+    Stand(Vec<Opening>),
 }
 
 /// See the module.
@@ -95,39 +95,41 @@ impl Task {
         let Some(side) = side_of(cue) else {
             let to_m = (way_m - AHEAD_M + ON_M).min(course.line.length_m() - END_M);
             return if cue == CueKind::Stop {
-                task(course.line.clone(), Goal::Stand)
+                task(course.line.clone(), Goal::Stand(Vec::new()))
             } else {
                 task(course.line.clone(), Goal::Along(to_m))
             };
         };
-        let Some(first) = course.next(side, way_m, TURN_REACH_M) else {
-            let end_m = (way_m + TURN_REACH_M).min(course.line.length_m());
-            return task(course.line.part(0.0, end_m)?, Goal::Stand);
+        let first = course.next(side, way_m, TURN_REACH_M);
+        let beside = first.filter(|first| first.far_edge_m() - way_m < BESIDE_M);
+        let meant = match beside {
+            Some(beside) => course.next(side, beside.far_edge_m(), TURN_REACH_M),
+            None => first,
         };
-        let second = course.next(side, first.far_edge_m(), TURN_REACH_M);
-        let is_beside = first.far_edge_m() - way_m < BESIDE_M;
-        let meant = if is_beside { second.unwrap_or(first) } else { first };
+        let Some(meant) = meant else {
+            let end_m = (way_m + TURN_REACH_M).min(course.line.length_m());
+            return task(course.line.part(0.0, end_m)?, Goal::Stand(beside.into_iter().cloned().collect()));
+        };
         if meant.line.length_m() < course.width_m / 2.0 + INSIDE_M + BEFORE_M {
             return None;
         }
-        let allowed = [Some(first), second.filter(|_| is_beside)].into_iter().flatten().cloned().collect();
+        let allowed = [Some(meant), beside].into_iter().flatten().cloned().collect();
         task(course.line_into(meant)?, Goal::Into(allowed))
     }
 
-    /// Whether a handler who is there, at that way along the line, has arrived; who is to stand never has.
+    /// Whether a handler who is there, at that way along the line, has arrived; who stands has not, nor who is to.
     #[must_use]
     pub fn is_done(&self, world_from_handler: &Se2, way_m: f64) -> bool {
         let place = Point::from(world_from_handler.translation.vector);
         match &self.goal {
             Goal::Along(to_m) => way_m >= *to_m,
-            Goal::Into(openings) => openings.iter().any(|opening| {
+            Goal::Into(openings) | Goal::Stand(openings) => openings.iter().any(|opening| {
                 let foot = opening.line.foot(place);
                 let off_axis_rad = opening.line.heading_error_rad(foot.way_m, world_from_handler.rotation.angle());
                 foot.way_m >= self.width_m / 2.0 + INSIDE_M
                     && foot.left_m.abs() < opening.width_m / 2.0
                     && off_axis_rad.abs() <= AXIS_RAD
             }),
-            Goal::Stand => false,
         }
     }
 }

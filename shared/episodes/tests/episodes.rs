@@ -82,7 +82,7 @@ fn what_is_asked_for_is_where_it_is_asked() {
                 seen[1] += 1;
                 assert!(!openings.is_empty() && openings.iter().all(|opening| course.openings.contains(opening)));
             }
-            Goal::Stand => seen[2] += 1,
+            Goal::Stand(_) => seen[2] += 1,
         }
         assert_eq!(episode.observation().len(), LENGTH);
         assert!(episode.observation().iter().all(|number| number.is_finite() && number.abs() <= 4.0));

@@ -3,6 +3,7 @@
 use messages::DepthHeader;
 use nalgebra::Vector2;
 
+use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 
 /// What is lower is floor or can be walked over, metres.
@@ -19,6 +20,13 @@ const AGREE_SHARE: f64 = 0.03;
 const KNOWN_OF: usize = 20;
 /// Pixels that say nothing hide something that is higher than this, metres.
 const HIDDEN_M: f64 = 0.05;
+
+/// A camera that sees nothing stands before something where at least so many beams end in its view,
+const BEFORE_BEAMS: usize = 8;
+/// and all but one in so many end nearer to it than it can see,
+const BEFORE_OF: usize = 20;
+/// give or take so much, metres.
+const BEFORE_M: f64 = 0.05;
 
 /// Rounding of the tangent of a column's angle.
 const EDGE: f64 = 1e-9;
@@ -218,6 +226,26 @@ impl DepthView {
         self.camera + self.forward * along + Vector2::new(-self.forward.y, self.forward.x) * left
     }
 
+    /// Whether the lidar tells why the camera of that header sees nothing: what stands before it is nearer than
+    /// `nearest_m`, the least depth that it can see. Beams and camera are seen from where the robot is.
+    #[must_use]
+    pub fn stands_before_something(header: &DepthHeader, nearest_m: f64, beams: &Beams) -> bool {
+        let mount = header.robot_from_camera;
+        let forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
+        let left = Vector2::new(-forward.y, forward.x);
+        let half_width = f64::from(header.width) / 2.0 / header.fx_px;
+        let (mut near, mut all) = (0, 0);
+        for beam in beams.beams().iter().filter(|beam| beam.kind != BeamKind::Unknown) {
+            let to = beam.end - Point::new(mount.x_m, mount.y_m);
+            let along_m = to.dot(&forward);
+            if along_m > 0.0 && to.dot(&left).abs() <= half_width * along_m {
+                all += 1;
+                near += usize::from(beam.kind == BeamKind::Hit && along_m <= nearest_m + BEFORE_M);
+            }
+        }
+        near >= BEFORE_BEAMS && (all - near) * BEFORE_OF <= all
+    }
+
     /// Nothing seen.
     pub fn clear(&mut self) {
         self.stamped.clear();
@@ -268,6 +296,7 @@ impl DepthView {
 #[cfg(test)]
 mod tests {
     use super::{DepthError, DepthView};
+    use crate::scan::Beams;
     use crate::se2::{Point, Se2};
     use messages::{DepthHeader, Pose3};
 
@@ -292,6 +321,21 @@ mod tests {
         assert!(view.points().iter().all(|p| (p.x - 2.25).abs() < 1e-9));
         assert!(view.sees_free(Point::new(1.5, 0.2)) && !view.sees_free(Point::new(2.4, 0.2)));
         assert!(!view.sees_free(Point::new(-1.0, 0.0)), "behind the camera nothing is seen");
+    }
+
+    #[test]
+    fn the_lidar_tells_of_what_stands_right_before_the_camera() {
+        let beams = |wall_m: f64| {
+            let header = crate::scan::tests::header();
+            let angle = |i: usize| header.angle_min_rad + i as f64 * header.angle_increment_rad;
+            let mut beams = Beams::default();
+            let to_wall = |i: usize| if angle(i).cos() > 0.1 { wall_m / angle(i).cos() } else { f64::INFINITY };
+            beams.fill_with(&header, 360, to_wall).expect("usable");
+            beams
+        };
+        let before = |wall_m: f64| DepthView::stands_before_something(&header(), 0.3, &beams(wall_m));
+        assert!(before(0.45) && before(0.55));
+        assert!(!before(0.65) && !before(5.0), "that far the camera sees: something covers it");
     }
 
     #[test]

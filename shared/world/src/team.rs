@@ -2,8 +2,8 @@
 //! Kim et al. 2023 do. [`crate::Physics`] moves them tick by tick, for the simulator.
 //!
 //! A motion in which robot or handler would touch something is refused: both stay where they were, and it is counted
-//! once. While the robot stands, a handler who has touched something does not try again. What people do goes on meanwhile: who yields stops in time, and who walks into robot or handler is held there
-//! and counted apart.
+//! once. While the robot stands, a handler who has touched something does not try again. What people do goes on
+//! meanwhile: who yields stops in time, and who walks into robot or handler is held there and counted apart.
 
 use guidance::se2::{Point, Se2, exp, pose2, wrap_angle};
 use guidance::{Interaction, InteractionModel};

@@ -2,6 +2,7 @@
 //! then to where it is now, and the memory of what was before.
 
 use super::plausible::{Repeats, Succession};
+use guidance::depth::DepthError;
 use guidance::{Beams, DepthView, Evidence, HandlerBody, Memory, MemoryConfig, PoseTrack, Se2};
 use messages::{DepthHeader, Header, Outcome, ScanHeader, age_ns};
 
@@ -14,8 +15,12 @@ pub struct Surroundings {
     scan: Option<Header>,
     scan_usable: bool,
     depth: DepthView,
-    depth_header: Option<Header>,
+    depth_header: Option<DepthHeader>,
     depth_usable: bool,
+    /// Next to no pixel of the newest frame says anything.
+    depth_blind: bool,
+    /// The least depth that the camera sees, metres.
+    depth_min_m: f64,
     depth_max_age_ns: u64,
     memory: Option<Memory>,
     scan_repeats: Repeats,
@@ -27,7 +32,7 @@ pub struct Surroundings {
 
 impl Surroundings {
     /// Nothing seen yet; without a memory one scan and one frame decide alone.
-    pub fn new(memory: Option<MemoryConfig>, depth_max_age_ns: u64) -> Self {
+    pub fn new(memory: Option<MemoryConfig>, depth_max_age_ns: u64, depth_min_m: f64) -> Self {
         Self {
             stamped_beams: Beams::default(),
             beams: Beams::default(),
@@ -36,6 +41,8 @@ impl Surroundings {
             depth: DepthView::default(),
             depth_header: None,
             depth_usable: false,
+            depth_blind: false,
+            depth_min_m,
             depth_max_age_ns,
             memory: memory.map(Memory::new),
             scan_repeats: Repeats::default(),
@@ -64,8 +71,10 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
-        self.depth_usable = self.depth.fill(header, pixels_mm).is_ok();
-        self.depth_header = Some(header.header);
+        let filled = self.depth.fill(header, pixels_mm);
+        self.depth_usable = filled.is_ok();
+        self.depth_blind = matches!(filled, Err(DepthError::Blind { .. }));
+        self.depth_header = Some(*header);
         self.depth_usable
     }
 
@@ -91,7 +100,7 @@ impl Surroundings {
             }
         }
         if let Some(header) = self.depth_header {
-            match then_in_now(header) {
+            match then_in_now(header.header) {
                 Some(shift) => self.depth.move_to(&shift),
                 None => self.depth_usable = false,
             }
@@ -139,7 +148,7 @@ impl Surroundings {
 
     /// The newest depth frame's header.
     pub fn depth(&self) -> Option<Header> {
-        self.depth_header
+        self.depth_header.map(|header| header.header)
     }
 
     /// What is implausible about the newest scan, if anything.
@@ -156,9 +165,16 @@ impl Surroundings {
         self.depth_repeats.is_stuck()
     }
 
-    /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything.
+    /// Whether the newest depth frame may be judged on: an old one neither excuses nor forbids anything. One that
+    /// sees nothing may where the lidar tells why, and adds nothing; otherwise something covers the camera.
     pub fn depth_is_fresh(&self, now_ns: u64) -> bool {
-        let fresh = |header: Header| age_ns(now_ns, header.stamp_ns) <= self.depth_max_age_ns;
-        self.depth_usable && !self.depth_is_stuck() && self.depth_header.is_some_and(fresh)
+        let Some(header) = self.depth_header else { return false };
+        let is_young = age_ns(now_ns, header.header.stamp_ns) <= self.depth_max_age_ns;
+        let before = || self.depth_blind && self.scan_usable && self.stands_before_something(&header);
+        is_young && !self.depth_is_stuck() && (self.depth_usable || before())
+    }
+
+    fn stands_before_something(&self, header: &DepthHeader) -> bool {
+        DepthView::stands_before_something(header, self.depth_min_m, &self.beams)
     }
 }

@@ -345,6 +345,21 @@ fn a_covered_camera_is_not_free() {
 }
 
 #[test]
+fn a_camera_that_sees_nothing_right_before_a_wall_is_not_covered() {
+    let mut core = ready();
+    let mut before_a_wall = open_scan();
+    for (i, range_m) in before_a_wall.iter_mut().enumerate() {
+        let ahead = (i as f64 - 180.0).to_radians().cos();
+        *range_m = if ahead > 0.3 { (0.45 / ahead) as f32 } else { *range_m };
+    }
+    core.take_depth(&depth_header(995), &[0; PIXELS]);
+    core.on_scan(1000 * MS, &scan_header(995), &before_a_wall);
+    let permit = core.on_action(1000 * MS, &action(2, 2)).expect("a verdict");
+    assert_eq!(permit.outcome, Outcome::Granted, "it may turn away: {permit:?}");
+    assert_eq!(permit.unsafe_mask >> 1 & 1, 1, "and not go on");
+}
+
+#[test]
 fn unknown_beams_are_excused_by_what_a_scan_saw_free_a_moment_ago_and_no_longer() {
     let mut core = ready();
     let mut unknown = open_scan();
