@@ -352,7 +352,8 @@ fn a_camera_that_sees_nothing_right_before_a_wall_is_not_covered() {
         let ahead = (i as f64 - 180.0).to_radians().cos();
         *range_m = if ahead > 0.3 { (0.45 / ahead) as f32 } else { *range_m };
     }
-    core.take_depth(&depth_header(995), &[0; PIXELS]);
+    let mount = Pose3 { x_m: 0.25, z_m: 0.45, ..Pose3::default() };
+    core.take_depth(&DepthHeader { robot_from_camera: mount, ..depth_header(995) }, &[0; PIXELS]);
     core.on_scan(1000 * MS, &scan_header(995), &before_a_wall);
     let permit = core.on_action(1000 * MS, &action(2, 2)).expect("a verdict");
     assert_eq!(permit.outcome, Outcome::Granted, "it may turn away: {permit:?}");
