@@ -16,7 +16,7 @@ HERE = Path(__file__).parent.resolve()
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("table", choices=["2", "3"])
-    parser.add_argument("folder", type=Path, help="one folder for each policy, policy.onnx in it; one that has a model is not trained again")
+    parser.add_argument("folder", type=Path, help="for each policy a folder with its policy.onnx; what is there is not trained again")
     parser.add_argument("--steps", type=float, default=1e6, help="environment steps of each policy")
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--cores", type=float, default=1, help="of each training")

@@ -94,7 +94,8 @@ def teach(model, environments, steps, log):
             line |= {"collision_free": float(np.mean([report["collisions"] == 0 for report in reports]))}
             line |= {"success": float(np.mean([report["success"] for report in reports]))}
             into = [report["success"] for report in reports if report["cue"] != "forward" and not report["to_stand"]]
-            line |= {"success_into": float(np.mean(into))}
+            if into:
+                line |= {"success_into": float(np.mean(into))}
         with log.open("a") as out:
             out.write(json.dumps(line) + "\n")
         if walked // SAVED > (walked - len(samples_of_now)) // SAVED:
@@ -103,9 +104,8 @@ def teach(model, environments, steps, log):
 
 def wishes(worths_m):
     """How probable each action is with the teacher; certain to stand where all are forbidden."""
-    best_m = worths_m.max(axis=1, keepdims=True)
-    lost = np.isneginf(best_m[:, 0])
-    worths_m = np.where(lost[:, None], np.where(np.arange(len(ACTIONS)) == STOP, 0.0, -np.inf), worths_m)
+    worths_m = worths_m.copy()
+    worths_m[np.isneginf(worths_m).all(axis=1), STOP] = 0.0
     likely = np.exp((worths_m - worths_m.max(axis=1, keepdims=True)) / INDIFFERENT_M)
     return (likely / likely.sum(axis=1, keepdims=True)).astype(np.float32)
 

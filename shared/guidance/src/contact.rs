@@ -7,7 +7,7 @@ use crate::se2::Se2;
 
 /// Ends of motions that are so near to each other are the same, metres; a radian counts as the handler's arm.
 const SAME_M: f64 = 0.24;
-/// From the robot to the handler, metres.
+/// About how far the handler is from the robot, metres: so far a turn of a radian moves them.
 const ARM_M: f64 = 0.83;
 /// What was felt so long ago may be tried again, nanoseconds: who stood there has had the time to go.
 const KEPT_NS: u64 = 60_000_000_000;

@@ -173,9 +173,6 @@ impl FloorPlan {
 
     /// Whether it is wider there than so much, across that heading.
     fn is_wider(&self, at: Point, heading_rad: f64, widest_m: f64) -> bool {
-        if widest_m.is_infinite() {
-            return false;
-        }
         let across = Vector2::new(-heading_rad.sin(), heading_rad.cos());
         let free_m = |sign: f64| {
             let far_m = (1..).map(|i| 0.1 * f64::from(i));

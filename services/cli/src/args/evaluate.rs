@@ -107,9 +107,11 @@ Examples:
   guidedog evaluate --policy guide --tasks timing --pictures pictures
 
 An episode is one cue and a hundred decisions. A motion in which robot or handler would touch something is refused and
-counted as one collision; who walks into them is counted as hit_by_others. Most people stop where robot or handler is
+counted as one collision; beside a robot that stands, a handler who has touched something does not push on; who walks
+into them is counted as hit_by_others. Most people stop where robot or handler is
 within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
 handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still at the end where
-there is none within 15 m of way; stop, the next decision stands. An error of orientation is corrected where the
+there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or what comes
+next); stop, the next decision stands. An error of orientation is corrected where the
 handler's third metre of way leads within 10 degrees of the corridor.";
