@@ -24,6 +24,8 @@ UPDATES = 20
 INDIFFERENT_M = 0.02
 # In so many of the episodes' decisions the teacher's own action is taken, at first.
 LED = 0.5
+# The student's own are drawn at a temperature that falls to this: it ends in the places to which it will come.
+COOLED = 0.3
 # The policy is saved after every so many steps.
 SAVED = 100_000
 
@@ -67,7 +69,9 @@ def teach(model, environments, steps, log):
         for _ in range(ROLLOUT):
             told = wishes(environments.vector.taught())
             with torch.no_grad():
-                own = policy.get_distribution(policy.obs_to_tensor(seen)[0]).sample().numpy()
+                logits = policy.get_distribution(policy.obs_to_tensor(seen)[0]).distribution.logits
+                heat = COOLED + (1.0 - COOLED) * left
+                own = torch.distributions.Categorical(logits=logits / heat).sample().numpy()
             led = random.random(len(told)) < LED * left
             senses.append(seen["senses"])
             taught.append(told)

@@ -4,22 +4,22 @@
 //! cells of a floor plan; depths are of pixel centres and rounded to a millimetre. People are prisms of a polygon that
 //! is at most 2 mm off the circle. A face of a floor plan that is narrower than half a column may be missed.
 
+use std::f64::consts::PI;
+
 use guidance::se2::{Point, Se2};
 use messages::{DepthHeader, Header, Pose2, Pose3};
-use nalgebra::{Point3, Vector2};
-use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
+use nalgebra::Point3;
 use serde::{Deserialize, Serialize};
 
-use crate::noise::{Source, generator};
+use crate::noise::{Source, generator, normals};
 use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
 use crate::redwood::Redwood;
 use crate::scene::PERSON_HEIGHT_M;
 use crate::{ConfigError, Scene};
 
-/// Normal numbers of the noise table: 64 k, from which every row takes a run at a random place.
-const TABLE_LEN: usize = 1 << 16;
+/// The most columns, and the most rows.
+pub(crate) const MAX_SIZE: [usize; 2] = [1280, 720];
 
 /// What a depth camera is like and where it sits. The default is that of a D400-class camera at the robot's front.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -65,8 +65,8 @@ impl DepthConfig {
     /// Names the first key that is out of its bounds.
     pub fn validate(&self) -> Result<(), ConfigError> {
         let (camera, turn) = (&self.robot_from_camera, std::f64::consts::TAU);
-        ConfigError::check_count("width", self.width, 1, 1280)?;
-        ConfigError::check_count("height", self.height, 1, 720)?;
+        ConfigError::check_count("width", self.width, 1, MAX_SIZE[0])?;
+        ConfigError::check_count("height", self.height, 1, MAX_SIZE[1])?;
         ConfigError::check("hfov_rad", self.hfov_rad, 0.1, 2.8)?;
         ConfigError::check("robot_from_camera.x_m", camera.x_m, -2.0, 2.0)?;
         ConfigError::check("robot_from_camera.y_m", camera.y_m, -2.0, 2.0)?;
@@ -90,8 +90,6 @@ pub struct DepthSensor {
     /// One row of inverse depths, 1/metres.
     row: Vec<f32>,
     faces: Vec<Face>,
-    /// Standard normal numbers; none without noise.
-    table: Vec<f32>,
     redwood: Option<Redwood>,
 }
 
@@ -110,12 +108,8 @@ impl DepthSensor {
             cx_px: 0.5 * (width as f64 - 1.0),
             cy_px: 0.5 * (height as f64 - 1.0),
         };
-        let mut random = generator(Source::Table, seed, 0, 0);
-        let noisy = config.noise_per_m > 0.0 || config.redwood > 0.0;
-        let count = if noisy { TABLE_LEN + width } else { 0 };
-        let table = (0..count).map(|_| StandardNormal.sample(&mut random)).collect();
         let redwood = (config.redwood > 0.0).then(|| Redwood::new(config.redwood, width, height, seed));
-        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), table, redwood })
+        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), redwood })
     }
 
     /// Another camera of the same kind: other noise.
@@ -174,10 +168,9 @@ impl DepthSensor {
                 faces[face].fill(row, &mut self.row);
             }
             if self.config.noise_per_m > 0.0 {
-                let start = random.random_range(0..TABLE_LEN);
                 // A depth's sigma of k d^2 is a sigma of k on its inverse.
                 let noise = self.config.noise_per_m as f32;
-                for (inverse, normal) in self.row.iter_mut().zip(&self.table[start..]) {
+                for (inverse, normal) in self.row.iter_mut().zip(normals(&mut random, self.config.width)) {
                     *inverse += noise * normal;
                 }
             }
@@ -185,12 +178,7 @@ impl DepthSensor {
         }
         self.faces = faces;
         if let Some(redwood) = &mut self.redwood {
-            // Another walk through the table for each frame: strides are odd, so that it comes by every number.
-            let start = random.random_range(0..TABLE_LEN);
-            let stride = 2 * random.random_range(0..TABLE_LEN / 2) + 1;
-            let table = &self.table;
-            let normal = |i: usize| table[(start + i * stride) % TABLE_LEN];
-            redwood.disturb(pixels, (0..).step_by(3).map(|i| [normal(i), normal(i + 1), normal(i + 2)]));
+            redwood.disturb(pixels, || normals(&mut random, 3 * self.config.width));
         }
     }
 
@@ -219,14 +207,22 @@ impl DepthSensor {
         let mount = &self.config.robot_from_camera;
         let world_from_camera = scene.world_from(Pose2::new(mount.x_m, mount.y_m, mount.yaw_rad));
         let (sin, cos) = mount.pitch_rad.sin_cos();
+        let (half_width, half_height) =
+            (self.camera.cx_px / self.camera.focal_px, self.camera.cy_px / self.camera.focal_px);
         View {
             pinhole: self.camera,
+            // The farthest corner of the viewing pyramid, as seen from above.
+            reach_m: self.config.range_max_m * (1.0 + half_width.powi(2) + half_height.powi(2)).sqrt(),
+            // Pitched, a row's columns spread wider than at the optical axis; at last all round.
+            half_angle_rad: match cos - sin.abs() * half_height {
+                ahead if ahead > 0.0 => half_width.atan2(ahead),
+                _ => PI,
+            },
             camera_from_world: world_from_camera.inverse(),
             eye: Point::from(world_from_camera.translation.vector),
             yaw_rad: world_from_camera.rotation.angle(),
             height_m: mount.z_m,
             pitch: (sin, cos),
-            range_max_m: self.config.range_max_m,
         }
     }
 }
@@ -240,34 +236,28 @@ struct View {
     yaw_rad: f64,
     height_m: f64,
     pitch: (f64, f64),
-    range_max_m: f64,
+    /// What is farther is not seen, metres, nor what is farther to a side, radians; as seen from above.
+    reach_m: f64,
+    half_angle_rad: f64,
 }
 
 impl View {
     /// Gathers all faces in view.
     fn collect(&self, scene: &Scene<'_>, faces: &mut Vec<Face>) {
-        let (half_width, half_height) =
-            (self.pinhole.cx_px / self.pinhole.focal_px, self.pinhole.cy_px / self.pinhole.focal_px);
-        // The farthest corner of the viewing pyramid, as seen from above.
-        let reach = self.range_max_m * (1.0 + half_width.powi(2) + half_height.powi(2)).sqrt();
-        let around = Vector2::repeat(reach);
-        for id in scene.world.prisms_near(self.eye - around, self.eye + around) {
-            let prism = &scene.world.prisms()[id as usize];
+        for prism in scene.world.prisms() {
             if prism.seen_by != SeenBy::Nobody {
                 self.add(prism, faces);
             }
         }
         for (center, radius_m) in scene.bodies() {
-            if (center - self.eye).norm() < reach + radius_m {
+            let level = self.camera_from_world * center;
+            if self.may_see(level, level, radius_m) {
                 self.add(&Prism::pillar(center, radius_m.max(0.01), [0.0, PERSON_HEIGHT_M]), faces);
             }
         }
         if let Some(map) = scene.world.map() {
-            // Pitched, a row's columns spread wider than at the optical axis.
-            let (sin, cos) = self.pitch;
-            let half = half_width.atan2((cos - sin.abs() * half_height).max(1e-3));
-            let sector = (self.yaw_rad - half, 2.0 * half, 2 * self.pinhole.width);
-            for (a, b) in map.visible_faces(self.eye, sector, reach) {
+            let sector = (self.yaw_rad - self.half_angle_rad, 2.0 * self.half_angle_rad, 2 * self.pinhole.width);
+            for (a, b) in map.visible_faces(self.eye, sector, self.reach_m) {
                 self.add_side(a, b, [0.0, scene.world.ceiling_m()], faces);
             }
         }
@@ -291,13 +281,31 @@ impl View {
     }
 
     fn add_side(&self, a: Point, b: Point, [z0_m, z1_m]: [f64; 2], faces: &mut Vec<Face>) {
-        let quad = [(a, z0_m), (b, z0_m), (b, z1_m), (a, z1_m)].map(|(p, z_m)| self.to_camera(p, z_m));
-        faces.extend(self.pinhole.project(&quad));
+        let (a, b) = (self.camera_from_world * a, self.camera_from_world * b);
+        if self.may_see(a, b, 0.0) {
+            let quad = [(a, z0_m), (b, z0_m), (b, z1_m), (a, z1_m)].map(|(p, z_m)| self.tilted(p, z_m));
+            faces.extend(self.pinhole.project(&quad));
+        }
     }
 
-    /// A point of the world in the camera frame: x along the optical axis, y left, z up.
+    /// Whether something between two places of the level frame, so wide on all sides, may be in view: where it is not
+    /// farther than the camera sees, nor wholly to the left or to the right of what it sees.
+    fn may_see(&self, a: Point, b: Point, margin_m: f64) -> bool {
+        let (sin, cos) = self.half_angle_rad.sin_cos();
+        let aside = |p: Point, y: f64| y * cos - p.x * sin > margin_m;
+        let beyond = (aside(a, a.y) && aside(b, b.y)) || (aside(a, -a.y) && aside(b, -b.y));
+        let near = nalgebra::center(&a, &b).coords.norm() <= self.reach_m + margin_m + (b - a).norm() / 2.0;
+        near && (self.half_angle_rad == PI || !beyond)
+    }
+
+    /// A place of the world in the camera frame.
     fn to_camera(&self, world: Point, z_m: f64) -> Point3<f64> {
-        let (level, up, (sin, cos)) = (self.camera_from_world * world, z_m - self.height_m, self.pitch);
+        self.tilted(self.camera_from_world * world, z_m)
+    }
+
+    /// A place of the level frame in the camera frame: x along the optical axis, y left, z up.
+    fn tilted(&self, level: Point, z_m: f64) -> Point3<f64> {
+        let (up, (sin, cos)) = (z_m - self.height_m, self.pitch);
         Point3::new(cos * level.x - sin * up, level.y, sin * level.x + cos * up)
     }
 }

@@ -1,8 +1,28 @@
 //! Randomness that depends on nothing but a key, so that a frame's noise is the same however often, and in whatever
 //! order, frames are made.
 
-use rand::SeedableRng;
+use std::sync::LazyLock;
+
+use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Runs of [`normals`] begin at one of so many places.
+const BEGINNINGS: usize = 1 << 16;
+/// The longest run: three for each column of the widest image.
+const LONGEST: usize = 3 * crate::depth::MAX_SIZE[0];
+
+/// Drawn once for all sensors, so that it stays in the cache.
+static NORMALS: LazyLock<Vec<f32>> = LazyLock::new(|| {
+    let mut random = generator(Source::Table, 0, 0, 0);
+    (0..BEGINNINGS + LONGEST).map(|_| StandardNormal.sample(&mut random)).collect()
+});
+
+/// A run of standard normal numbers from a random place of a table: for what takes too many to draw each.
+pub(crate) fn normals(random: &mut ChaCha8Rng, count: usize) -> &'static [f32] {
+    let begin = random.random_range(0..BEGINNINGS);
+    &NORMALS[begin..begin + count]
+}
 
 /// Keeps the sensors' noises apart.
 #[derive(Debug, Clone, Copy)]

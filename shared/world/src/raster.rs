@@ -29,8 +29,18 @@ pub(crate) struct Face {
     by_column: f64,
     by_row: f64,
     rows: (usize, usize),
-    corners: [(f64, f64); MAX_CORNERS],
+    edges: [Edge; MAX_CORNERS],
     count: usize,
+}
+
+/// An edge that is not along a row.
+#[derive(Debug, Clone, Copy, Default)]
+struct Edge {
+    top: f64,
+    bottom: f64,
+    /// The column at the top, and how it changes from row to row.
+    column: f64,
+    by_row: f64,
 }
 
 /// The most corners that a face has here: a quad cut by the near plane. Larger outlines are cut into fans before.
@@ -62,7 +72,17 @@ impl Pinhole {
         let base = n.x - by_column * self.cx_px - by_row * self.cy_px;
         let rows =
             ((top - EDGE_PX).ceil().max(0.0) as usize, (bottom + EDGE_PX).min(self.height as f64 - 1.0) as usize);
-        (rows.0 <= rows.1).then_some(Face { base, by_column, by_row, rows, corners, count })
+        let (mut edges, mut steep) = ([Edge::default(); MAX_CORNERS], 0);
+        for (i, &a) in used.iter().enumerate() {
+            let b = used[(i + 1) % count];
+            let ((column, top), (end, bottom)) = if a.1 <= b.1 { (a, b) } else { (b, a) };
+            // Both ends of one that is along a row are ends of its neighbours.
+            if bottom - top > EDGE_PX {
+                edges[steep] = Edge { top, bottom, column, by_row: (end - column) / (bottom - top) };
+                steep += 1;
+            }
+        }
+        (rows.0 <= rows.1).then_some(Face { base, by_column, by_row, rows, edges, count: steep })
     }
 
     /// Cuts a polygon at the near plane and gives the corners that are left as (column, row).
@@ -96,15 +116,17 @@ impl Face {
     /// Raises a row's inverse depths to this face's, where it covers them.
     pub(crate) fn fill(&self, row: usize, inverse: &mut [f32]) {
         let Some((left, right)) = self.span(row as f64) else { return };
-        let first = (left - EDGE_PX).ceil().max(0.0);
-        let last = (right + EDGE_PX).floor().min(inverse.len() as f64 - 1.0);
-        if first > last {
+        if right + EDGE_PX < 0.0 {
             return;
         }
-        let (from, to) = (first as usize, last as usize);
-        let start = (self.base + self.by_row * row as f64 + self.by_column * first) as f32;
+        let from = rounded_up(left - EDGE_PX);
+        let beyond = ((right + EDGE_PX) as usize + 1).min(inverse.len());
+        if from >= beyond {
+            return;
+        }
+        let start = (self.base + self.by_row * row as f64 + self.by_column * from as f64) as f32;
         let step = self.by_column as f32;
-        for (i, pixel) in inverse[from..=to].iter_mut().enumerate() {
+        for (i, pixel) in inverse[from..beyond].iter_mut().enumerate() {
             let here = start + step * i as i32 as f32;
             *pixel = if here > *pixel { here } else { *pixel };
         }
@@ -113,20 +135,20 @@ impl Face {
     /// The columns that the outline spans at a row.
     fn span(&self, row: f64) -> Option<(f64, f64)> {
         let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
-        for i in 0..self.count {
-            let (a, b) = (self.corners[i], self.corners[(i + 1) % self.count]);
-            let (low, high) = if a.1 <= b.1 { (a, b) } else { (b, a) };
-            if row < low.1 - EDGE_PX || row > high.1 + EDGE_PX {
+        for edge in &self.edges[..self.count] {
+            if row < edge.top - EDGE_PX || row > edge.bottom + EDGE_PX {
                 continue;
             }
-            let height = high.1 - low.1;
-            if height < EDGE_PX {
-                (left, right) = (left.min(low.0.min(high.0)), right.max(low.0.max(high.0)));
-                continue;
-            }
-            let column = low.0 + (high.0 - low.0) * ((row - low.1) / height).clamp(0.0, 1.0);
-            (left, right) = (left.min(column), right.max(column));
+            let column = edge.column + edge.by_row * (row.clamp(edge.top, edge.bottom) - edge.top);
+            left = if column < left { column } else { left };
+            right = if column > right { column } else { right };
         }
         (left <= right).then_some((left, right))
     }
+}
+
+/// The least whole number that is not less, from 0; a call of `ceil` costs more than all the rest of a short row.
+fn rounded_up(value: f64) -> usize {
+    let whole = value.max(0.0) as usize;
+    whole + usize::from((whole as f64) < value)
 }

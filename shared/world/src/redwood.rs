@@ -39,12 +39,14 @@ pub(crate) struct Redwood {
     intensity: f32,
     width: usize,
     height: usize,
-    /// For each pixel whether it says nothing.
-    dumb: Vec<bool>,
-    /// The distortion of each pixel at each of the depths.
-    factors: Vec<[f32; DEPTHS_M.len()]>,
+    /// For each pixel 1, or 0 where it says nothing.
+    says: Vec<u32>,
+    /// For each of the depths the distortion of each pixel.
+    factors: [Vec<f32>; DEPTHS_M.len()],
     /// The frame before it is disturbed.
     clean: Vec<u16>,
+    /// What a row's pixels read, metres.
+    read_m: Vec<f32>,
 }
 
 impl Redwood {
@@ -54,9 +56,10 @@ impl Redwood {
             intensity: intensity as f32,
             width,
             height,
-            dumb: vec![false; width * height],
-            factors: vec![[1.0; DEPTHS_M.len()]; width * height],
+            says: vec![0; width * height],
+            factors: std::array::from_fn(|_| vec![1.0; width * height]),
             clean: Vec::new(),
+            read_m: vec![0.0; width],
         };
         redwood.reseed(seed);
         redwood
@@ -66,9 +69,9 @@ impl Redwood {
     pub(crate) fn reseed(&mut self, seed: u64) {
         let mut random = generator(Source::Redwood, seed, 0, 0);
         let knots: Vec<f32> = (0..DEPTHS_M.len() * KNOTS * KNOTS).map(|_| StandardNormal.sample(&mut random)).collect();
-        for (i, factors) in self.factors.iter_mut().enumerate() {
-            let place = [(i / self.width, self.height), (i % self.width, self.width)];
-            for (bin, factor) in factors.iter_mut().enumerate() {
+        for (bin, factors) in self.factors.iter_mut().enumerate() {
+            for (i, factor) in factors.iter_mut().enumerate() {
+                let place = [(i / self.width, self.height), (i % self.width, self.width)];
                 *factor = MEAN[bin] + SPREAD[bin] * field(&knots[bin * KNOTS * KNOTS..], place);
             }
         }
@@ -78,46 +81,63 @@ impl Redwood {
             let edge = DUMB_ROWS.contains(&row) || DUMB_COLUMNS.contains(&column);
             *cell = random.random_bool(DUMB_SHARE) || edge;
         }
-        for (i, dumb) in self.dumb.iter_mut().enumerate() {
+        for (i, says) in self.says.iter_mut().enumerate() {
             let (row, column) = (i / self.width * CELLS / self.height, i % self.width * CELLS / self.width);
-            *dumb = cells[row * CELLS + column];
+            *says = u32::from(!cells[row * CELLS + column]);
         }
     }
 
-    /// Disturbs a frame, millimetres. `normals` are standard normal numbers, three for each pixel.
-    pub(crate) fn disturb(&mut self, pixels_mm: &mut [u16], mut normals: impl Iterator<Item = [f32; 3]>) {
+    /// Disturbs a frame, millimetres. Each call of `normals` gives standard normal numbers for one row, three for each
+    /// column.
+    pub(crate) fn disturb<'a>(&mut self, pixels_mm: &mut [u16], mut normals: impl FnMut() -> &'a [f32]) {
         self.clean.clear();
         self.clean.extend_from_slice(pixels_mm);
-        let read = |at: usize, off: f32, count: usize| {
-            let at = (at as f32 + off + 0.5).clamp(0.0, (count - 1) as f32) as usize;
-            at - at % 2
-        };
-        let rows = pixels_mm.chunks_exact_mut(self.width).enumerate();
-        for (row, column, pixel) in
-            rows.flat_map(|(row, out)| out.iter_mut().enumerate().map(move |(u, p)| (row, u, p)))
-        {
-            let [dx, dy, dd] = normals.next().unwrap_or_default().map(|normal| normal * self.intensity);
-            let y = read(row, dy * PLACE_SIGMA_PX, self.height);
-            let x = read(column, dx * PLACE_SIGMA_PX, self.width);
-            let depth_m = f32::from(self.clean[y * self.width + x]) / 1000.0;
-            let i = row * self.width + column;
-            if self.dumb[i] || depth_m <= 0.0 || depth_m >= FARTHEST_M {
-                *pixel = 0;
-                continue;
+        for (row, out) in pixels_mm.chunks_exact_mut(self.width).enumerate() {
+            let (aside, rest) = normals().split_at(self.width);
+            let (above, jitter) = rest.split_at(self.width);
+            self.read_neighbours(row, aside, above);
+            self.distort(row, jitter, out);
+        }
+    }
+
+    /// Which depths a row's pixels read.
+    fn read_neighbours(&mut self, row: usize, aside: &[f32], above: &[f32]) {
+        let sigma_px = PLACE_SIGMA_PX * self.intensity;
+        let (last_row, last_column) = ((self.height - 1) as f32, (self.width - 1) as f32);
+        let even = |at: f32, last: f32| nearest(at.clamp(0.0, last)) as usize & !1;
+        for (column, ((depth_m, dx), dy)) in self.read_m.iter_mut().zip(aside).zip(above).enumerate() {
+            let (y, x) = (even(row as f32 + dy * sigma_px, last_row), even(column as f32 + dx * sigma_px, last_column));
+            *depth_m = f32::from(self.clean[y * self.width + x]) * 0.001;
+        }
+    }
+
+    /// What a row's pixels make of what they have read. No branches and no gathers: the compiler does four at once.
+    fn distort(&self, row: usize, jitter: &[f32], out: &mut [u16]) {
+        let sigma = DISPARITY_SIGMA * self.intensity;
+        let own = row * self.width..(row + 1) * self.width;
+        let factors: [&[f32]; DEPTHS_M.len()] = std::array::from_fn(|bin| &self.factors[bin][own.clone()]);
+        let says = &self.says[own];
+        for (i, (pixel, &depth_m)) in out.iter_mut().zip(&self.read_m).enumerate() {
+            // Between the depths of the table on either side.
+            let at = ((depth_m - DEPTHS_M[0]) * 0.5).clamp(0.0, (DEPTHS_M.len() - 1) as f32);
+            let mut factor = 0.0;
+            for (bin, factors) in factors.iter().enumerate() {
+                factor += factors[i] * (1.0 - (at - bin as f32).abs()).max(0.0);
             }
-            let disparity = DISPARITY_M * factor(&self.factors[i], depth_m) / depth_m + dd * DISPARITY_SIGMA;
-            let steps = (disparity * STEPS).round();
-            *pixel = if steps > 0.0 { (1000.0 * DISPARITY_M * STEPS / steps).min(65_535.0) as u16 } else { 0 };
+            let disparity = DISPARITY_M * factor / depth_m.max(0.001) + jitter[i] * sigma;
+            // Less than half a step from infinity is nothing.
+            let steps = nearest((disparity * STEPS).clamp(0.0, 1e6));
+            let depth_mm = nearest((1000.0 * DISPARITY_M * STEPS / steps.max(1) as f32).min(65_535.0));
+            let seen = says[i] & u32::from(depth_m > 0.0) & u32::from(depth_m < FARTHEST_M) & u32::from(steps > 0);
+            *pixel = (depth_mm * seen) as u16;
         }
     }
 }
 
-/// The distortion at a depth: between those of the depths beside it.
-fn factor(factors: &[f32; DEPTHS_M.len()], depth_m: f32) -> f32 {
-    let at = ((depth_m - DEPTHS_M[0]) / 2.0).clamp(0.0, 4.0);
-    let bin = (at as usize).min(DEPTHS_M.len() - 2);
-    let share = at - bin as f32;
-    (1.0 - share) * factors[bin] + share * factors[bin + 1]
+/// The nearest whole number to one between 0 and 4e6: where a float has no digits left for less, it rounds by itself.
+fn nearest(value: f32) -> u32 {
+    const WHOLE: f32 = (1 << 23) as f32;
+    (value + WHOLE).to_bits() - WHOLE.to_bits()
 }
 
 /// A smooth field: knots, interpolated. The place is (row, rows) and (column, columns).
@@ -144,9 +164,9 @@ mod tests {
         let (mut readings, mut none, mut all) = (Vec::new(), 0, 0);
         for seed in 0..40 {
             let mut pixels = vec![depth_mm; 160 * 120];
-            let mut redwood = Redwood::new(1.0, 160, 120, seed);
-            redwood
-                .disturb(&mut pixels, std::iter::from_fn(|| Some([0; 3].map(|_| StandardNormal.sample(&mut random)))));
+            let normals: Vec<f32> = (0..3 * 160 * 120).map(|_| StandardNormal.sample(&mut random)).collect();
+            let mut rows = normals.chunks(3 * 160);
+            Redwood::new(1.0, 160, 120, seed).disturb(&mut pixels, || rows.next().expect("one for each row"));
             none += pixels.iter().filter(|mm| **mm == 0).count();
             all += pixels.len();
             readings.extend(pixels.iter().filter(|mm| **mm > 0).map(|mm| f64::from(*mm) / 1000.0));
@@ -167,7 +187,7 @@ mod tests {
     #[test]
     fn depths_are_steps_of_an_eighth_of_a_pixel() {
         let mut pixels = vec![4000u16; 64 * 32];
-        Redwood::new(0.0, 64, 32, 3).disturb(&mut pixels, std::iter::empty());
+        Redwood::new(0.0, 64, 32, 3).disturb(&mut pixels, || &[0.0; 3 * 64]);
         let steps = |mm: u16| 1000.0 * DISPARITY_M * STEPS / f32::from(mm);
         assert!(pixels.iter().filter(|mm| **mm > 0).all(|mm| (steps(*mm) - steps(*mm).round()).abs() < 0.1));
     }

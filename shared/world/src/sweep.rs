@@ -1,6 +1,7 @@
 //! Distances to convex things, and how far a moving disc may go before it touches one.
 
 use guidance::se2::Point;
+use nalgebra::Vector2;
 
 /// Halvings of the way; a tick's way of 1 cm is known to 1e-14 m after them.
 const HALVINGS: usize = 40;
@@ -11,6 +12,17 @@ pub(crate) fn to_segment(p: Point, a: Point, b: Point) -> f64 {
     let length2 = along.norm_squared();
     let t = if length2 > 0.0 { ((p - a).dot(&along) / length2).clamp(0.0, 1.0) } else { 0.0 };
     (p - (a + along * t)).norm()
+}
+
+/// Distance between two segments, metres.
+pub(crate) fn ways_apart(from: Point, to: Point, a: Point, b: Point) -> f64 {
+    let (way, along) = (to - from, b - a);
+    let sides = |of: Point, run: Vector2<f64>, p: Point, q: Point| run.perp(&(p - of)) * run.perp(&(q - of)) < 0.0;
+    if sides(from, way, a, b) && sides(a, along, from, to) {
+        return 0.0;
+    }
+    let ends = to_segment(from, a, b).min(to_segment(to, a, b));
+    ends.min(to_segment(a, from, to)).min(to_segment(b, from, to))
 }
 
 /// Distance from a point to an axis-aligned box, metres; 0 inside.
@@ -51,7 +63,7 @@ pub(crate) fn free_share(from: Point, to: Point, limit: f64, distance: impl Fn(P
 
 #[cfg(test)]
 mod tests {
-    use super::{free_share, to_box, to_segment};
+    use super::{free_share, to_box, to_segment, ways_apart};
     use guidance::se2::Point;
 
     #[test]
@@ -59,6 +71,9 @@ mod tests {
         let p = |x, y| Point::new(x, y);
         assert_eq!(to_segment(p(0.0, 2.0), p(-1.0, 0.0), p(1.0, 0.0)), 2.0);
         assert_eq!(to_segment(p(4.0, 4.0), p(-1.0, 0.0), p(1.0, 0.0)), 5.0);
+        assert_eq!(ways_apart(p(0.0, 0.0), p(2.0, 0.0), p(1.0, -1.0), p(1.0, 1.0)), 0.0, "they cross");
+        assert_eq!(ways_apart(p(0.0, 0.0), p(2.0, 0.0), p(1.0, 0.5), p(1.0, 1.0)), 0.5);
+        assert_eq!(ways_apart(p(0.0, 0.0), p(0.0, 0.0), p(3.0, 4.0), p(9.0, 4.0)), 5.0, "no way");
         assert_eq!(to_box(p(4.0, 5.0), p(0.0, 0.0), p(1.0, 1.0)), 5.0);
         assert_eq!(to_box(p(0.5, 0.5), p(0.0, 0.0), p(1.0, 1.0)), 0.0);
     }

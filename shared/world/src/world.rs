@@ -10,7 +10,7 @@ use crate::grid_map::GridMap;
 use crate::index::SideIndex;
 use crate::people::Person;
 use crate::prism::{Prism, SeenBy};
-use crate::sweep::{free_share, to_segment};
+use crate::sweep::{free_share, to_segment, ways_apart};
 use crate::{WorldError, text_file, world_file};
 
 /// Height of the ceiling where nothing else is said, metres.
@@ -166,19 +166,13 @@ impl World {
             if !self.prisms[side.prism as usize].reaches(z) {
                 return;
             }
+            if ways_apart(from, to, side.a, side.b) >= radius_m {
+                return;
+            }
             if let Some(found) = free_share(from, to, radius_m, |p| to_segment(p, side.a, side.b)) {
                 share = Some(share.map_or(found, |share| share.min(found)));
             }
         });
         share
-    }
-
-    /// The prisms that have a face in a box, each once, in order.
-    pub(crate) fn prisms_near(&self, min: Point, max: Point) -> Vec<u32> {
-        let mut found = Vec::new();
-        self.index.near(min, max, |side| found.push(side.prism));
-        found.sort_unstable();
-        found.dedup();
-        found
     }
 }

@@ -2,7 +2,7 @@
 
 use guidance::TravelLine;
 use guidance::se2::Point;
-use guidedog_world::{GeneratorConfig, SeenBy, Side, Site, World, generate};
+use guidedog_world::{GeneratorConfig, Opening, SeenBy, Side, Site, World, generate};
 
 /// Robot and handler touch nothing between these heights, metres.
 const TALL: [f64; 2] = [0.02, 1.8];
@@ -76,6 +76,29 @@ fn everything_that_makes_buildings_hard_is_there() {
     ];
     for (what, count) in counts {
         assert!(count >= 20, "{what}: in {count} of {} worlds", sites.len());
+    }
+}
+
+/// Angles at the corners of a polyline, radians.
+fn corners(line: &TravelLine) -> Vec<f64> {
+    let ways = line.corners().windows(3);
+    ways.map(|way| (way[1] - way[0]).angle(&(way[2] - way[1]))).collect()
+}
+
+#[test]
+fn some_corridors_turn_at_one_square_corner() {
+    let sites = sites(&GeneratorConfig::default());
+    let square: Vec<&Site> =
+        sites.iter().filter(|site| corners(&site.course.line).iter().any(|turn_rad| *turn_rad > 1.15)).collect();
+    assert!(square.len() > 20, "{} of 300", square.len());
+    // Nobody can tell a corner from a corridor that ends on one to a side: none does.
+    for site in &sites {
+        let at_end = |side: Side| {
+            let end_m = site.course.line.length_m();
+            let is_branch = |o: &&Opening| o.line.corners().last() != site.course.line.corners().last();
+            site.course.openings.iter().filter(is_branch).any(|o| o.side == side && o.far_edge_m() > end_m - 1.4)
+        };
+        assert_eq!(at_end(Side::Left), at_end(Side::Right));
     }
 }
 

@@ -17,6 +17,8 @@ use crate::world::DEFAULT_CEILING_M;
 const CORNER_RAD: f64 = 0.14;
 /// Branches keep so far from each other and from the corridor's ends, metres.
 const APART_M: f64 = 1.0;
+/// A corridor that goes on for less beyond its last branch is a corner, metres.
+const DEAD_END_M: f64 = 1.5;
 /// A corridor that meets itself is drawn anew so many times.
 const TRIES: usize = 20;
 /// Floor to ceiling.
@@ -65,30 +67,20 @@ impl Plan {
         plan
     }
 
-    /// What the corridor ends on: a wall, a crossing corridor, or one that leads to one side.
+    /// What the corridor ends on: a wall, or a crossing corridor. One that leads to one side only would be a corner:
+    /// nobody who walks there could say whether it is the corridor's end.
     fn draw_end(&mut self, random: &mut ChaCha8Rng) {
-        let kind = random.random_range(0..10);
-        if kind < 3 {
+        if random.random_bool(0.4) {
             return;
         }
-        let width_m = between(random, [1.7, 3.0]);
+        let (before, width_m) = (self.branches.len(), between(random, [1.7, 3.0]));
         let way_m = self.line.length_m() - width_m / 2.0;
         for side in [Side::Left, Side::Right] {
-            let wanted = match kind {
-                3 | 4 => side == Side::Left,
-                5 | 6 => side == Side::Right,
-                _ => true,
-            };
-            if wanted {
-                self.add(Branch {
-                    side,
-                    way_m,
-                    width_m,
-                    skew_rad: 0.0,
-                    length_m: between(random, [4.0, 11.0]),
-                    is_way: true,
-                });
-            }
+            let length_m = between(random, [4.0, 11.0]);
+            self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, is_way: true });
+        }
+        if self.branches.len() < before + 2 {
+            self.branches.truncate(before);
         }
     }
 
@@ -135,11 +127,13 @@ impl Plan {
         let clear = |other: &Branch| {
             other.side != branch.side || (other.way_m - branch.way_m).abs() > half(other) + half(&branch) + APART_M
         };
-        let at_end = branch.way_m + half(&branch) > self.line.length_m() - 1e-9;
+        let end_m = self.line.length_m();
+        let at_end = branch.way_m + half(&branch) > end_m - 1e-9;
         let in_stretch = self.stretches.iter().any(|stretch| {
             let room_m = half(&branch) + 0.3;
+            let ahead_m = if branch.is_way && stretch.to_m >= end_m { half(&branch) + DEAD_END_M } else { room_m };
             branch.way_m - room_m >= stretch.from_m
-                && (branch.way_m + room_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
+                && (branch.way_m + ahead_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
         });
         if in_stretch && self.branches.iter().all(clear) && self.is_free(&branch) {
             self.branches.push(branch);
@@ -312,21 +306,29 @@ fn wind(length_m: f64, width_m: f64, bends: bool, random: &mut ChaCha8Rng) -> Op
     let (mut at, mut yaw_rad) = (Point::origin(), between(random, [-PI, PI]));
     let (mut places, mut stretches, mut way_m) = (vec![at], Vec::new(), 0.0);
     let mut side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
+    // What a square corner takes of the straight stretches beside it.
+    let mut corner_m = 0.0;
     loop {
         let straight_m = if bends { between(random, [4.0, 14.0]) } else { length_m };
         let straight_m = straight_m.min(length_m - way_m).max(2.0);
         at += Vector2::new(yaw_rad.cos(), yaw_rad.sin()) * straight_m;
         places.push(at);
-        stretches.push(Stretch { from_m: way_m, to_m: way_m + straight_m });
+        let (from_m, ends_here) = (way_m + corner_m, way_m + straight_m >= length_m - 2.0);
         way_m += straight_m;
-        if way_m >= length_m - 2.0 {
+        // A square corner, a sharp one or a long bend; back the other way more often than not.
+        let (square, sharp) = (random.random_bool(0.3), random.random_bool(0.3));
+        let turn_rad = between(random, if square { [1.2, 1.65] } else { [0.3, 1.5] }) * side;
+        corner_m = if square && !ends_here { width_m / 2.0 * (turn_rad.abs() / 2.0).tan() } else { 0.0 };
+        stretches.push(Stretch { from_m, to_m: way_m - corner_m });
+        if ends_here {
             return Some((TravelLine::new(&places)?, stretches));
         }
-        // A sharp corner or a long bend; back the other way more often than not.
-        let turn_rad = between(random, [0.3, 1.5]) * side;
-        let sharp = random.random_bool(0.3);
-        let radius_m = if sharp { width_m / 2.0 + 0.1 } else { between(random, [width_m / 2.0 + 0.5, 14.0]) };
         side = if random.random_bool(0.7) { -side } else { side };
+        if square {
+            yaw_rad += turn_rad;
+            continue;
+        }
+        let radius_m = if sharp { width_m / 2.0 + 0.1 } else { between(random, [width_m / 2.0 + 0.5, 14.0]) };
         let steps = (turn_rad.abs() / CORNER_RAD).ceil().max(1.0);
         let chord_m = 2.0 * radius_m * (turn_rad.abs() / steps / 2.0).sin();
         for _ in 0..steps as usize {
