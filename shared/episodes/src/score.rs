@@ -6,7 +6,7 @@ use guidance::se2::{Point, Se2};
 use messages::CueKind;
 use world::Stepped;
 
-use crate::task::{Goal, STILL_DECISIONS, STILL_M, Task};
+use crate::task::{END_M, Goal, STILL_DECISIONS, STILL_M, Task};
 
 /// Counted while it lasts.
 #[derive(Debug, Clone)]
@@ -19,7 +19,7 @@ pub struct Score {
     third_metre: Option<Point>,
     /// Decisions in a row in which the handler did not move.
     frozen: u32,
-    /// The handler faced off the travel line when they gave the cue.
+    /// The handler faced off the travel line when they gave the cue, and has the room to show that it is put right.
     errs: bool,
     report: Report,
 }
@@ -55,8 +55,8 @@ pub struct Report {
     pub reward: f64,
     /// Longest run of decisions in which the handler did not move, before they had arrived.
     pub longest_freeze: u32,
-    /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, or
-    /// never came so far.
+    /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, never
+    /// came so far, or the corridor ends before.
     pub corrected: Option<bool>,
 }
 
@@ -91,10 +91,11 @@ impl Score {
         };
         let way_m = task.line.foot(place).way_m;
         let off_rad = task.line.heading_error_rad(way_m, world_from_handler.rotation.angle());
+        let has_room = way_m + CORRECTED_M[1] <= task.line.length_m() - END_M;
         Self {
             third_metre: None,
             frozen: 0,
-            errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward,
+            errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward && has_room,
             world_from_start: *world_from_handler,
             way_m,
             last_places: VecDeque::from([place]),

@@ -13,6 +13,13 @@ const MIDDLE_M: f64 = 0.17;
 /// so many metres of way.
 const HEADING_FREE_RAD: f64 = 0.09;
 const HEADING_COST_M: f64 = 1.0;
+/// Where the line is straight, so far behind and ahead of the robot, metres, to so many radians,
+const STRAIGHT_M: [f64; 2] = [1.5, 3.0];
+const STRAIGHT_RAD: f64 = 0.1;
+/// the first so many radians beyond those that are free cost so much more: a turn of the table, which is no way ahead,
+/// must be worth it. In a corner this would only hold the robot.
+const STRAIGHTEN_RAD: f64 = 0.1;
+const STRAIGHTEN_COST_M: f64 = 2.5;
 /// The line's direction is that of so far ahead of the robot, metres.
 const AHEAD_M: f64 = 0.6;
 /// Off the middle by so much is as good, metres; beyond it each metre costs so many of way.
@@ -20,7 +27,7 @@ const ASIDE_FREE_M: f64 = 0.15;
 const ASIDE_COST: f64 = 0.25;
 /// So much room is enough, metres; what is missing of it costs so many times as much of way.
 const ROOM_M: f64 = 0.18;
-const ROOM_COST: f64 = 1.2;
+const ROOM_COST: f64 = 0.8;
 /// What is wrong after a step costs this share of what it costs at the end.
 const EACH_STEP: f64 = 0.25;
 /// An action that is no stop costs so much, metres of way.
@@ -98,9 +105,8 @@ impl Teacher<'_> {
         if action != ActionTable::STOP && self.touches(&robot, &handler) {
             return -TOUCH_COST_M;
         }
-        let off_rad = self.line.heading_error_rad(next.robot_m + AHEAD_M, robot.rotation.angle());
         let aside_m = (robot_foot.left_m - MIDDLE_M).abs();
-        let wrong_m = HEADING_COST_M * (off_rad.abs() - HEADING_FREE_RAD).max(0.0)
+        let wrong_m = self.wrong_heading_m(&robot, next.robot_m)
             + ASIDE_COST * (aside_m - ASIDE_FREE_M).max(0.0)
             + ROOM_COST * self.missing_room_m(&robot, &handler);
         // What is put off costs as long as it lasts.
@@ -110,6 +116,16 @@ impl Teacher<'_> {
             return following.fold(f64::NEG_INFINITY, f64::max) - cost_m;
         }
         0.5 * (next.robot_m - begin.robot_m + next.handler_m - begin.handler_m) - cost_m - wrong_m
+    }
+
+    /// What the heading of a robot costs that is so far along the line.
+    fn wrong_heading_m(&self, robot: &Se2, way_m: f64) -> f64 {
+        let off_rad = self.line.heading_error_rad(way_m + AHEAD_M, robot.rotation.angle());
+        let over_rad = (off_rad.abs() - HEADING_FREE_RAD).max(0.0);
+        let ahead_rad = self.line.at(way_m + STRAIGHT_M[1]).rotation.angle();
+        let is_straight = self.line.heading_error_rad(way_m - STRAIGHT_M[0], ahead_rad).abs() < STRAIGHT_RAD;
+        let straighten_m = if is_straight { STRAIGHTEN_COST_M * over_rad.min(STRAIGHTEN_RAD) } else { 0.0 };
+        HEADING_COST_M * over_rad + straighten_m
     }
 
     fn touches(&self, robot: &Se2, handler: &Se2) -> bool {

@@ -112,17 +112,42 @@ impl Course {
         let mut places: Vec<Point> = self.line.part(0.0, opening.way_m - cut_m)?.corners().to_vec();
         let (before, after) = (self.line.at(opening.way_m - cut_m), opening.line.at(cut_m));
         let (from, to) = (Point::from(before.translation.vector), Point::from(after.translation.vector));
-        let middle = Point::from(corner.translation.vector);
-        let steps = (turn_rad.to_degrees() / 10.0).ceil().max(1.0) as usize;
-        // A parabola whose tangents at its ends are the two ways.
-        places.extend((1..steps).map(|i| {
-            let share = i as f64 / steps as f64;
-            let (a, b) = (from + (middle - from) * share, middle + (to - middle) * share);
-            a + (b - a) * share
-        }));
+        places.extend(round(from, Point::from(corner.translation.vector), to));
         places.extend(opening.line.part(cut_m, opening.line.length_m())?.corners());
         TravelLine::new(&places)
     }
+}
+
+/// The way round a corner between two places, both left out: a parabola whose tangents there lead to the corner.
+fn round(from: Point, corner: Point, to: Point) -> impl Iterator<Item = Point> {
+    let turn_rad = (corner - from).angle(&(to - corner));
+    let steps = (turn_rad.to_degrees() / 10.0).ceil().max(1.0) as usize;
+    (1..steps).map(move |i| {
+        let share = i as f64 / steps as f64;
+        let (a, b) = (from + (corner - from) * share, corner + (to - corner) * share);
+        a + (b - a) * share
+    })
+}
+
+/// A line whose square corners are cut, so far on either side of each, metres: as who walks there takes them.
+pub(crate) fn rounded(line: &TravelLine, cut_m: f64) -> TravelLine {
+    let corners = line.corners();
+    let mut places = vec![corners[0]];
+    for way in corners.windows(3) {
+        let (before, after) = (way[1] - way[0], way[2] - way[1]);
+        // No more than half of a stretch, whose other end may be a corner as well.
+        let cut_m = cut_m.min(before.norm() / 2.0).min(after.norm() / 2.0);
+        if before.angle(&after) > CORNER_RAD {
+            let (from, to) = (way[1] - before.normalize() * cut_m, way[1] + after.normalize() * cut_m);
+            places.push(from);
+            places.extend(round(from, way[1], to));
+            places.push(to);
+        } else {
+            places.push(way[1]);
+        }
+    }
+    places.extend(corners.last());
+    TravelLine::new(&places).unwrap_or_else(|| line.clone())
 }
 
 /// The sharp corners of a corridor: where it turns most, its way on being the way turned into.

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{GeneratorConfig, between};
 use crate::prism::{Prism, SeenBy};
-use crate::site::{Course, Opening, Side};
+use crate::site::{Course, Opening, Side, rounded};
 use crate::world::DEFAULT_CEILING_M;
 
 /// A bend is a polygon with corners of so much, radians.
@@ -131,7 +131,8 @@ impl Plan {
         let at_end = branch.way_m + half(&branch) > end_m - 1e-9;
         let in_stretch = self.stretches.iter().any(|stretch| {
             let room_m = half(&branch) + 0.3;
-            let ahead_m = if branch.is_way && stretch.to_m >= end_m { half(&branch) + DEAD_END_M } else { room_m };
+            let ahead_m =
+                if branch.is_way && stretch.to_m > end_m - 1e-6 { half(&branch) + DEAD_END_M } else { room_m };
             branch.way_m - room_m >= stretch.from_m
                 && (branch.way_m + ahead_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
         });
@@ -185,14 +186,16 @@ impl Plan {
     }
 
     pub(super) fn course(&self) -> Course {
+        let line = rounded(&self.line, self.width_m / 2.0);
         let ways = self.branches.iter().filter(|branch| branch.is_way);
         let opening = |branch: &Branch| Opening {
-            way_m: branch.way_m,
+            way_m: line.foot(Point::from(self.line.at(branch.way_m).translation.vector)).way_m,
             width_m: branch.width_m / branch.skew_rad.cos(),
             side: branch.side,
             line: self.branch_line(branch),
         };
-        Course::new(self.line.clone(), self.width_m, ways.map(opening).collect())
+        let openings = ways.map(opening).collect();
+        Course::new(line, self.width_m, openings)
     }
 
     /// All walls.
