@@ -18,6 +18,9 @@ from shielded import Sectors, ShieldedPolicy
 from teaching import teach
 from vectors import Episodes
 
+# Share of the episodes with "forward" in which that cue was given long before, unless an option says otherwise.
+WALKED_BEFORE = 0.5
+
 
 def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
@@ -87,6 +90,7 @@ def main():
     options = {key: float(value) for key, value in (text.split("=") for text in arguments.option)}
     options |= {"noise": arguments.noise, "harness": arguments.harness, "handlers": arguments.handlers}
     options |= {"measure": arguments.measure, "frames": arguments.frames}
+    options.setdefault("walked_before", WALKED_BEFORE)
     said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
     said["command"] = shlex.join(["python", *sys.argv])
     (folder / "arguments.json").write_text(json.dumps(said | {"environment": options}, indent=2))

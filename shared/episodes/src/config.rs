@@ -1,12 +1,15 @@
 //! What episodes are like.
 
+use std::f64::consts::PI;
 use std::sync::Arc;
 
+use guidance::se2::Se2;
 use guidance::{
     ActionTable, DelayedHarness, HandlerLimits, InteractionModel, MemoryConfig, RewardConfig, RigidHarness,
     ShieldConfig,
 };
 use messages::{CueKind, Pose2};
+use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 use world::{DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig};
 
@@ -69,6 +72,9 @@ pub enum Places {
     Plans(Arc<Vec<FloorPlan>>, GeneratorConfig),
 }
 
+/// See [`Config::walked_before`]: beyond, the observation tells no farther.
+const WALKED_BEFORE_M: f64 = 30.0;
+
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Config {
@@ -99,6 +105,9 @@ pub struct Config {
     /// Cues to turn are given so much too early or too late at the most, metres of way before the place where they are
     /// due; none: anywhere.
     pub timing_max_m: Option<f64>,
+    /// Share of the episodes with *forward* in which that cue was given long before, anywhere up to
+    /// [`WALKED_BEFORE_M`] off: who is led along a corridor for minutes gives it once.
+    pub walked_before: f64,
     /// The reward.
     pub reward: RewardConfig,
     /// What the reward is measured by.
@@ -196,5 +205,14 @@ impl Config {
             }
         }
         self.cues.first().map_or(CueKind::Forward, |(cue, _)| *cue)
+    }
+
+    /// The robot in the cue's start frame when an episode begins.
+    pub(crate) fn draw_walked_before(&self, cue: CueKind, random: &mut impl Rng) -> Se2 {
+        if cue != CueKind::Forward || self.walked_before <= 0.0 || !random.random_bool(self.walked_before) {
+            return Se2::identity();
+        }
+        let mut within = |most: f64| random.random_range(-most..most);
+        Se2::new(Vector2::new(within(WALKED_BEFORE_M), within(WALKED_BEFORE_M)), within(PI))
     }
 }

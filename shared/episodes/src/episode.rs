@@ -63,6 +63,8 @@ pub struct Episode {
     unsafe_mask: u32,
     cue: CueKind,
     cue_is_new: bool,
+    /// When the episode began.
+    start_from_robot: Se2,
     odom_from_start: Se2,
     track: CueTrack,
     decision: u64,
@@ -103,6 +105,7 @@ impl Episode {
             unsafe_mask: 0,
             cue: CueKind::Stop,
             cue_is_new: true,
+            start_from_robot: Se2::identity(),
             odom_from_start: Se2::identity(),
             track: CueTrack::default(),
             decision: 0,
@@ -140,7 +143,7 @@ impl Episode {
         }
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
-        (self.odom_from_start, self.odom_from_before) = (Se2::identity(), Se2::identity());
+        self.start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
         self.track.clear();
         self.sense();
@@ -195,7 +198,7 @@ impl Episode {
         self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
         if self.decision == 0 {
             self.odom_from_before = self.odom_from_robot;
-            self.odom_from_start = self.odom_from_robot;
+            self.odom_from_start = self.odom_from_robot * self.start_from_robot.inverse();
             self.awareness.reset(&self.odom_from_robot);
         }
         if !self.config.judges {

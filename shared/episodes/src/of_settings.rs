@@ -36,6 +36,7 @@ impl Config {
             cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
             orientation_max_rad: 30f64.to_radians(),
             timing_max_m: None,
+            walked_before: 0.0,
             reward: RewardConfig {
                 delta: Delta::Difference,
                 motion_penalty: MOTION_PENALTY,

@@ -128,3 +128,18 @@ fn handlers_are_told_about_as_they_are() {
     }
     assert!(different > 10);
 }
+
+#[test]
+fn forward_alone_may_have_been_asked_for_long_before() {
+    let config = Arc::new(Config { walked_before: 1.0, ..config(Noise::Ideal) });
+    let mut episode = Episode::new(config).expect("a configuration");
+    let mut told = [0, 0];
+    for seed in 0..40 {
+        episode.begin(seed);
+        let (cue, start_from_robot, _) = episode.cue();
+        let is_off = start_from_robot.translation.vector.norm() > 1e-6;
+        assert_eq!(is_off, cue == CueKind::Forward, "seed {seed}");
+        told[usize::from(is_off)] += 1;
+    }
+    assert!(told.iter().all(|count| *count > 3), "{told:?}");
+}
