@@ -209,15 +209,17 @@ impl DepthSensor {
         let (sin, cos) = mount.pitch_rad.sin_cos();
         let (half_width, half_height) =
             (self.camera.cx_px / self.camera.focal_px, self.camera.cy_px / self.camera.focal_px);
+        // Pitched, a row's columns spread wider than at the optical axis; at last all round.
+        let half_angle_rad = match cos - sin.abs() * half_height {
+            ahead if ahead > 0.0 => half_width.atan2(ahead),
+            _ => PI,
+        };
         View {
             pinhole: self.camera,
             // The farthest corner of the viewing pyramid, as seen from above.
             reach_m: self.config.range_max_m * (1.0 + half_width.powi(2) + half_height.powi(2)).sqrt(),
-            // Pitched, a row's columns spread wider than at the optical axis; at last all round.
-            half_angle_rad: match cos - sin.abs() * half_height {
-                ahead if ahead > 0.0 => half_width.atan2(ahead),
-                _ => PI,
-            },
+            half_angle_rad,
+            half_angle: half_angle_rad.sin_cos(),
             camera_from_world: world_from_camera.inverse(),
             eye: Point::from(world_from_camera.translation.vector),
             yaw_rad: world_from_camera.rotation.angle(),
@@ -239,6 +241,8 @@ struct View {
     /// What is farther is not seen, metres, nor what is farther to a side, radians; as seen from above.
     reach_m: f64,
     half_angle_rad: f64,
+    /// Its sine and cosine.
+    half_angle: (f64, f64),
 }
 
 impl View {
@@ -291,7 +295,7 @@ impl View {
     /// Whether something between two places of the level frame, so wide on all sides, may be in view: where it is not
     /// farther than the camera sees, nor wholly to the left or to the right of what it sees.
     fn may_see(&self, a: Point, b: Point, margin_m: f64) -> bool {
-        let (sin, cos) = self.half_angle_rad.sin_cos();
+        let (sin, cos) = self.half_angle;
         let aside = |p: Point, y: f64| y * cos - p.x * sin > margin_m;
         let beyond = (aside(a, a.y) && aside(b, b.y)) || (aside(a, -a.y) && aside(b, -b.y));
         let near = nalgebra::center(&a, &b).coords.norm() <= self.reach_m + margin_m + (b - a).norm() / 2.0;

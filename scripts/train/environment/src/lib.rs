@@ -58,7 +58,10 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             "decisions" => config.decisions = value.extract()?,
             "frames" => config.frames = value.extract::<usize>()?.max(1),
             "orientation_max_deg" => config.orientation_max_rad = number()?.to_radians(),
-            "walked_before" => config.walked_before = number()?.clamp(0.0, 1.0),
+            "walked_before" => match number()? {
+                share if (0.0..=1.0).contains(&share) => config.walked_before = share,
+                share => return Err(wrong(format!("walked_before = {share} is no share from 0 to 1"))),
+            },
             "heading_weight" => config.reward.heading_weight = number()?,
             "heading_margin_rad" => config.reward.heading_margin_rad = number()?,
             "collision_penalty" => config.reward.collision_penalty = number()?,

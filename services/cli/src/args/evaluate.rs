@@ -114,4 +114,4 @@ Success: forward, the handler is 10 m on along the corridor, or within 2 m of it
 handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still at the end where
 there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or what comes
 next); stop, the next decision stands. An error of orientation is corrected where the
-handler's third metre of way leads within 10 degrees of the corridor.";
+handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m.";
