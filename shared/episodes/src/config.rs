@@ -105,8 +105,8 @@ pub struct Config {
     /// Cues to turn are given so much too early or too late at the most, metres of way before the place where they are
     /// due; none: anywhere.
     pub timing_max_m: Option<f64>,
-    /// Share of the episodes with *forward* in which that cue was given long before, anywhere up to 30 m off: who is led
-    /// along a corridor for minutes gives it once.
+    /// Share of the episodes with *forward* in which that cue was given long before, anywhere up to 30 m off: who is
+    /// led along a corridor for minutes gives it once.
     pub walked_before: f64,
     /// The reward.
     pub reward: RewardConfig,
