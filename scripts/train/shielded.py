@@ -70,6 +70,12 @@ class ShieldedPolicy(ActorCriticPolicy):
     def _get_constructor_parameters(self):
         return super()._get_constructor_parameters() | {"beta": self.beta}
 
+    def sharpen(self, temperature):
+        """From now on actions are drawn as they were at this temperature: below 1 more surely."""
+        with torch.no_grad():
+            self.action_net.weight /= temperature
+            self.action_net.bias /= temperature
+
     def _weighed(self, observations, latent):
         logits = suppressed(self.action_net(latent), observations["unsafe"], self.beta)
         return self.action_dist.proba_distribution(action_logits=logits)

@@ -38,6 +38,8 @@ def parse():
     parser.add_argument("--batch", type=int, default=2048)
     parser.add_argument("--epochs", type=int, default=3)
     parser.add_argument("--learning-rate", type=float, default=4e-4, help="falls to 0")
+    parser.add_argument("--clip", type=float, default=0.2, help="of PPO's ratio")
+    parser.add_argument("--target-kl", type=float, help="an update ends where the policy has changed by so much")
     parser.add_argument("--entropy", type=float, default=0.01)
     parser.add_argument("--gamma", type=float, default=0.99)
     parser.add_argument("--width", type=int, default=128)
@@ -47,6 +49,7 @@ def parse():
     parser.add_argument("--teach", type=float, default=0, help="environment steps of imitation before PPO")
     parser.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
     parser.add_argument("--start", type=Path, help="begin with this model's weights")
+    parser.add_argument("--sharpen", type=float, default=1, help="PPO begins with what was taught, drawn at this temperature")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
     return parser.parse_args()
 
@@ -108,6 +111,8 @@ def main():
             batch_size=arguments.batch,
             n_epochs=arguments.epochs,
             gamma=arguments.gamma,
+            clip_range=arguments.clip,
+            target_kl=arguments.target_kl,
             ent_coef=arguments.entropy,
             seed=arguments.seed,
             tensorboard_log=str(folder / "tensorboard"),
@@ -122,6 +127,8 @@ def main():
     if arguments.teach and not (arguments.resume and checkpoints):
         teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
         model.save(folder / "taught.zip")
+    if not (arguments.resume and checkpoints):
+        model.policy.sharpen(arguments.sharpen)
     callbacks = [
         Reports(folder / "progress.jsonl"),
         CheckpointCallback(max(500_000 // arguments.environments, 1), str(folder), "checkpoint"),
