@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
-use guidance::se2::{Se2, pose2, se2};
+use guidance::se2::{Point, Se2, pose2, se2};
 use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
 use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
 use rand::{RngExt, SeedableRng};
@@ -21,6 +21,8 @@ use crate::teacher::Teacher;
 const ROOM_M: f64 = 0.06;
 /// Worlds and tasks are drawn anew until there is room to begin: nearly always the first few do.
 const TRIES: u64 = 10_000;
+/// They have come along the corridor: the robot looked around so far before the place where the cue is given, metres.
+const LOOKED_M: [f64; 3] = [2.25, 1.5, 0.75];
 
 /// What one decision came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +70,8 @@ pub struct Episode {
     odom_from_start: Se2,
     track: CueTrack,
     decision: u64,
+    /// How often sensors have looked, from before the cue on.
+    looks: u64,
     frames: Frames,
     velocities: Vec<Twist2>,
 }
@@ -109,6 +113,7 @@ impl Episode {
             odom_from_start: Se2::identity(),
             track: CueTrack::default(),
             decision: 0,
+            looks: 0,
             frames: Frames::new(config.frames),
             velocities: config.table.actions().iter().map(|action| action.velocity(config.dt_s)).collect(),
             config,
@@ -142,11 +147,43 @@ impl Episode {
             self.odometry = odometry;
         }
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
-        (self.cue, self.cue_is_new, self.decision) = (cue, true, 0);
+        (self.cue, self.cue_is_new, self.decision, self.looks) = (cue, true, 0, 0);
         self.start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
         self.track.clear();
-        self.sense();
+        self.arrive();
+        self.rest();
+        self.odom_from_before = self.odom_from_robot;
+        self.odom_from_start = self.odom_from_robot * self.start_from_robot.inverse();
+        self.judge();
+    }
+
+    /// They come to where the cue is given, beside the middle of the way as they are there: what was seen on the way is
+    /// remembered. Where something stands there they came another way.
+    fn arrive(&mut self) {
+        if !self.config.judges || self.config.memory.is_none() {
+            return;
+        }
+        let Scenery { site, task, team, .. } = self.scenery().clone();
+        let foot = task.line.foot(Point::from(task.world_from_robot.translation.vector));
+        for way_m in LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0) {
+            let world_from_robot = task.line.at(way_m) * Se2::translation(0.0, foot.left_m);
+            let there = Team::new(&site.world, team.handler().clone(), &world_from_robot);
+            if let Some(scenery) = self.scenery.as_mut().filter(|_| there.is_free(&site.world, 0.0)) {
+                scenery.team = there;
+                self.rest();
+            }
+        }
+        if let Some(scenery) = &mut self.scenery {
+            scenery.team = team;
+        }
+    }
+
+    /// They stand here, however they came here.
+    fn rest(&mut self) {
+        self.look();
+        self.awareness.rest(&self.odom_from_robot);
+        self.observe();
     }
 
     /// A world and a task in it with room to begin.
@@ -182,32 +219,37 @@ impl Episode {
         self.scenery.as_ref().unwrap_or_else(|| unreachable!("an episode has begun"))
     }
 
-    /// What is measured where the robot is now, and what the shield says of it.
-    fn sense(&mut self) {
+    /// What is measured where the robot is now.
+    fn look(&mut self) {
         let Some(scenery) = &mut self.scenery else { return };
         let scene = scenery.team.scene(&scenery.site.world);
-        self.lidar.scan(&scene, self.decision, &mut self.scan);
-        let depth = match &mut self.depth {
-            Some((sensor, header, pixels)) => {
-                sensor.render(&scene, self.decision, pixels);
-                Some(Measured { header: &*header, data: &pixels[..], now_from_then: Se2::identity() })
-            }
-            None => None,
-        };
-        let reading = self.odometry.update(self.decision, pose2(scenery.team.world_from_robot()), Twist2::ZERO);
-        self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
-        if self.decision == 0 {
-            self.odom_from_before = self.odom_from_robot;
-            self.odom_from_start = self.odom_from_robot * self.start_from_robot.inverse();
-            self.awareness.reset(&self.odom_from_robot);
+        self.lidar.scan(&scene, self.looks, &mut self.scan);
+        if let Some((sensor, _, pixels)) = &mut self.depth {
+            sensor.render(&scene, self.looks, pixels);
         }
+        let reading = self.odometry.update(self.looks, pose2(scenery.team.world_from_robot()), Twist2::ZERO);
+        self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
+        self.looks += 1;
+    }
+
+    /// What is known of it.
+    fn observe(&mut self) {
         if !self.config.judges {
             return;
         }
-        let now_ns = (self.decision as f64 * self.config.dt_s * 1e9) as u64;
+        let now_ns = (self.looks as f64 * self.config.dt_s * 1e9) as u64;
+        let now_from_then = Se2::identity();
+        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then };
+        let depth = self.depth.as_ref().map(|(_, header, data)| Measured { header, data: &data[..], now_from_then });
         // A scan of which nothing can be used leaves what was known before.
-        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then: Se2::identity() };
         let _ = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
+    }
+
+    /// What the shield says of it, and what the policy sees.
+    fn judge(&mut self) {
+        if !self.config.judges {
+            return;
+        }
         self.awareness.moved(&self.odom_from_before, &self.begun, &self.odom_from_robot);
         self.take_turn();
         self.awareness.begin_step(&self.odom_from_robot);
@@ -351,7 +393,9 @@ impl Episode {
         scenery.score.step(&scenery.task, &world_from_handler, stepped, reward);
         self.decision += 1;
         self.cue_is_new = false;
-        self.sense();
+        self.look();
+        self.observe();
+        self.judge();
         Step { reward, ended: self.decision >= self.config.decisions as u64 }
     }
 }

@@ -49,9 +49,14 @@ impl Awareness {
         }
     }
 
+    /// Robot and handler stand at rest there, however they came there.
+    pub fn rest(&mut self, odom_from_robot: &Se2) {
+        self.handler.reset(odom_from_robot);
+    }
+
     /// A new odometry frame: nothing that was placed in the one before holds any more.
     pub fn reset(&mut self, odom_from_robot: &Se2) {
-        self.handler.reset(odom_from_robot);
+        self.rest(odom_from_robot);
         self.depth_seen = false;
         if let Some(memory) = &mut self.memory {
             memory.clear();

@@ -26,6 +26,9 @@ const WALKED_MIN_M: f64 = 1.0;
 /// Who waits for so long may be walked around: what only the lidar saw is let go, nanoseconds. What the camera saw
 /// stays: it lies below what the camera sees from there.
 const STANDING_MAX_NS: u64 = 60_000_000_000;
+/// Nearer than this a camera says well enough where something is, metres. From farther off a wall may look so much
+/// nearer than the lidar has it that something seems to stand before it.
+const EXACT_M: f64 = 2.0;
 /// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
 const SAME_M: f64 = 0.15;
 /// At most so many scans tell what was free a moment ago.
@@ -36,6 +39,9 @@ const GLIMPSES: usize = 8;
 pub struct MemoryConfig {
     /// Obstacles are kept for so long after they were last seen, nanoseconds; longer while the robot stands.
     pub kept_ns: u64,
+    /// What the camera alone saw, and from near by: it lies below the lidar's plane, or hangs above it, and does not
+    /// walk away as people do.
+    pub kept_off_plane_ns: u64,
     /// What a scan saw free counts as free for so long, nanoseconds.
     pub free_ns: u64,
     /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
@@ -92,6 +98,8 @@ struct Spot {
     sight: Sight,
     seen_ns: u64,
     seen_at: Odometer,
+    /// It is kept for so long after that.
+    kept_ns: u64,
 }
 
 /// What one scan saw free.
@@ -184,7 +192,7 @@ impl Memory {
     /// where the handler stands.
     fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
         let robot_from_odom = odom_from_robot.inverse();
-        let (stamp_ns, odometer, config) = (self.stamp_ns, self.odometer, self.config.clone());
+        let (stamp_ns, odometer) = (self.stamp_ns, self.odometer);
         // The mask is wider than the handler by what the lidar is off: there something else may stand.
         let body_m = handler.mask_radius_m.map(|mask_m| mask_m - 3.0 * beams.sigma_m());
         let on_handler = |place: Point| body_m.is_some_and(|body_m| (place - handler.center).norm() <= body_m);
@@ -196,7 +204,7 @@ impl Memory {
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
-            let old = age_ns > config.kept_ns && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M
+            let old = age_ns > spot.kept_ns && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M
                 || age_ns > STANDING_MAX_NS && spot.source == Source::Lidar;
             !old && place.coords.norm() < REACH_M
         });
@@ -224,13 +232,17 @@ impl Memory {
         }
         let odom = odom_from_robot * place;
         let cell = cell_of(odom);
-        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns: self.stamp_ns, seen_at: self.odometer };
+        let is_exact = source == Source::Camera && place.coords.norm() < EXACT_M;
+        let kept_ns = if is_exact { self.config.kept_off_plane_ns } else { self.config.kept_ns };
+        let (seen_ns, seen_at) = (self.stamp_ns, self.odometer);
+        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns, seen_at, kept_ns };
         let number = &mut self.numbers[slot_of(cell)];
         match usize::from(*number).checked_sub(1) {
             Some(i) => {
                 let old = self.spots[i];
                 if old.cell == cell && old.source == source {
                     spot.odom = old.odom + (odom - old.odom) * GAIN;
+                    spot.kept_ns = kept_ns.max(old.kept_ns);
                 }
                 self.spots[i] = spot;
             }

@@ -43,7 +43,12 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
     let limits = HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
     let mut handler = HandlerEstimate::new(DelayedHarness::default(), limits);
     let (mut shield, mut stamped, mut beams) = (Shield::new(config), Beams::default(), Beams::default());
-    let mut memory = Memory::new(MemoryConfig { kept_ns: 500_000_000, free_ns: 500_000_000, drift: 0.03 });
+    let mut memory = Memory::new(MemoryConfig {
+        kept_ns: 500_000_000,
+        kept_off_plane_ns: 500_000_000,
+        free_ns: 500_000_000,
+        drift: 0.03,
+    });
     let (table, mut judgements) = (ActionTable::ten(), Vec::new());
     let header = ScanHeader {
         angle_min_rad: -std::f64::consts::PI,

@@ -7,7 +7,7 @@
 use guidance::depth::DepthView;
 use guidance::handler::{HandlerEstimate, HandlerLimits};
 use guidance::interaction::DelayedHarness;
-use guidance::memory::{Memory, MemoryConfig};
+use guidance::memory::Memory;
 use guidance::scan::Beams;
 use guidance::se2::{pose2, se2, wrap_angle};
 use guidance::shield::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
@@ -64,7 +64,7 @@ impl Guard {
             estimate: HandlerEstimate::new(harness, limits),
             beams: Beams::default(),
             depth: DepthView::default(),
-            memory: Memory::new(MemoryConfig { kept_ns: 10_000_000_000, free_ns: 500_000_000, drift: 0.03 }),
+            memory: Memory::new(settings::MemorySettings::default().config()),
             judgements: Vec::new(),
         }
     }

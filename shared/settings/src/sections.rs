@@ -119,9 +119,7 @@ impl Settings {
     #[must_use]
     pub fn memory_config(&self) -> Option<MemoryConfig> {
         let memory = &self.shield.memory;
-        let config =
-            || MemoryConfig { kept_ns: memory.kept.ns(), free_ns: memory.free.ns(), drift: memory.drift.get() };
-        memory.on.then(config)
+        memory.on.then(|| memory.config())
     }
 
     /// The handler's interaction model, one step of which is a decision.
@@ -374,6 +372,8 @@ pub struct MemorySettings {
     pub on: bool,
     /// Obstacles that cannot be seen any more are kept for so long; longer while the robot stands.
     pub kept: Millis,
+    /// What the camera alone saw, and from near by, below the lidar's plane or above it, is kept for so long.
+    pub kept_off_plane: Millis,
     /// What a scan saw free counts for unknown beams for so long.
     pub free: Millis,
     /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
@@ -382,7 +382,26 @@ pub struct MemorySettings {
 
 impl Default for MemorySettings {
     fn default() -> Self {
-        Self { on: true, kept: Millis::of_ms(10_000), free: Millis::of_ms(500), drift: Share::of(0.03) }
+        Self {
+            on: true,
+            kept: Millis::of_ms(10_000),
+            kept_off_plane: Millis::of_ms(60_000),
+            free: Millis::of_ms(500),
+            drift: Share::of(0.03),
+        }
+    }
+}
+
+impl MemorySettings {
+    /// As the shield wants it, on or off.
+    #[must_use]
+    pub fn config(&self) -> MemoryConfig {
+        MemoryConfig {
+            kept_ns: self.kept.ns(),
+            kept_off_plane_ns: self.kept_off_plane.ns(),
+            free_ns: self.free.ns(),
+            drift: self.drift.get(),
+        }
     }
 }
 

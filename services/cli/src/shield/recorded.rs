@@ -10,8 +10,7 @@ use std::path::Path;
 
 use guidance::se2::{Point, Se2};
 use guidance::{
-    ActionTable, Beams, Evidence, HandlerBody, Interaction, Judgement, Memory, MemoryConfig, Motion, PoseTrack, Shield,
-    ShieldConfig,
+    ActionTable, Beams, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion, PoseTrack, Shield, ShieldConfig,
 };
 use messages::{Odometry, ScanHeader};
 use recording::{Reader, Record};
@@ -133,7 +132,6 @@ impl Study {
         let table = settings.policy.actions.table();
         let handler = model.robot_from_default();
         let motion = |end: Se2| Motion { robot: end, handler: end * model.step(&handler, &end) };
-        let memory = &settings.shield.memory;
         let radius_m = settings.robot.radius_m.get();
         let mut radii_m: Vec<f64> = RADII_M.to_vec();
         if !radii_m.contains(&radius_m) {
@@ -154,11 +152,7 @@ impl Study {
             has_poses: false,
             waiting: VecDeque::new(),
             incarnation: None,
-            memory: Memory::new(MemoryConfig {
-                kept_ns: memory.kept.ns(),
-                free_ns: memory.free.ns(),
-                drift: memory.drift.get(),
-            }),
+            memory: Memory::new(settings.shield.memory.config()),
             beams: Beams::default(),
             judgements: Vec::new(),
             scans: 0,

@@ -12,7 +12,7 @@ use proptest::prelude::*;
 const MS: u64 = 1_000_000;
 
 fn memory() -> Memory {
-    Memory::new(MemoryConfig { kept_ns: 10_000 * MS, free_ns: 500 * MS, drift: 0.03 })
+    Memory::new(MemoryConfig { kept_ns: 10_000 * MS, kept_off_plane_ns: 60_000 * MS, free_ns: 500 * MS, drift: 0.03 })
 }
 
 fn handler() -> HandlerBody {
@@ -209,6 +209,23 @@ fn what_is_old_is_forgotten_once_the_robot_has_walked_on() {
         memory.update(51_000 * MS + i, &back.inverse(), &scan(&[(back * screen.0, 0.2)]), None, &handler());
     }
     assert!(memory.hidden().iter().all(|spot| spot.place.x > -1.8), "{:?}", memory.hidden());
+}
+
+#[test]
+fn what_the_camera_alone_saw_from_near_by_is_kept_longer() {
+    let open = scan(&[HANDLER]);
+    // Seen so far ahead, passed, and more than a metre walked since, the camera looking at a bare floor beyond.
+    let kept = |seen_at_m: f64, after_ns: u64| {
+        let mut memory = memory();
+        memory.update(0, &Se2::identity(), &open, Some(&camera(Some(seen_at_m - 0.25))), &handler());
+        for (i, x) in [(0, seen_at_m - 0.4), (1, seen_at_m + 0.8)] {
+            memory.update(after_ns + i, &Se2::translation(x, 0.0), &open, Some(&camera(Some(0.2))), &handler());
+        }
+        memory.hidden().iter().any(|spot| (spot.place.x + 0.8).abs() < 0.1)
+    };
+    assert!(kept(1.5, 9_000 * MS) && kept(2.5, 9_000 * MS));
+    assert!(kept(1.5, 59_000 * MS) && !kept(2.5, 11_000 * MS));
+    assert!(!kept(1.5, 61_000 * MS));
 }
 
 #[test]
