@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Trains the policies of Kim et al.'s table 3 (beta x noise x seed), or table 2 (harness x seed), through Ray Tune: on this
-machine, or on the cluster that RAY_ADDRESS names."""
+machine, or on the cluster that RAY_ADDRESS names. On a cluster FOLDER is one that all its machines share, and the project
+lies at the same path on each, with its scripts/train/setup done there."""
 
 import argparse
 import os
@@ -62,7 +63,6 @@ def main():
     trainable = tune.with_resources(train, {"cpu": given.cores})
     common = {"folder": str(folder), "steps": given.steps, "cores": given.cores, "rest": given.rest}
     tuner = tune.Tuner(trainable, param_space=common | {"cell": tune.grid_search(cells)})
-    os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "1")
     failed = [result.error for result in tuner.fit() if result.error]
     if failed:
         raise SystemExit(f"{len(failed)} of {len(cells)} trainings failed; the first: {failed[0]}")

@@ -47,7 +47,11 @@ def parse():
     parser.add_argument("--option", action="append", default=[], metavar="KEY=NUMBER", help="of the environment")
     parser.add_argument("--threads", type=int, default=1, help="of torch")
     parser.add_argument("--teach", type=float, default=0, help="environment steps of imitation before PPO")
-    parser.add_argument("--resume", action="store_true", help="go on from the newest checkpoint in the folder")
+    parser.add_argument("--checkpoint-every", type=float, default=500e3, help="environment steps")
+    parser.add_argument(
+        "--resume", action="store_true",
+        help="go on from the newest checkpoint in the folder, if there is one, with the options that it was begun with",
+    )
     parser.add_argument("--start", type=Path, help="begin with this model's weights")
     parser.add_argument("--sharpen", type=float, default=1, help="PPO begins with what was taught, drawn at this temperature")
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
@@ -85,22 +89,34 @@ class Reports(BaseCallback):
         self.reports.clear()
 
 
+def checkpoint(arguments):
+    """The newest one, where training goes on; all options but these are then those that it was begun with."""
+    found = sorted(arguments.folder.glob("checkpoint_*_steps.zip"), key=lambda path: path.stat().st_mtime)
+    if not (arguments.resume and found):
+        return None
+    begun = json.loads((arguments.folder / "arguments.json").read_text())
+    for key in vars(arguments).keys() & begun.keys() - {"folder", "steps", "resume", "quiet", "threads"}:
+        setattr(arguments, key, begun[key])
+    return found[-1]
+
+
 def main():
     arguments = parse()
     torch.set_num_threads(arguments.threads)
     folder = arguments.folder
     folder.mkdir(parents=True, exist_ok=True)
+    newest = checkpoint(arguments)
     options = {key: float(value) for key, value in (text.split("=") for text in arguments.option)}
     options |= {"noise": arguments.noise, "harness": arguments.harness, "handlers": arguments.handlers}
     options |= {"measure": arguments.measure, "frames": arguments.frames}
     options.setdefault("walked_before", WALKED_BEFORE)
     said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
     said["command"] = shlex.join(["python", *sys.argv])
-    (folder / "arguments.json").write_text(json.dumps(said | {"environment": options}, indent=2))
+    if not newest:
+        (folder / "arguments.json").write_text(json.dumps(said | {"environment": options}, indent=2))
     environments = Episodes(arguments.environments, arguments.seed, **options)
-    checkpoints = sorted(folder.glob("checkpoint_*_steps.zip"), key=lambda path: path.stat().st_mtime)
-    if arguments.resume and checkpoints:
-        model = PPO.load(checkpoints[-1], environments)
+    if newest:
+        model = PPO.load(newest, environments)
         environments.seed(arguments.seed + model.num_timesteps)
     else:
         model = PPO(
@@ -124,19 +140,18 @@ def main():
         )
         if arguments.start:
             model.set_parameters(arguments.start, exact_match=True)
-    if arguments.teach and not (arguments.resume and checkpoints):
-        teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
-        model.save(folder / "taught.zip")
-    if not (arguments.resume and checkpoints):
+        if arguments.teach:
+            teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
+            model.save(folder / "taught.zip")
         model.policy.sharpen(arguments.sharpen)
     callbacks = [
         Reports(folder / "progress.jsonl"),
-        CheckpointCallback(max(500_000 // arguments.environments, 1), str(folder), "checkpoint"),
+        CheckpointCallback(max(int(arguments.checkpoint_every) // arguments.environments, 1), str(folder), "checkpoint"),
     ]
     if not arguments.quiet:
         callbacks.append(ProgressBarCallback())
     left = int(arguments.steps) - model.num_timesteps
-    model.learn(left, callbacks, reset_num_timesteps=not arguments.resume)
+    model.learn(left, callbacks, reset_num_timesteps=not newest)
     model.save(folder / "model.zip")
 
 

@@ -34,7 +34,7 @@ class Episodes(VecEnv):
                 "terminal_observation": told["final_obs"][place],
                 "TimeLimit.truncated": True,
                 "report": report,
-                "episode": {"r": float(report["reward"]), "l": 100, "t": 0.0},
+                "episode": {"r": float(report["reward"]), "l": int(report["decisions"]), "t": 0.0},
             }
         return observations, (REWARD_SCALE * rewards).astype(np.float32), truncated, infos
 

@@ -35,14 +35,17 @@ fn the_shipped_policy_guides() {
 #[test]
 fn the_same_seed_gives_the_same_figures_on_any_number_of_cores() {
     let place = Place::new();
-    let figures = |seed: &str| {
-        let mut found = report(&place, &["--policy", "guide", "--episodes", "12", "--seed", seed]);
+    let figures = |policy: &str, seed: &str, workers: &str| {
+        let args = ["--policy", policy, "--episodes", "12", "--seed", seed, "--workers", workers];
+        let mut found = report(&place, &args);
         // The clock's, not the seed's.
         assert!(found.as_object_mut().is_some_and(|report| report.remove("decision_us").is_some()), "{found:#}");
         found
     };
-    assert_eq!(figures("3"), figures("3"));
-    assert_ne!(figures("3")["walked_m"], figures("4")["walked_m"]);
+    for policy in ["guide", "geometric"] {
+        assert_eq!(figures(policy, "3", "1"), figures(policy, "3", "3"), "{policy}");
+    }
+    assert_ne!(figures("guide", "3", "2")["walked_m"], figures("guide", "4", "2")["walked_m"]);
 }
 
 #[test]

@@ -159,7 +159,8 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 8] = ["messages", "transport", "guidance", "links", "world", "settings", "recording", "fitting"];
+const OURS: [&str; 10] =
+    ["messages", "transport", "guidance", "links", "world", "settings", "recording", "fitting", "policies", "episodes"];
 
 #[test]
 fn dependencies_point_one_way() {
@@ -168,6 +169,8 @@ fn dependencies_point_one_way() {
         ("shared/guidance", &["messages"][..]),
         ("shared/settings", &["messages", "guidance"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
+        ("shared/policies", &["messages", "guidance", "settings"][..]),
+        ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
         ("shared/recording", &["messages"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use messages::{CueKind, Pose2};
-use settings::Millis;
+use settings::{Millis, PolicyModel};
 
 use crate::exit::EXIT_CODES_HELP;
 
@@ -233,6 +233,9 @@ pub struct WorldArgs {
     /// A route file: cues, and a goal and a time limit if it has them, in place of the scenario's
     #[arg(long, value_name = "FILE")]
     pub cues: Option<PathBuf>,
+    /// What decides, in place of the configuration's
+    #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy::policy_model())]
+    pub policy: Option<PolicyModel>,
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,

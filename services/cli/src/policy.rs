@@ -113,7 +113,11 @@ fn policy_line(policy: &Value) -> String {
     let digest = text(policy, "/runs/sha256");
     let digest = if digest.is_empty() { String::new() } else { format!(", sha256 {digest}") };
     let (engine, model) = (or("/runs/engine", "another executable"), or("/runs/model", "as built"));
-    format!("life {}: {engine}, {model}{digest}", count(policy, "/incarnation"))
+    let strange = match text(policy, "/runs/not_trained_with") {
+        "" => String::new(),
+        strange => format!("; not trained with {strange}"),
+    };
+    format!("life {}: {engine}, {model}{digest}{strange}", count(policy, "/incarnation"))
 }
 
 fn swap_row(swap: &Value) -> Vec<String> {

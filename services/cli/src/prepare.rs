@@ -137,6 +137,12 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     if let Some(path) = record_path(&args.pace)? {
         settings.record.path = Some(path);
     }
+    if let Some(mut model) = args.policy.clone() {
+        if let Some(file) = model.file_mut() {
+            *file = absolute(file)?;
+        }
+        settings.policy.model = model;
+    }
     settings.faults.allowed |= args.pace.faults;
     allow_planned(&settings)?;
     let walk = &mut settings.walk;

@@ -144,9 +144,9 @@ impl PolicyService {
         let cue = self.mode.filter(|mode| mode.class == ModeClass::Run && mode.cue.valid).map(|mode| mode.cue.cue);
         let cue_id = cue.map_or((0, 0), |cue| (cue.header.incarnation, cue.header.seq));
         (action.cue_incarnation, action.cue_seq) = cue_id;
-        let cue_is_new = cue_id != self.last_cue;
-        self.last_cue = cue_id;
-        if let Some(probabilities) = self.look_and_decide(now_ns, &mut action, cue, cue_is_new) {
+        if let Some(probabilities) = self.look_and_decide(now_ns, &mut action, cue, cue_id != self.last_cue) {
+            // Told to the pilot: where nothing could be decided, the cue is new at the next decision still.
+            self.last_cue = cue_id;
             action.probabilities = probabilities;
         }
         action

@@ -3,15 +3,18 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use guidance::se2::Se2;
+use guidance::se2::{Se2, se2};
 use guidance::{
-    ActionTable, DelayedHarness, HandlerLimits, InteractionModel, MemoryConfig, RewardConfig, RigidHarness,
-    ShieldConfig,
+    ActionTable, DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RewardConfig,
+    RigidHarness, ShieldConfig,
 };
 use messages::{CueKind, Pose2};
 use nalgebra::Vector2;
-use rand::{Rng, RngExt};
-use world::{DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use world::{Bodies, DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig, Site, generate};
+
+use crate::task::Task;
 
 /// How exact the sensors are (Kim et al. 2023, section 5.3).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,8 +75,18 @@ pub enum Places {
     Plans(Arc<Vec<FloorPlan>>, GeneratorConfig),
 }
 
+/// There is nowhere to give a cue.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+#[error("there is no place for the cue {0:?}: no corridor in which anybody could say what is meant by it")]
+pub struct NoTask(pub CueKind);
+
 /// See [`Config::walked_before`], metres: beyond, the observation tells no farther.
 const WALKED_BEFORE_M: f64 = 30.0;
+/// So many corridors are looked at, each for so many tasks, before a cue is said to have no place.
+const SITES: usize = 200;
+const TASKS: usize = 10;
+/// Draws of a handler until a model describes them: nearly always the first does.
+const HANDLER_TRIES: usize = 1000;
 
 /// See the module.
 #[derive(Debug, Clone)]
@@ -90,6 +103,8 @@ pub struct Config {
     pub robot_from_handler: Pose2,
     /// Their remembered share per decision; that of others is about as great.
     pub alpha: f64,
+    /// Robot and handler as they touch things.
+    pub bodies: Bodies,
     /// What is known of a handler's body.
     pub handler_limits: HandlerLimits,
     /// The actions.
@@ -120,6 +135,8 @@ pub struct Config {
     pub lidar: LidarConfig,
     /// The depth camera, likewise; none: there is none.
     pub depth: Option<DepthConfig>,
+    /// Odometry, likewise.
+    pub odometry: OdometryConfig,
     /// Whether the shield judges every action at every decision; without it nothing is forbidden, nor observed.
     pub judges: bool,
     /// Observations of the last so many decisions stand in one; 0: none is made.
@@ -150,7 +167,7 @@ impl Config {
             Noise::Ideal => {
                 OdometryConfig { scale_sigma: 0.0, yaw_walk_rad_per_sqrt_m: 0.0, yaw_walk_rad_per_sqrt_rad: 0.0 }
             }
-            Noise::Noisy => OdometryConfig::default(),
+            Noise::Noisy => self.odometry.clone(),
         }
     }
 
@@ -168,9 +185,19 @@ impl Config {
         }
     }
 
-    /// How a handler follows, and what a fit to them has found.
+    /// How a handler follows, and what a fit to them has found. Whom no model describes is drawn anew.
     #[must_use]
     pub(crate) fn draw_handler(&self, random: &mut impl Rng) -> (InteractionModel, InteractionModel) {
+        for _ in 0..HANDLER_TRIES {
+            if let Ok(drawn) = self.try_handler(random) {
+                return drawn;
+            }
+        }
+        let nominal = || self.model(self.robot_from_handler, self.alpha);
+        nominal().and_then(|model| Ok((model, nominal()?))).unwrap_or_else(|error| unreachable!("checked: {error}"))
+    }
+
+    fn try_handler(&self, random: &mut impl Rng) -> Result<(InteractionModel, InteractionModel), HarnessError> {
         let ranges = self.handler_ranges();
         let mut within = |[least, most]: [f64; 2]| least + (most - least) * random.random::<f64>();
         let offset = Pose2::new(within(ranges.x_m), within(ranges.y_m), within(ranges.yaw_rad));
@@ -182,17 +209,43 @@ impl Config {
         let x_m = about(offset.x_m, 0.04);
         let fitted = Pose2::new(x_m, about(offset.y_m, 0.04), about(offset.yaw_rad, 0.05));
         let fitted = (fitted, about(alpha, 0.05).max(0.0));
-        (self.model(offset, alpha), self.model(fitted.0, fitted.1))
+        Ok((self.model(offset, alpha)?, self.model(fitted.0, fitted.1)?))
     }
 
-    fn model(&self, offset: Pose2, alpha: f64) -> InteractionModel {
-        let default = || InteractionModel::from(DelayedHarness::default());
-        match self.harness {
-            Harness::Rigid => RigidHarness::new(offset).map_or_else(|_| default(), InteractionModel::Rigid),
-            Harness::Delayed => {
-                DelayedHarness::new(offset, alpha, self.dt_s).map_or_else(|_| default(), InteractionModel::Delayed)
+    fn model(&self, offset: Pose2, alpha: f64) -> Result<InteractionModel, HarnessError> {
+        Ok(match self.harness {
+            Harness::Rigid => InteractionModel::Rigid(RigidHarness::new(offset)?),
+            Harness::Delayed => InteractionModel::Delayed(DelayedHarness::new(offset, alpha, self.dt_s)?),
+        })
+    }
+
+    /// Another world; none where a floor plan's draw finds no way.
+    pub(crate) fn draw_site(&self, random: &mut ChaCha8Rng) -> Option<Arc<Site>> {
+        match &self.places {
+            Places::Generated(config) => Some(Arc::new(generate(config, random.random()))),
+            Places::Plans(plans, config) => {
+                let plan = &plans[random.random_range(0..plans.len())];
+                plan.site(config, random.random()).map(Arc::new)
             }
         }
+    }
+
+    /// Whether each cue can be given somewhere: a floor plan may have nothing to turn into, and no place where there is
+    /// nothing.
+    ///
+    /// # Errors
+    /// The first cue for which there is no place.
+    pub fn check_tasks(&self) -> Result<(), NoTask> {
+        let robot_from_handler = se2(self.robot_from_handler);
+        for (cue, _) in self.cues.iter().filter(|(_, share)| *share > 0.0) {
+            let mut random = ChaCha8Rng::seed_from_u64(0);
+            let mut finds = || {
+                let site = self.draw_site(&mut random)?;
+                (0..TASKS).find_map(|_| Task::draw(&site.course, *cue, self, &robot_from_handler, &mut random))
+            };
+            (0..SITES).find_map(|_| finds()).ok_or(NoTask(*cue))?;
+        }
+        Ok(())
     }
 
     pub(crate) fn draw_cue(&self, random: &mut impl Rng) -> CueKind {

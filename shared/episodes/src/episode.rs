@@ -5,13 +5,13 @@ use std::sync::Arc;
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2, se2};
-use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
+use guidance::{ActionTable, Awareness, Interaction, Judgement, Measure, Measured, Reward, Shield};
 use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
-use world::{DepthSensor, HandlerProfile, LidarSensor, OdometrySensor, Site, Team, generate};
+use world::{DepthSensor, HandlerProfile, LidarSensor, OdometrySensor, Site, Team};
 
-use crate::config::{Config, Handlers, Places, RewardMeasure};
+use crate::config::{Config, Handlers, RewardMeasure};
 use crate::part_seed;
 use crate::score::{Report, Score};
 use crate::task::Task;
@@ -168,7 +168,7 @@ impl Episode {
         let foot = task.line.foot(Point::from(task.world_from_robot.translation.vector));
         for way_m in LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0) {
             let world_from_robot = task.line.at(way_m) * Se2::translation(0.0, foot.left_m);
-            let there = Team::new(&site.world, team.handler().clone(), &world_from_robot);
+            let there = Team::new(&site.world, self.config.bodies, team.handler().clone(), &world_from_robot);
             if let Some(scenery) = self.scenery.as_mut().filter(|_| there.is_free(&site.world, 0.0)) {
                 scenery.team = there;
                 self.rest();
@@ -191,10 +191,11 @@ impl Episode {
         let mut site: Option<Arc<Site>> = None;
         for try_number in 0..TRIES {
             // A few tasks in each world, then another one.
-            let here = site.take().filter(|_| try_number % 8 != 0).or_else(|| self.draw_site(random));
+            let here = site.take().filter(|_| try_number % 8 != 0).or_else(|| self.config.draw_site(random));
             let Some(here) = here else { continue };
-            if let Some(task) = Task::draw(&here.course, cue, &self.config, random) {
-                let team = Team::new(&here.world, profile.clone(), &task.world_from_robot);
+            let handler = profile.model.robot_from_default();
+            if let Some(task) = Task::draw(&here.course, cue, &self.config, &handler, random) {
+                let team = Team::new(&here.world, self.config.bodies, profile.clone(), &task.world_from_robot);
                 if team.is_free(&here.world, ROOM_M) {
                     return (here, task, team);
                 }
@@ -202,17 +203,6 @@ impl Episode {
             site = Some(here);
         }
         unreachable!("in {TRIES} worlds there is room for robot and handler")
-    }
-
-    /// Another world; none where a floor plan's draw finds no way.
-    fn draw_site(&self, random: &mut ChaCha8Rng) -> Option<Arc<Site>> {
-        match &self.config.places {
-            Places::Generated(config) => Some(Arc::new(generate(config, random.random()))),
-            Places::Plans(plans, config) => {
-                let plan = &plans[random.random_range(0..plans.len())];
-                plan.site(config, random.random()).map(Arc::new)
-            }
-        }
     }
 
     fn scenery(&self) -> &Scenery {

@@ -13,7 +13,7 @@ pub mod task;
 pub mod teacher;
 
 pub use batch::{Batch, Finished};
-pub use config::{Config, HandlerRanges, Handlers, Harness, Noise, Places, RewardMeasure};
+pub use config::{Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
 pub use score::{Report, Score};
 pub use task::{Goal, Task};

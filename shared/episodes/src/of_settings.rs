@@ -3,7 +3,7 @@
 use guidance::{Delta, HarnessError, Interaction, RewardConfig};
 use messages::CueKind;
 use settings::{Settings, Source};
-use world::{DepthConfig, GeneratorConfig, LidarConfig};
+use world::{Bodies, DepthConfig, GeneratorConfig, LidarConfig, OdometryConfig, PhysicsConfig};
 
 use crate::config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
 
@@ -29,6 +29,7 @@ impl Config {
             handlers: Handlers::Personal,
             robot_from_handler: guidance::se2::pose2(&interaction.robot_from_default()),
             alpha: settings.handler.alpha.get(),
+            bodies: Bodies::from(&PhysicsConfig::from(settings)),
             handler_limits: settings.handler_limits(),
             table: settings.policy.actions.table(),
             dt_s: settings.policy.dt.s(),
@@ -47,6 +48,7 @@ impl Config {
             memory: settings.memory_config(),
             lidar: LidarConfig::from(&settings.lidar),
             depth: (settings.depth.source != Source::Absent).then_some(depth),
+            odometry: OdometryConfig::from(&settings.odometry),
             judges: true,
             frames: 1,
         })

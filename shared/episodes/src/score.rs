@@ -21,6 +21,8 @@ pub struct Score {
     frozen: u32,
     /// The handler faced off the travel line when they gave the cue, and has the room to show that it is put right.
     errs: bool,
+    /// The handler is in the corridor, not in what leads off it.
+    in_corridor: bool,
     report: Report,
 }
 
@@ -55,8 +57,8 @@ pub struct Report {
     pub reward: f64,
     /// Longest run of decisions in which the handler did not move, before they had arrived.
     pub longest_freeze: u32,
-    /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, never
-    /// came so far, or the corridor ends before.
+    /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, or the
+    /// corridor ends before.
     pub corrected: Option<bool>,
 }
 
@@ -95,6 +97,7 @@ impl Score {
         Self {
             third_metre: None,
             frozen: 0,
+            in_corridor: true,
             errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward && has_room,
             world_from_start: *world_from_handler,
             way_m,
@@ -125,6 +128,7 @@ impl Score {
         report.distance_m = report.distance_m.max((place - start).norm());
         let foot = task.line.foot_within(place, self.way_m - 1.0, self.way_m + 1.0);
         self.way_m = foot.way_m;
+        self.in_corridor = foot.left_m.abs() <= task.width_m / 2.0;
         let begun_m = task.line.foot(start).way_m;
         let on_m = self.way_m - begun_m;
         if on_m >= CORRECTED_M[0] {
@@ -154,8 +158,10 @@ impl Score {
         let mut report = self.report;
         if report.to_stand {
             let moved_m = self.last_places.iter().map(|place| (place - self.last).norm()).fold(0.0, f64::max);
-            report.success |= self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M;
+            report.success |= self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M && self.in_corridor;
         }
+        // Who never came so far has not put it right.
+        report.corrected = report.corrected.or(self.errs.then_some(false));
         report
     }
 }

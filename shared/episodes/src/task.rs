@@ -27,8 +27,6 @@ const BESIDE_M: f64 = 1.0;
 const DUE_M: f64 = 1.5;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
 const BEFORE_M: f64 = 1.6;
-/// The way of a handler who looks for an opening goes on so far before them, metres.
-const AHEAD_M: f64 = 0.75;
 
 /// When a task has been done.
 #[derive(Debug, Clone, PartialEq)]
@@ -37,7 +35,7 @@ pub enum Goal {
     Along(f64),
     /// The handler is inside one of the openings.
     Into(Vec<Opening>),
-    /// The handler stands still at the end; or is inside one of these, beside which they gave the cue.
+    /// The handler stands still in the corridor; or is inside one of these, beside which they gave the cue.
     Stand(Vec<Opening>),
 }
 
@@ -58,8 +56,14 @@ pub struct Task {
 
 impl Task {
     /// A task in a course: a cue, given by somebody who errs as [`Config::orientation_max_rad`] and
-    /// [`Config::timing_max_m`] say. `None` where there is no room for one.
-    pub fn draw(course: &Course, cue: CueKind, config: &Config, random: &mut impl Rng) -> Option<Self> {
+    /// [`Config::timing_max_m`] say, and who stands there beside the robot. `None` where there is no room for one.
+    pub fn draw(
+        course: &Course,
+        cue: CueKind,
+        config: &Config,
+        robot_from_handler: &Se2,
+        random: &mut impl Rng,
+    ) -> Option<Self> {
         let length_m = course.line.length_m();
         let begin_m = 1.3;
         let side = side_of(cue);
@@ -83,17 +87,18 @@ impl Task {
         let left_m = random.random_range(-aside_m..aside_m) + 0.17;
         let yaw_rad = at.rotation.angle() + random.random_range(-1.0..1.0) * config.orientation_max_rad;
         let robot = at * Point::new(0.0, left_m);
-        Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)))
+        Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)), robot_from_handler)
     }
 
     /// The task of who gives a cue there; `None` where what is next is a niche, and nobody can say whether it is meant.
     #[must_use]
-    pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2) -> Option<Self> {
-        let way_m = course.line.foot(Point::from(world_from_robot.translation.vector)).way_m;
+    pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2, robot_from_handler: &Se2) -> Option<Self> {
+        let way_m = |pose: Se2| course.line.foot(Point::from(pose.translation.vector)).way_m;
+        let (way_m, handler_way_m) = (way_m(world_from_robot), way_m(world_from_robot * robot_from_handler));
         let task =
             |line: TravelLine, goal: Goal| Some(Self { cue, world_from_robot, line, goal, width_m: course.width_m });
         let Some(side) = side_of(cue) else {
-            let to_m = (way_m - AHEAD_M + ON_M).min(course.line.length_m() - END_M);
+            let to_m = (handler_way_m + ON_M).min(course.line.length_m() - END_M);
             return if cue == CueKind::Stop {
                 task(course.line.clone(), Goal::Stand(Vec::new()))
             } else {

@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use guidance::ActionTable;
 use guidance::observation::LENGTH;
-use guidedog_episodes::{Batch, Config, Episode, Goal, Handlers, Noise, part_seed};
-use messages::CueKind;
+use guidedog_episodes::{Batch, Config, Episode, Goal, Handlers, NoTask, Noise, Places, part_seed};
+use messages::{CueKind, Pose2};
+use world::{Cell, FloorPlan, GeneratorConfig, GridMap};
 
 fn config(noise: Noise) -> Config {
     Config { noise, ..Config::default() }
@@ -140,6 +141,70 @@ fn forward_alone_may_have_been_asked_for_long_before() {
         let is_off = start_from_robot.translation.vector.norm() > 1e-6;
         assert_eq!(is_off, cue == CueKind::Forward, "seed {seed}");
         told[usize::from(is_off)] += 1;
+    }
+    assert!(told.iter().all(|count| *count > 3), "{told:?}");
+}
+
+/// A corridor 20 m long and 2 m wide on a floor plan; with `branch` a way of 1.6 m leads off it to one side.
+fn on_plan(branch: bool, cue: CueKind) -> Config {
+    let (width, height, resolution_m) = (440, 200, 0.05);
+    let free = |x: f64, y: f64| {
+        (1.0..21.0).contains(&x) && (1.0..3.0).contains(&y)
+            || branch && (11.2..12.8).contains(&x) && (1.0..9.0).contains(&y)
+    };
+    let middle = |i: usize| (i as f64 + 0.5) * resolution_m;
+    let cell = |i: usize| if free(middle(i % width), middle(i / width)) { Cell::Free } else { Cell::Occupied };
+    let map = GridMap::new(width, resolution_m, Pose2::default(), (0..width * height).map(cell).collect());
+    let bare = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, ..GeneratorConfig::default() };
+    let places = Places::Plans(Arc::new(vec![FloorPlan::new(map)]), bare);
+    Config { places, cues: vec![(cue, 1.0)], ..config(Noise::Ideal) }
+}
+
+#[test]
+fn on_a_floor_plan_the_ways_off_a_corridor_are_asked_for() {
+    let mut episode = Episode::new(Arc::new(on_plan(true, CueKind::Left))).expect("sensors");
+    let mut seen = [0, 0];
+    for seed in 0..30 {
+        episode.begin(seed);
+        let task = episode.task();
+        match &task.goal {
+            Goal::Into(openings) => {
+                seen[0] += 1;
+                assert!(openings.iter().all(|opening| opening.line.length_m() > 5.0), "{openings:?}");
+                let end = task.line.at(task.line.length_m()).translation.vector;
+                assert!((end.x - 12.0).abs() < 0.3 && end.y > 7.0, "into the way that leads off: {end}");
+            }
+            _ => seen[1] += 1,
+        }
+    }
+    assert!(seen.iter().all(|count| *count > 3), "{seen:?}");
+}
+
+#[test]
+fn a_cue_that_has_no_place_on_a_floor_plan_is_told() {
+    assert_eq!(on_plan(true, CueKind::Left).check_tasks(), Ok(()));
+    let near_openings = |branch| Config { timing_max_m: Some(5.0), ..on_plan(branch, CueKind::Right) };
+    assert_eq!(near_openings(true).check_tasks(), Ok(()));
+    assert_eq!(near_openings(false).check_tasks(), Err(NoTask(CueKind::Right)));
+}
+
+#[test]
+fn who_errs_and_never_comes_so_far_has_not_put_it_right() {
+    let cues = vec![(CueKind::Forward, 1.0)];
+    let mut episode = Episode::new(Arc::new(Config { cues, ..config(Noise::Ideal) })).expect("sensors");
+    let mut told = [0, 0];
+    for seed in 0..40 {
+        episode.begin(seed);
+        for _ in 0..12 {
+            episode.step(ActionTable::STOP);
+        }
+        match episode.report().corrected {
+            Some(corrected) => {
+                assert!(!corrected, "seed {seed}");
+                told[0] += 1;
+            }
+            None => told[1] += 1,
+        }
     }
     assert!(told.iter().all(|count| *count > 3), "{told:?}");
 }

@@ -215,6 +215,7 @@ impl GeometricEngine {
             self.route = None;
             self.last_motion = Se2::identity();
             self.robot_from_handler = self.team.robot_from_handler();
+            self.unrest = 1.0;
         }
         self.odom_from_robot = odom_from_robot;
         self.history.push_back(odom_from_robot);

@@ -53,6 +53,12 @@ impl LearntEngine {
         Ok(engine)
     }
 
+    /// What the network was fed with at the last decision.
+    #[must_use]
+    pub fn observation(&self) -> &[f32] {
+        self.frames.senses()
+    }
+
     /// Probabilities from what the frames hold; the recurrent state goes on.
     fn run(&mut self) -> Result<Probabilities, EngineError> {
         let failed = |error: ort::Error| EngineError::Run(error.to_string());

@@ -13,8 +13,8 @@ pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
-    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, LidarSettings, Limits, LinkKind, Locomotion,
-    MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, Settings, ShieldSettings, Simulation,
-    Source, Supervision, SwapSettings, Walk, WalkErrors,
+    Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, HandlerModel, LidarSettings, Limits,
+    LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, Settings,
+    ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

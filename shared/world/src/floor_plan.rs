@@ -37,8 +37,10 @@ const BENDS: i32 = 6;
 const BEND_COST_M: f64 = 0.35;
 /// A line is of use from this length on, and long enough at that, metres.
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
-/// Who can go so far to a side with so much room has found an opening, metres.
-const SIDE_M: f64 = 3.5;
+/// Who can go so far to a side, beyond the corridor, with so much room has found an opening, metres; its middle is followed
+/// straight on, for so much at most. How deep it must be to be asked for is the task's business.
+const SIDE_M: f64 = 1.5;
+const BRANCH_M: f64 = 10.0;
 const SIDE_ROOM_M: f64 = 0.55;
 /// What is wider is no opening, but an open space, metres.
 const OPENING_M: [f64; 2] = [1.3, 4.0];
@@ -181,27 +183,30 @@ impl FloorPlan {
         free_m(1.0) + free_m(-1.0) > widest_m
     }
 
-    /// Whether a disc can go straight from a place.
-    fn goes(&self, from: Point, direction: Vector2<f64>, way_m: f64, room_m: f64) -> bool {
-        let steps = (way_m / 0.2).ceil() as usize;
-        (0..=steps).all(|i| self.room_m(from + direction * (way_m * i as f64 / steps as f64)) >= room_m)
+    /// How far a disc can go straight from a place, metres, at most `most_m`.
+    fn goes_m(&self, from: Point, direction: Vector2<f64>, most_m: f64, room_m: f64) -> f64 {
+        let free = |way_m: &f64| *way_m <= most_m && self.room_m(from + direction * *way_m) >= room_m;
+        (0..).map(|i| 0.2 * f64::from(i)).take_while(free).last().unwrap_or(0.0)
     }
 
     /// Where one can leave a line to the side.
     fn openings(&self, line: &TravelLine, width_m: f64) -> Vec<Opening> {
         let mut openings = Vec::new();
         for side in [Side::Left, Side::Right] {
-            let leaves = |way_m: f64| {
+            let reach_m = |way_m: f64| {
                 let at = line.at(way_m);
-                self.goes(place(&at), at.rotation * Vector2::new(0.0, side.sign()), width_m / 2.0 + SIDE_M, SIDE_ROOM_M)
+                let aside = at.rotation * Vector2::new(0.0, side.sign());
+                self.goes_m(place(&at), aside, width_m / 2.0 + BRANCH_M, SIDE_ROOM_M)
             };
+            let leaves = |way_m: f64| reach_m(way_m) >= width_m / 2.0 + SIDE_M;
             let mut begun: Option<f64> = None;
             let mut way_m = 0.0;
             while way_m <= line.length_m() {
                 match (leaves(way_m), begun) {
                     (true, None) => begun = Some(way_m),
                     (false, Some(from_m)) => {
-                        openings.extend(opening(line, side, from_m, way_m, width_m));
+                        let length_m = reach_m(f64::midpoint(from_m, way_m));
+                        openings.extend(opening(line, side, [from_m, way_m], length_m));
                         begun = None;
                     }
                     _ => {}
@@ -214,8 +219,8 @@ impl FloorPlan {
     }
 }
 
-/// The opening that can be entered between two ways, if it is as wide as one.
-fn opening(line: &TravelLine, side: Side, from_m: f64, to_m: f64, corridor_m: f64) -> Option<Opening> {
+/// The opening that can be entered between two ways, if it is as wide as one; its own way is so long.
+fn opening(line: &TravelLine, side: Side, [from_m, to_m]: [f64; 2], length_m: f64) -> Option<Opening> {
     let width_m = to_m - from_m + 2.0 * SIDE_ROOM_M;
     if from_m <= 0.0 || !(OPENING_M[0]..OPENING_M[1]).contains(&width_m) {
         return None;
@@ -224,7 +229,7 @@ fn opening(line: &TravelLine, side: Side, from_m: f64, to_m: f64, corridor_m: f6
     let at = line.at(way_m);
     // Where the line itself bends there, nobody can say what is on and what is aside.
     let bend = line.heading_error_rad((way_m - 1.5).max(0.0), at.rotation.angle()).abs();
-    let end = at * Point::new(0.0, side.sign() * (corridor_m / 2.0 + SIDE_M));
+    let end = at * Point::new(0.0, side.sign() * length_m);
     (bend < 0.35).then_some(())?;
     Some(Opening { way_m, width_m, side, line: TravelLine::new(&[place(&at), end])? })
 }
@@ -330,6 +335,8 @@ mod tests {
         assert_eq!(openings.len(), 1, "{openings:?}");
         let opening = &openings[0];
         assert!(opening.side == Side::Left && (opening.way_m - 9.0).abs() < 0.2 && (opening.width_m - 1.6).abs() < 0.3);
+        // As far as there is room: 0.55 m before the wall at its end.
+        assert!((opening.line.length_m() - 6.4).abs() < 0.3, "{}", opening.line.length_m());
     }
 
     #[test]

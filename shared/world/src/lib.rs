@@ -50,5 +50,5 @@ pub use prism::{Prism, SeenBy};
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
 pub use scene::Scene;
 pub use site::{Course, Opening, Side, Site};
-pub use team::{HandlerProfile, Stepped, Team};
+pub use team::{Bodies, HandlerProfile, Stepped, Team};
 pub use world::World;

@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 
 use crate::people::Agent;
-use crate::physics::{HandlerConfig, RobotConfig, STEP_M};
+use crate::physics::{HandlerConfig, PhysicsConfig, STEP_M};
 use crate::{People, Scene, World};
 
 /// A motion is swept in so many straight parts: a straight one, one that turns, and one among people, who walk
@@ -37,12 +37,41 @@ impl HandlerProfile {
         Self { model: model.into(), sway_m: 0.0, sway_period_s: HandlerConfig::default().sway_period_s }
     }
 
-    /// Who follows about as the model says: the default offset within 3 cm and 3 degrees (one standard deviation), and
-    /// who sways by up to 4 cm. What a fit to somebody leaves open.
+    /// Who follows as the model says and sways by up to 4 cm, which no model tells.
     #[must_use]
     pub fn about(model: InteractionModel, random: &mut impl Rng) -> Self {
         let sway_period_s = random.random_range(1.0..1.5);
         Self { model, sway_m: random.random_range(0.0..0.04), sway_period_s }
+    }
+}
+
+/// The bodies that may touch something.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bodies {
+    /// Radius of the robot's disc, metres.
+    pub robot_radius_m: f64,
+    /// Its height, metres.
+    pub robot_height_m: f64,
+    /// Radius of the handler's disc, metres.
+    pub handler_radius_m: f64,
+    /// Their height, metres.
+    pub handler_height_m: f64,
+}
+
+impl From<&PhysicsConfig> for Bodies {
+    fn from(PhysicsConfig { robot, handler }: &PhysicsConfig) -> Self {
+        Self {
+            robot_radius_m: robot.radius_m,
+            robot_height_m: robot.height_m,
+            handler_radius_m: handler.radius_m,
+            handler_height_m: handler.height_m,
+        }
+    }
+}
+
+impl Default for Bodies {
+    fn default() -> Self {
+        Self::from(&PhysicsConfig::default())
     }
 }
 
@@ -69,10 +98,7 @@ impl Stepped {
 #[derive(Debug, Clone)]
 pub struct Team {
     handler: HandlerProfile,
-    robot_radius_m: f64,
-    robot_height_m: f64,
-    handler_radius_m: f64,
-    handler_height_m: f64,
+    bodies: Bodies,
     world_from_robot: Se2,
     /// By the model alone, without the swaying.
     robot_from_handler: Se2,
@@ -92,15 +118,11 @@ const HANDLER: usize = 1;
 impl Team {
     /// Robot and handler at rest, the handler at the default offset.
     #[must_use]
-    pub fn new(world: &World, handler: HandlerProfile, world_from_robot: &Se2) -> Self {
-        let (robot, body) = (RobotConfig::default(), HandlerConfig::default());
+    pub fn new(world: &World, bodies: Bodies, handler: HandlerProfile, world_from_robot: &Se2) -> Self {
         let mut team = Self {
             robot_from_handler: handler.model.robot_from_default(),
             handler,
-            robot_radius_m: robot.radius_m,
-            robot_height_m: robot.height_m,
-            handler_radius_m: body.radius_m,
-            handler_height_m: body.height_m,
+            bodies,
             world_from_robot: *world_from_robot,
             people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
             walkers: [Walker::default(); MAX_WALKERS],
@@ -175,11 +197,11 @@ impl Team {
     }
 
     fn radius_m(&self, body: usize) -> f64 {
-        if body == ROBOT { self.robot_radius_m } else { self.handler_radius_m }
+        if body == ROBOT { self.bodies.robot_radius_m } else { self.bodies.handler_radius_m }
     }
 
     fn z(&self, body: usize) -> [f64; 2] {
-        [STEP_M, if body == ROBOT { self.robot_height_m } else { self.handler_height_m }]
+        [STEP_M, if body == ROBOT { self.bodies.robot_height_m } else { self.bodies.handler_height_m }]
     }
 
     fn swayed(&self, robot_from_handler: &Se2, walked_s: f64) -> Se2 {
@@ -271,7 +293,7 @@ fn place(pose: &Se2) -> Point {
 
 #[cfg(test)]
 mod tests {
-    use super::{HandlerProfile, Team};
+    use super::{Bodies, HandlerProfile, Team};
     use crate::prism::Prism;
     use crate::{Person, Walk, World};
     use guidance::DelayedHarness;
@@ -281,7 +303,7 @@ mod tests {
     const ON: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
 
     fn team(world: &World) -> Team {
-        Team::new(world, HandlerProfile::exact(DelayedHarness::default()), &Se2::identity())
+        Team::new(world, Bodies::default(), HandlerProfile::exact(DelayedHarness::default()), &Se2::identity())
     }
 
     #[test]

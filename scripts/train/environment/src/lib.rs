@@ -70,6 +70,9 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             _ => return Err(wrong(format!("there is no option \"{key}\""))),
         }
     }
+    if matches!(config.places, Places::Plans(..)) {
+        config.check_tasks().map_err(wrong)?;
+    }
     Ok(config)
 }
 
@@ -167,6 +170,7 @@ fn report<'py>(py: Python<'py>, report: &Report) -> PyResult<Bound<'py, PyDict>>
     info.set_item("cue", cue)?;
     info.set_item("success", report.success)?;
     info.set_item("to_stand", report.to_stand)?;
+    info.set_item("decisions", report.decisions)?;
     info.set_item("collisions", report.collisions)?;
     info.set_item("robot_collisions", report.robot_collisions)?;
     info.set_item("handler_collisions", report.handler_collisions)?;

@@ -47,7 +47,10 @@ pub struct EvaluateArgs {
     /// Write pictures (SVG) of the first episodes, and of those that went wrong, into this folder
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
-    /// Robot, sensors, handler and shield
+    /// On so many threads; on all cores without it. The figures are the same
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
+    pub workers: Option<u32>,
+    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view: it has 64x32 pixels here
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
@@ -111,7 +114,8 @@ counted as one collision; beside a robot that stands, a handler who has touched 
 into them is counted as hit_by_others. Most people stop where robot or handler is
 within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
-handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still at the end where
-there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or what comes
+handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still in the corridor
+where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or what comes
 next); stop, the next decision stands. An error of orientation is corrected where the
-handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m.";
+handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m; who never
+comes so far has not corrected it.";

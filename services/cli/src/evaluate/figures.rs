@@ -4,7 +4,7 @@ use episodes::Report;
 use messages::CueKind;
 use serde_json::{Value, json};
 
-use super::course::Course;
+use super::outcome::Outcome;
 use crate::out::number;
 
 /// Of the normal distribution, for 95 %.
@@ -39,14 +39,14 @@ fn ratio(hits: impl Iterator<Item = bool>) -> Value {
 }
 
 /// Adds the figures of these episodes to a report.
-pub fn add(report: &mut Value, courses: &[Course]) {
-    let reports = || courses.iter().map(|course| &course.report);
+pub fn add(report: &mut Value, outcomes: &[Outcome]) {
+    let reports = || outcomes.iter().map(|outcome| &outcome.report);
     let of = |value: fn(&Report) -> f64| mean(reports().map(value));
     let share =
         |count: fn(&Report) -> u32| mean(reports().map(|r| f64::from(count(r)) / f64::from(r.decisions.max(1))));
     let success = |wanted: &dyn Fn(&Report) -> bool| ratio(reports().filter(|r| wanted(r)).map(|r| r.success));
     let is_turn = |r: &Report| matches!(r.cue, CueKind::Left | CueKind::Right);
-    let mut latency: Vec<f32> = courses.iter().flat_map(|course| course.latency_us.iter().copied()).collect();
+    let mut latency: Vec<f32> = outcomes.iter().flat_map(|outcome| outcome.latency_us.iter().copied()).collect();
     latency.sort_by(f32::total_cmp);
     let quantile = |share: f64| latency.get(((latency.len() as f64 * share) as usize).min(latency.len() - 1));
     let figures = json!({
@@ -64,7 +64,7 @@ pub fn add(report: &mut Value, courses: &[Course]) {
             "right": success(&|r| r.cue == CueKind::Right),
             "turn_taken": success(&|r| is_turn(r) && !r.to_stand),
             "turn_nowhere": success(&|r| is_turn(r) && r.to_stand),
-            "stop": ratio(courses.iter().map(|course| course.stopped)),
+            "stop": ratio(outcomes.iter().map(|outcome| outcome.stopped)),
         },
         "orientation_corrected": ratio(reports().filter_map(|r| r.corrected)),
         "all_unsafe": share(|r| r.all_unsafe),
@@ -79,7 +79,7 @@ pub fn add(report: &mut Value, courses: &[Course]) {
 }
 
 /// What the shield changed, episode by episode.
-pub fn difference(with: &[Course], without: &[Course]) -> Value {
+pub fn difference(with: &[Outcome], without: &[Outcome]) -> Value {
     let pairs = || with.iter().zip(without).map(|(a, b)| (&a.report, &b.report));
     let free = |r: &Report| f64::from(u8::from(r.collisions == 0));
     let before_m = pairs().map(|(_, b)| b.distance_m).sum::<f64>() / with.len().max(1) as f64;
@@ -121,6 +121,7 @@ pub fn text(report: &Value) -> String {
         ("without shield: distance, m", "/without_shield/distance_m", 2),
         ("gain of collision-free", "/difference/collision_free", 3),
         ("change of distance, share", "/difference/distance_share", 4),
+        ("longest freeze, decisions", "/longest_freeze", 2),
     ];
     lines.extend(rows.into_iter().filter_map(|(name, at, digits)| row(name, at, digits)));
     let us = |key: &str| number(report, &format!("/decision_us/{key}"));

@@ -1,7 +1,7 @@
 //! `guidedog evaluate`: many episodes, on all cores, and what became of them.
 
-mod course;
 mod figures;
+mod outcome;
 mod picture;
 
 use std::path::Path;
@@ -9,18 +9,18 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use episodes::{Config, Handlers, Harness, Noise, Places, part_seed};
+use episodes::{Config, Episode, Handlers, Harness, Noise, Places, part_seed};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{Expected, GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
-use settings::{Profile, Settings};
+use settings::{HandlerModel, Profile, Settings};
 use world::{FloorPlan, GeneratorConfig};
 
 use crate::args::evaluate::{ChoiceArg, EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
 use crate::exit::Failure;
 use crate::out::{self, say};
-use course::{Course, walk};
+use outcome::{Outcome, Way, walk};
 
 /// Cues are given so much too early or too late, metres.
 const TIMING_M: f64 = 5.0;
@@ -37,9 +37,10 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     }
     let settings = crate::prepare::load(Profile::Walk, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
-    let courses = evaluation.run(args, args.beta_test)?;
+    let outcomes = evaluation.run(args, args.beta_test)?;
     let mut report = json!({
         "policy": args.policy,
+        "sha256": evaluation.model.as_ref().map(|model| &model.sha256),
         "worlds": args.worlds,
         "episodes": args.episodes,
         "noise": word(&args.noise),
@@ -50,15 +51,15 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         "choice": word(&args.choice),
         "seed": args.seed,
     });
-    figures::add(&mut report, &courses);
+    figures::add(&mut report, &outcomes);
     if args.paired {
         let without = evaluation.run(args, 1.0)?;
         report["without_shield"] = json!({});
         figures::add(&mut report["without_shield"], &without);
-        report["difference"] = figures::difference(&courses, &without);
+        report["difference"] = figures::difference(&outcomes, &without);
     }
     if let Some(folder) = &args.pictures {
-        draw(folder, &courses)?;
+        evaluation.draw(args, folder, &outcomes)?;
     }
     if as_json {
         return out::json(&report);
@@ -96,14 +97,20 @@ impl Evaluation {
         Ok(Pilot::new(engine))
     }
 
+    fn episode(&self) -> Result<Episode, Failure> {
+        Episode::new(self.config.clone()).map_err(Failure::of_input)
+    }
+
     /// All episodes, in order, whoever ran them.
-    fn run(&self, args: &EvaluateArgs, beta: f64) -> Result<Vec<Course>, Failure> {
+    fn run(&self, args: &EvaluateArgs, beta: f64) -> Result<Vec<Outcome>, Failure> {
         let count = args.episodes as usize;
-        let workers = std::thread::available_parallelism().map_or(1, usize::from).min(count);
+        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
+        let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count);
+        let way = Way { beta, draws: args.choice == ChoiceArg::Draw, traced: false };
         let pilots = (0..workers).map(|_| self.pilot()).collect::<Result<Vec<_>, _>>()?;
         let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
-        let work = |mut pilot: Pilot| -> Result<Vec<(usize, Course)>, Failure> {
-            let mut episode = episodes::Episode::new(self.config.clone()).map_err(Failure::of_input)?;
+        let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
+            let mut episode = self.episode()?;
             let mut done = Vec::new();
             loop {
                 let number = next.fetch_add(1, Ordering::Relaxed);
@@ -111,13 +118,11 @@ impl Evaluation {
                     return Ok(done);
                 }
                 let seed = part_seed(args.seed, number as u64);
-                let draw = args.choice == ChoiceArg::Draw;
-                let traced = args.pictures.is_some();
-                done.push((number, walk(&mut episode, &mut pilot, &self.config, seed, beta, draw, traced)?));
+                done.push((number, walk(&mut episode, &mut pilot, &self.config, seed, way)?));
                 bar.inc(1);
             }
         };
-        let mut courses = std::thread::scope(|scope| {
+        let mut outcomes = std::thread::scope(|scope| {
             let handles: Vec<_> = pilots.into_iter().map(|pilot| scope.spawn(move || work(pilot))).collect();
             let joined = handles
                 .into_iter()
@@ -126,8 +131,30 @@ impl Evaluation {
         })?
         .concat();
         bar.finish_and_clear();
-        courses.sort_by_key(|(number, _)| *number);
-        Ok(courses.into_iter().map(|(_, course)| course).collect())
+        outcomes.sort_by_key(|(number, _)| *number);
+        Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+    }
+
+    /// Walks the first episodes again, and those that went wrong, and draws where they went.
+    fn draw(&self, args: &EvaluateArgs, folder: &Path, outcomes: &[Outcome]) -> Result<(), Failure> {
+        let failed = |path: &Path, error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
+        std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
+        let is_wrong = |number: &usize| {
+            let report = &outcomes[*number].report;
+            report.collisions > 0 || !report.success
+        };
+        let (mut episode, mut pilot) = (self.episode()?, self.pilot()?);
+        let way = Way { beta: args.beta_test, draws: args.choice == ChoiceArg::Draw, traced: true };
+        let numbers = 0..outcomes.len();
+        let first = numbers.clone().take(PICTURES).map(|number| ("first", number));
+        let wrong = numbers.filter(is_wrong).take(PICTURES).map(|number| ("wrong", number));
+        for (kind, number) in first.chain(wrong) {
+            let seed = part_seed(args.seed, number as u64);
+            let outcome = walk(&mut episode, &mut pilot, &self.config, seed, way)?;
+            let path = folder.join(format!("{kind}-{number}.svg"));
+            std::fs::write(&path, picture::svg(&outcome, &self.config.bodies)).map_err(|error| failed(&path, error))?;
+        }
+        Ok(())
     }
 }
 
@@ -141,6 +168,11 @@ fn progress(count: u64) -> ProgressBar {
 }
 
 fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
+    if settings.handler.model == HandlerModel::Rod {
+        return Err(Failure::input(
+            "handler.model of the configuration is \"rod\": episodes have --harness rigid or delayed",
+        ));
+    }
     let mut config = Config::of(settings).map_err(Failure::of_input)?;
     config.frames = 0;
     config.noise = match args.noise {
@@ -169,30 +201,15 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
             config.timing_max_m = Some(TIMING_M);
         }
     }
-    config.places = if args.worlds == [Path::new("generated")] {
-        Places::Generated(worlds)
+    if args.worlds == [Path::new("generated")] {
+        config.places = Places::Generated(worlds);
     } else {
         let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();
-        Places::Plans(Arc::new(plans.map_err(Failure::of_input)?), worlds)
-    };
-    Ok(config)
-}
-
-fn draw(folder: &Path, courses: &[Course]) -> Result<(), Failure> {
-    let failed = |path: &Path, error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
-    std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
-    let wrong = |course: &&(usize, &Course)| course.1.report.collisions > 0 || !course.1.report.success;
-    let numbered: Vec<(usize, &Course)> = courses.iter().enumerate().collect();
-    for (kind, chosen) in [
-        ("first", numbered.iter().take(PICTURES).collect::<Vec<_>>()),
-        ("wrong", numbered.iter().filter(wrong).take(PICTURES).collect()),
-    ] {
-        for (number, course) in chosen {
-            let path = folder.join(format!("{kind}-{number}.svg"));
-            std::fs::write(&path, picture::svg(course)).map_err(|error| failed(&path, error))?;
-        }
+        config.places = Places::Plans(Arc::new(plans.map_err(Failure::of_input)?), worlds);
+        let files: Vec<String> = args.worlds.iter().map(|path| path.display().to_string()).collect();
+        config.check_tasks().map_err(|error| Failure::input(format!("{}: {error}", files.join(", "))))?;
     }
-    Ok(())
+    Ok(config)
 }
 
 /// The report for people.

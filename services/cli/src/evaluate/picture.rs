@@ -3,9 +3,9 @@
 use std::fmt::Write;
 
 use guidance::se2::Point;
-use world::{Cell, GridMap, SeenBy, World};
+use world::{Bodies, Cell, GridMap, SeenBy, World};
 
-use super::course::Course;
+use super::outcome::Outcome;
 
 /// Pixels of a metre.
 const SCALE: f64 = 24.0;
@@ -96,8 +96,8 @@ impl Drawing {
 /// The picture of an episode that was traced; nothing where it was not. Red is the robot, blue the handler; green is
 /// lower than the lidar's plane, orange above it, cyan glass.
 #[must_use]
-pub fn svg(course: &Course) -> String {
-    let Some(trace) = &course.trace else { return String::new() };
+pub fn svg(outcome: &Outcome, bodies: &Bodies) -> String {
+    let Some(trace) = &outcome.trace else { return String::new() };
     let (mut min, mut max) = (Point::new(f64::MAX, f64::MAX), Point::new(f64::MIN, f64::MIN));
     for place in trace.places.iter().flat_map(|(robot, handler)| [robot, handler]).chain(&trace.line) {
         (min, max) = (min.inf(place), max.sup(place));
@@ -110,13 +110,13 @@ pub fn svg(course: &Course) -> String {
     drawing.lines("polyline", trace.places.iter().map(|p| &p.0), &line("#d33", 2));
     drawing.lines("polyline", trace.places.iter().map(|p| &p.1), &line("#36c", 2));
     for (robot, handler) in trace.places.iter().step_by(10).chain(trace.places.last()) {
-        drawing.disc(robot, 0.30, &line("#d33", 1));
-        drawing.disc(handler, 0.25, &line("#36c", 1));
+        drawing.disc(robot, bodies.robot_radius_m, &line("#d33", 1));
+        drawing.disc(handler, bodies.handler_radius_m, &line("#36c", 1));
     }
     for place in &trace.collisions {
         drawing.disc(place, 0.1, "fill=\"#d33\"");
     }
-    let report = &course.report;
+    let report = &outcome.report;
     let followed = if report.success { "followed" } else { "not followed" };
     let text = format!("{:?}, {followed}, {} collisions, {:.1} m", report.cue, report.collisions, report.distance_m);
     let style = "x=\"8\" y=\"18\" font-family=\"sans-serif\" font-size=\"14\"";

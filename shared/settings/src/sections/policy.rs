@@ -101,7 +101,7 @@ pub struct PolicySettings {
 impl Default for PolicySettings {
     fn default() -> Self {
         Self {
-            model: PolicyModel::Geometric,
+            model: PolicyModel::Guide,
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
             onnx_runtime: None,

@@ -1,0 +1,67 @@
+"""Imitation, PPO, resuming and export, in small (needs torch)."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip("torch")
+
+import numpy as np  # noqa: E402
+from stable_baselines3 import PPO  # noqa: E402
+
+from shielded import Sectors, ShieldedPolicy  # noqa: E402
+from vectors import REWARD_SCALE, Episodes  # noqa: E402
+
+HERE = Path(__file__).resolve().parent.parent
+SMALL = ["--quiet", "--environments=8", "--rollout=64", "--batch=128", "--width=16", "--channels=4"]
+
+
+def run(script, *arguments):
+    subprocess.run([sys.executable, str(HERE / script), *map(str, arguments)], check=True)
+
+
+def test_what_is_learnt_from_is_what_was_drawn():
+    environments = Episodes(16, seed=1, noise="ideal")
+    model = PPO(ShieldedPolicy, environments, n_steps=16, batch_size=64, policy_kwargs={
+        "beta": 0.5, "features_extractor_class": Sectors, "features_extractor_kwargs": {"width": 16, "channels": 4}})
+    seen = environments.reset()
+    for _ in range(30):
+        tensors, _ = model.policy.obs_to_tensor(seen)
+        with torch.no_grad():
+            actions, values, drawn = model.policy(tensors)
+            again, learnt, _ = model.policy.evaluate_actions(tensors, actions)
+        assert torch.allclose(drawn, learnt, atol=1e-5) and torch.allclose(values, again, atol=1e-5)
+        seen, *_ = environments.step(actions.numpy())
+
+
+def test_an_episode_that_is_cut_short_is_told_with_what_was_seen_last():
+    environments = Episodes(4, seed=1, noise="ideal", decisions=5)
+    environments.reset()
+    told = []
+    for _ in range(10):
+        seen, rewards, ended, infos = environments.step(np.ones(4, int))
+        for place in np.flatnonzero(ended):
+            info = infos[place]
+            assert info["TimeLimit.truncated"]
+            assert info["terminal_observation"]["senses"].shape == seen["senses"][place].shape
+            assert not np.array_equal(info["terminal_observation"]["senses"], seen["senses"][place])
+            told.append(info["episode"])
+    assert told and all(one["l"] <= 5 for one in told)
+    assert np.abs(rewards).max() <= 2 * REWARD_SCALE
+
+
+def test_training_goes_on_where_it_was_and_is_exported(tmp_path):
+    run("train.py", tmp_path, "--steps=1024", "--checkpoint-every=512", "--teach=512", "--beta=0.9", *SMALL)
+    run("train.py", tmp_path, "--steps=2048", "--resume", "--quiet")
+    begun = json.loads((tmp_path / "arguments.json").read_text())
+    assert begun["beta"] == 0.9 and begun["teach"] == 512
+    model = PPO.load(tmp_path / "model.zip")
+    assert model.num_timesteps == 2048 and model.policy.beta == 0.9
+    run("export.py", tmp_path, tmp_path / "small.onnx")
+    manifest = tomllib.loads((tmp_path / "small.toml").read_text())
+    assert manifest["trained"]["taught"] == 512 and manifest["trained"]["steps"] == 2048
+    assert manifest["trained"]["beta"] == 0.9 and (tmp_path / "small.onnx").stat().st_size > 1000

@@ -1,0 +1,154 @@
+//! One episode, decided by a policy.
+
+use std::time::Instant;
+
+use episodes::{Config, Episode, Report};
+use guidance::Draw;
+use guidance::se2::Point;
+use guidance::shield::{choose, suppress};
+use messages::CueKind;
+use policies::{Pilot, Situation};
+use world::Site;
+
+use crate::exit::Failure;
+
+/// What became of an episode.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// Its figures.
+    pub report: Report,
+    /// After its end stop was asked for, and the robot did not move any more: the pilot sees to that, not the engine.
+    pub stopped: bool,
+    /// From what is seen to what is decided, microseconds, for each decision.
+    pub latency_us: Vec<f32>,
+    /// Where it went, where that was wanted.
+    pub trace: Option<Box<Trace>>,
+}
+
+/// Where an episode went.
+#[derive(Debug, Clone)]
+pub struct Trace {
+    /// The world and its ways.
+    pub site: Site,
+    /// The way that was meant.
+    pub line: Vec<Point>,
+    /// Robot and handler at each decision.
+    pub places: Vec<(Point, Point)>,
+    /// Where motions were refused.
+    pub collisions: Vec<Point>,
+}
+
+fn situation(episode: &Episode) -> Situation<'_> {
+    let awareness = episode.awareness();
+    let evidence = awareness.evidence();
+    let ((scan, ranges), (cue, start_from_robot, cue_is_new)) = (episode.scan(), episode.cue());
+    Situation {
+        scan,
+        ranges,
+        evidence,
+        handler: awareness.handler().body(evidence.beams.sigma_m()),
+        odom_from_robot: *episode.odom_from_robot(),
+        odometry_incarnation: episode.incarnation(),
+        start_from_robot,
+        cue,
+        cue_is_new,
+    }
+}
+
+fn decide(episode: &Episode, pilot: &mut Pilot) -> Result<policies::Probabilities, Failure> {
+    pilot.decide(&situation(episode)).map_err(Failure::of_run)
+}
+
+/// How an episode is walked.
+#[derive(Debug, Clone, Copy)]
+pub struct Way {
+    /// The shield's suppression factor.
+    pub beta: f64,
+    /// Actions are drawn by their probabilities; otherwise the most probable one is taken.
+    pub draws: bool,
+    /// Where it goes is kept.
+    pub traced: bool,
+}
+
+/// Runs the episode of a seed.
+///
+/// # Errors
+/// Where the policy cannot decide.
+pub fn walk(
+    episode: &mut Episode,
+    pilot: &mut Pilot,
+    config: &Config,
+    seed: u64,
+    way: Way,
+) -> Result<Outcome, Failure> {
+    episode.begin(seed);
+    let draw = if way.draws { Draw::Seeded(seed) } else { Draw::ArgMax };
+    let count = config.table.len();
+    let choose = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {
+        let probabilities: Vec<f64> = probabilities[..count].iter().map(|p| f64::from(*p)).collect();
+        let suppressed = suppress(&probabilities, episode.unsafe_mask(), way.beta);
+        choose(&suppressed.probabilities[..count], draw, decision)
+    };
+    let mut latency_us = Vec::with_capacity(config.decisions);
+    let mut trace = way.traced.then(|| {
+        let line = episode.task().line.corners().to_vec();
+        Box::new(Trace { site: episode.site().clone(), line, places: Vec::new(), collisions: Vec::new() })
+    });
+    for decision in 0.. {
+        let begun = Instant::now();
+        let decided = decide(episode, pilot)?;
+        latency_us.push(begun.elapsed().as_secs_f32() * 1e6);
+        let action = choose(episode, decided, decision);
+        let collisions = episode.report().collisions;
+        let ended = episode.step(action).ended;
+        if let Some(trace) = &mut trace {
+            let team = episode.team();
+            let place = |pose: guidance::Se2| Point::from(pose.translation.vector);
+            trace.places.push((place(*team.world_from_robot()), place(team.world_from_handler())));
+            if episode.report().collisions > collisions {
+                trace.collisions.push(place(*team.world_from_robot()));
+            }
+        }
+        if ended {
+            break;
+        }
+    }
+    let (report, there) = (episode.report(), *episode.team().world_from_robot());
+    episode.give(CueKind::Stop);
+    let action = choose(episode, decide(episode, pilot)?, u64::from(report.decisions));
+    episode.step(action);
+    let stopped = *episode.team().world_from_robot() == there;
+    Ok(Outcome { report, stopped, latency_us, trace })
+}
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+    use std::sync::Arc;
+
+    use episodes::{Config, Episode};
+    use policies::{Engine, Expected, LearntEngine, Model, ModelKind};
+    use settings::{PolicyModel, Settings};
+
+    use super::situation;
+
+    #[test]
+    fn the_network_is_fed_with_what_it_was_trained_on() {
+        let table = Settings::default().policy.actions.table();
+        let expected = Expected { table: table.clone(), dt_ns: Settings::default().policy.dt.ns() };
+        let model = Model::named(&PolicyModel::Guide, &expected).expect("a model").expect("the learnt one");
+        let ModelKind::Learnt { bytes } = &model.kind else { panic!("{model:?}") };
+        let mut engine =
+            LearntEngine::load(Path::new("guide.onnx"), bytes, &model.manifest, &table, None).expect("a network");
+        let config = Config { frames: model.manifest.frames, ..Config::default() };
+        let mut episode = Episode::new(Arc::new(config)).expect("sensors");
+        for seed in 0..3 {
+            episode.begin(seed);
+            for decision in 0..20 {
+                engine.decide(&situation(&episode)).expect("probabilities");
+                assert!(engine.observation() == episode.observation(), "seed {seed}, decision {decision}");
+                episode.step([1, 1, 2, 1, 1, 3, 6][decision % 7]);
+            }
+        }
+    }
+}
