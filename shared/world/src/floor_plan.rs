@@ -37,8 +37,8 @@ const BENDS: i32 = 6;
 const BEND_COST_M: f64 = 0.35;
 /// A line is of use from this length on, and long enough at that, metres.
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
-/// Who can go so far to a side, beyond the corridor, with so much room has found an opening, metres; its middle is followed
-/// straight on, for so much at most. How deep it must be to be asked for is the task's business.
+/// Who can go so far to a side, beyond the corridor, with so much room has found an opening, metres; its middle is
+/// followed straight on, for so much at most. How deep it must be to be asked for is the task's business.
 const SIDE_M: f64 = 1.5;
 const BRANCH_M: f64 = 10.0;
 const SIDE_ROOM_M: f64 = 0.55;

@@ -109,13 +109,14 @@ Examples:
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
   guidedog evaluate --policy guide --tasks timing --pictures pictures
 
-An episode is one cue and a hundred decisions. A motion in which robot or handler would touch something is refused and
-counted as one collision; beside a robot that stands, a handler who has touched something does not push on; who walks
-into them is counted as hit_by_others. Most people stop where robot or handler is
-within 1.2 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
+An episode is one cue and a hundred decisions; robot and handler have come along the corridor, and what the
+robot saw on the last two metres is remembered. A motion in which robot or handler would touch something is
+refused and counted as one collision; beside a robot that stands, a handler who has touched something does not
+push on; who walks into them is counted as hit_by_others. Most people stop where robot or handler is within 1.2
+m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
 handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still in the corridor
-where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or what comes
-next); stop, the next decision stands. An error of orientation is corrected where the
-handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m; who never
-comes so far has not corrected it.";
+where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or
+what comes next); stop, the robot does not move any more. An error of orientation is corrected where the
+handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m; who
+never comes so far has not corrected it.";

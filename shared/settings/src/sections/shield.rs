@@ -1,0 +1,91 @@
+//! The shield's section.
+
+use guidance::MemoryConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::units::{Millis, Positive, Share};
+
+/// How the shield draws.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Choice {
+    /// The most probable safe action.
+    ArgMax,
+    /// One of the safe actions, by their probabilities.
+    Draw,
+}
+
+/// The action shield.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ShieldSettings {
+    /// How an action is chosen among the safe ones.
+    pub choice: Choice,
+    /// Seed of the drawing.
+    pub seed: u64,
+    /// Added to both radii, metres.
+    pub margin_m: f64,
+    /// Width of a run of unknown beams from which it is unsafe, metres.
+    pub unknown_gap_m: Positive,
+    /// Whether points inside the present hull are judged by the escape rule.
+    pub escape: bool,
+    /// Largest unseen part of the hull, square metres; none: reported only.
+    pub unseen_limit_m2: Option<f64>,
+    /// What it remembers.
+    pub memory: MemorySettings,
+}
+
+/// The shield's obstacle memory.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MemorySettings {
+    /// Off: one scan and one frame decide alone, as in the paper.
+    pub on: bool,
+    /// Obstacles that cannot be seen any more are kept for so long; longer while the robot stands.
+    pub kept: Millis,
+    /// What the camera alone saw, and from near by, below the lidar's plane or above it, is kept for so long.
+    pub kept_off_plane: Millis,
+    /// What a scan saw free counts for unknown beams for so long.
+    pub free: Millis,
+    /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
+    pub drift: Share,
+}
+
+impl Default for MemorySettings {
+    fn default() -> Self {
+        Self {
+            on: true,
+            kept: Millis::of_ms(10_000),
+            kept_off_plane: Millis::of_ms(60_000),
+            free: Millis::of_ms(500),
+            drift: Share::of(0.03),
+        }
+    }
+}
+
+impl MemorySettings {
+    /// As the shield wants it, on or off.
+    #[must_use]
+    pub fn config(&self) -> MemoryConfig {
+        MemoryConfig {
+            kept_ns: self.kept.ns(),
+            kept_off_plane_ns: self.kept_off_plane.ns(),
+            free_ns: self.free.ns(),
+            drift: self.drift.get(),
+        }
+    }
+}
+
+impl Default for ShieldSettings {
+    fn default() -> Self {
+        Self {
+            choice: Choice::ArgMax,
+            seed: 1,
+            margin_m: 0.04,
+            unknown_gap_m: Positive::of(0.10),
+            escape: true,
+            unseen_limit_m2: None,
+            memory: MemorySettings::default(),
+        }
+    }
+}
