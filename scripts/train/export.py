@@ -43,6 +43,17 @@ def export(model, path):
     return worst
 
 
+def scored(report):
+    """What it scored, by a report of `guidedog evaluate --json`."""
+    mean = {
+        "collision_free": report["collision_free"], "collisions_per_episode": report["collisions_per_episode"],
+        "cues_followed": report["cue_success"]["all"], "into_an_opening": report["cue_success"]["turn_taken"],
+        "distance_m": report["distance_m"],
+    }
+    lines = [f"{key} = {value['mean']:.4f}" for key, value in mean.items()]
+    return "\n".join(["", "[scores]", f'noise = "{report["noise"]}"', f"episodes = {report['episodes']}", *lines, ""])
+
+
 def manifest(path, arguments, steps, command, temperature):
     handlers = Episodes(1, options=arguments["environment"]).handlers()
     ranges = "\n".join(f"{key} = [{least:.2f}, {most:.2f}]" for key, (least, most) in handlers.items())
@@ -72,6 +83,7 @@ def main():
     parser.add_argument("output", type=Path, help="NAME.onnx; NAME.toml goes beside it")
     parser.add_argument("--checkpoint", type=Path, help="instead of the folder's model.zip")
     parser.add_argument("--command", help="that makes it again, as the manifest tells it; the training's own otherwise")
+    parser.add_argument("--scores", type=Path, help="a report of `guidedog evaluate --json`, for the manifest")
     parser.add_argument("--temperature", type=float, default=1.0, help="below 1 actions are drawn more surely")
     given = parser.parse_args()
     model = PPO.load(given.checkpoint or given.folder / "model.zip", device="cpu")
@@ -81,6 +93,8 @@ def main():
     if not worst < 1e-4:
         raise SystemExit(f"the exported network differs from torch by {worst}")
     text = manifest(given.output, arguments, model.num_timesteps, given.command or arguments["command"], given.temperature)
+    if given.scores:
+        text += scored(json.loads(given.scores.read_text()))
     given.output.with_suffix(".toml").write_text(text)
     print(f"{given.output}: {given.output.stat().st_size} bytes, differs from torch by at most {worst:.1e}")
 

@@ -36,6 +36,18 @@ fn a_wrong_configuration_names_file_and_line() {
 }
 
 #[test]
+fn a_policy_that_cannot_decide_is_told_before_anything_is_started() {
+    let place = Place::new();
+    for verb in ["walk", "up"] {
+        refused(&place, &[verb, "--policy", "/nowhere/x.onnx"], &["/nowhere/x.onnx"]);
+        let bytes = file(&place, "x.onnx", "no network");
+        refused(&place, &[verb, "--policy", &bytes], &["x.toml"]);
+    }
+    let ten = file(&place, "ten.toml", "[policy]\nactions = \"ten\"\n");
+    refused(&place, &["walk", "--config", &ten], &["guide.toml", "of 8 actions", "of 10 actions"]);
+}
+
+#[test]
 fn a_missing_world_or_scenario_is_named() {
     let place = Place::new();
     refused(&place, &["walk", "--scenario", "moon"], &["moon", "corridor"]);
@@ -173,7 +185,7 @@ fn what_cannot_be_written_is_told() {
 
 #[test]
 fn scripts_refuse_what_they_do_not_know() {
-    for args in [&["properties", "extra"][..], &["fuzz", "soon"], &["nothing"]] {
+    for args in [&["properties", "extra"][..], &["fuzz", "soon"], &["training", "extra"], &["nothing"]] {
         let output = Command::new(project().join("scripts/nightly")).args(args).output().expect("it starts");
         assert_eq!(output.status.code(), Some(2), "{args:?}");
     }

@@ -56,12 +56,16 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
     report(&place, &["--policy", "guide", "--episodes", "2", "--pictures", &folder]);
     let picture = fs::read_to_string(format!("{folder}/first-0.svg")).expect("a picture");
     assert!(picture.starts_with("<svg ") && picture.ends_with("</svg>"), "{picture}");
+    let rod = place.path().join("rod.toml");
+    fs::write(&rod, "[handler]\nmodel = \"rod\"\n").expect("written");
+    let rod = rod.to_string_lossy();
     for (args, why) in [
         (&["--policy", "guide.bin"][..], "guide.bin: no engine loads a file of that kind"),
         (&["--policy", "nowhere.onnx"], "failed to read nowhere.onnx"),
         (&["--worlds", "nowhere.yaml"], "nowhere.yaml"),
         (&["--beta-test", "2"], "--beta-test is 2, not in 0..1"),
         (&["--episodes", "0"], "0 is not in 1..=1000000"),
+        (&["--config", &rod], "handler.model of the configuration is \"rod\""),
     ] {
         let output = evaluate(&place, args);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -3,12 +3,14 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use policies::{Expected, Model};
 use recording::{Part, later_lives};
-use settings::{Millis, Profile, Settings, Source};
+use settings::{Millis, PolicyModel, Profile, Settings, Source};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
 use crate::exit::Failure;
+use crate::out::say;
 
 /// Where nothing else is said.
 pub const DEFAULT_SCENARIO: &str = "corridor";
@@ -195,6 +197,7 @@ pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
 /// # Errors
 /// As [`walk`].
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
+    model(&settings.policy.model, &settings)?;
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     if let Some(script) = &settings.cue.script {
         world::Route::load(script).map_err(|error| {
@@ -209,6 +212,19 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
         Failure::input(format!("{file}{}", crate::exit::chain(&error)))
     })?;
     Ok(Prepared { settings, scenario, world })
+}
+
+/// The model of that name, loaded and verified; none for the geometric engine as it is built. Where it was not trained
+/// with a handler like the configured one, that is told.
+///
+/// # Errors
+/// Where it cannot be read, or does not fit its manifest or these settings.
+pub fn model(name: &PolicyModel, settings: &Settings) -> Result<Option<Model>, Failure> {
+    let model = Model::named(name, &Expected::of(settings)).map_err(Failure::of_input)?;
+    if let Some(strange) = model.as_ref().and_then(|model| model.strange(settings)) {
+        say(format!("guidedog: the policy {} was not trained with {strange}", PathBuf::from(name.clone()).display()));
+    }
+    Ok(model)
 }
 
 /// A path that does not depend on the present folder.

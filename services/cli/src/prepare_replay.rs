@@ -64,6 +64,8 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     let experiment = recorded.is_some() && (args.pace.config.is_some() || !args.streams.is_empty());
     if settings.has_world() {
         settings = prepare::check(settings)?.settings;
+    } else {
+        prepare::model(&settings.policy.model, &settings)?;
     }
     Ok(PreparedReplay { settings, info, experiment })
 }

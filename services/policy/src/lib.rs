@@ -52,8 +52,7 @@ impl PolicyService {
         let table = settings.policy.actions.table();
         let swapped_in = std::env::var_os(ChildArgs::MODEL).map(|name| PolicyModel::from(PathBuf::from(name)));
         let named = swapped_in.as_ref().unwrap_or(&settings.policy.model);
-        let expected = Expected { table: table.clone(), dt_ns: settings.policy.dt.ns() };
-        let model = Model::named(named, &expected).map_err(TransportError::service)?;
+        let model = Model::named(named, &Expected::of(&settings)).map_err(TransportError::service)?;
         let library = settings.policy.onnx_runtime.as_deref();
         let config = GeometricConfig::of(&settings).map_err(TransportError::service)?;
         let engine = policies::engine(model.as_ref(), config, &table, library).map_err(TransportError::service)?;

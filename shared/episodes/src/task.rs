@@ -8,6 +8,7 @@ use rand::{Rng, RngExt};
 use world::{Course, Opening, Side};
 
 use crate::config::Config;
+use crate::teacher::MIDDLE_M;
 
 /// *Forward* is done when the handler is so far on along the corridor, metres,
 pub const ON_M: f64 = 10.0;
@@ -27,6 +28,16 @@ const BESIDE_M: f64 = 1.0;
 const DUE_M: f64 = 1.5;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
 const BEFORE_M: f64 = 1.6;
+
+/// Cues are given so far from the corridor's beginning and its end at least, metres: where both have room.
+const ENDS_M: [f64; 2] = [1.3, 1.5];
+/// So many of the cues to turn are given near an opening to that side: so far past its middle to so far before, metres.
+const NEAR: f64 = 0.75;
+const NEAR_M: [f64; 2] = [-2.0, 12.0];
+/// So many of the cues to go on are given where the corridor goes on as far as is asked.
+const WITH_WAY: f64 = 0.7;
+/// Half of the width that robot and handler need side by side, metres.
+const HALF_WIDTH_M: f64 = 0.65;
 
 /// When a task has been done.
 #[derive(Debug, Clone, PartialEq)]
@@ -65,26 +76,25 @@ impl Task {
         random: &mut impl Rng,
     ) -> Option<Self> {
         let length_m = course.line.length_m();
-        let begin_m = 1.3;
+        let [begin_m, before_end_m] = ENDS_M;
         let side = side_of(cue);
-        let mut way_m = random.random_range(begin_m..(length_m - 2.0).max(begin_m + 0.1));
+        let mut way_m = random.random_range(begin_m..(length_m - END_M).max(begin_m + 0.1));
         let openings: Vec<&Opening> = course.openings.iter().filter(|opening| Some(opening.side) == side).collect();
         if let Some(timing_m) = config.timing_max_m.filter(|_| side.is_some()) {
             let opening = openings.get(random.random_range(0..openings.len().max(1)))?;
             way_m = opening.way_m - DUE_M - random.random_range(-timing_m..=timing_m);
-        } else if !openings.is_empty() && random.random_bool(0.75) {
-            // Up to 12 m before an opening, or a little past it.
+        } else if !openings.is_empty() && random.random_bool(NEAR) {
             let opening = openings[random.random_range(0..openings.len())];
-            way_m = opening.way_m - random.random_range(-2.0..12.0);
-        } else if cue == CueKind::Forward && random.random_bool(0.7) {
+            way_m = opening.way_m - random.random_range(NEAR_M[0]..NEAR_M[1]);
+        } else if cue == CueKind::Forward && random.random_bool(WITH_WAY) {
             way_m = random.random_range(begin_m..(length_m - ON_M).max(begin_m + 0.5));
         }
-        if !(begin_m..length_m - 1.5).contains(&way_m) {
+        if !(begin_m..length_m - before_end_m).contains(&way_m) {
             return None;
         }
         let at = course.line.at(way_m);
-        let aside_m = (course.width_m / 2.0 - 0.65).max(0.05);
-        let left_m = random.random_range(-aside_m..aside_m) + 0.17;
+        let aside_m = (course.width_m / 2.0 - HALF_WIDTH_M).max(0.05);
+        let left_m = random.random_range(-aside_m..aside_m) + MIDDLE_M;
         let yaw_rad = at.rotation.angle() + random.random_range(-1.0..1.0) * config.orientation_max_rad;
         let robot = at * Point::new(0.0, left_m);
         Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)), robot_from_handler)

@@ -8,7 +8,7 @@ use world::{HandlerProfile, Team, World};
 /// Actions looked ahead.
 const DEPTH: usize = 3;
 /// The handler walks to the right of the robot: the team's middle is so far to the right of it, metres.
-const MIDDLE_M: f64 = 0.17;
+pub(crate) const MIDDLE_M: f64 = 0.17;
 /// Headings this near to the line's are as good, radians: half a turn of the table. Beyond it a radian costs as much as
 /// so many metres of way.
 const HEADING_FREE_RAD: f64 = 0.09;

@@ -82,9 +82,7 @@ pub struct Trained {
 }
 
 impl Trained {
-    /// What of a handler lies outside of what the policy was trained with, if anything.
-    #[must_use]
-    pub fn strange(&self, robot_from_handler: Pose2, alpha: f64) -> Option<String> {
+    fn strange(&self, robot_from_handler: Pose2, alpha: f64) -> Option<String> {
         let checks = [
             ("alpha", alpha, self.alpha),
             ("robot_from_handler.x_m", robot_from_handler.x_m, self.offset_x_m),
@@ -105,6 +103,14 @@ pub struct Expected {
     pub table: ActionTable,
     /// The run's decision period, nanoseconds.
     pub dt_ns: u64,
+}
+
+impl Expected {
+    /// What the run of these settings expects.
+    #[must_use]
+    pub fn of(settings: &Settings) -> Self {
+        Self { table: settings.policy.actions.table(), dt_ns: settings.policy.dt.ns() }
+    }
 }
 
 /// The geometric engine's tuning: the model file `NAME.geometric`. What it leaves out is as built.
@@ -269,10 +275,20 @@ impl Model {
             ModelKind::Geometric(_) => "geometric",
             ModelKind::Learnt { .. } => "learnt",
         };
+        json!({
+            "engine": engine,
+            "model": self.path,
+            "sha256": self.sha256,
+            "not_trained_with": self.strange(settings),
+            "scores": self.manifest.scores,
+        })
+    }
+
+    /// What of the configured handler lies outside of what it was trained with, if anything.
+    #[must_use]
+    pub fn strange(&self, settings: &Settings) -> Option<String> {
         let handler = &settings.handler;
-        let trained = self.manifest.trained.as_ref();
-        let strange = trained.and_then(|t| t.strange(handler.robot_from_handler, handler.alpha.get()));
-        json!({ "engine": engine, "model": self.path, "sha256": self.sha256, "not_trained_with": strange })
+        self.manifest.trained.as_ref()?.strange(handler.robot_from_handler, handler.alpha.get())
     }
 }
 

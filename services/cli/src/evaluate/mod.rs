@@ -12,7 +12,7 @@ use std::time::Duration;
 use episodes::{Config, Episode, Handlers, Harness, Noise, Places, part_seed};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
-use policies::{Expected, GeometricConfig, Model, Pilot};
+use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
 use settings::{HandlerModel, Profile, Settings};
 use world::{FloorPlan, GeneratorConfig};
@@ -82,9 +82,7 @@ struct Evaluation {
 
 impl Evaluation {
     fn of(args: &EvaluateArgs, settings: Settings) -> Result<Self, Failure> {
-        let table = settings.policy.actions.table();
-        let expected = Expected { table, dt_ns: settings.policy.dt.ns() };
-        let model = Model::named(&args.policy, &expected).map_err(Failure::of_input)?;
+        let model = crate::prepare::model(&args.policy, &settings)?;
         let config = Arc::new(config(args, &settings)?);
         Ok(Self { settings, config, model })
     }
