@@ -44,6 +44,11 @@ const BRANCH_M: f64 = 10.0;
 const SIDE_ROOM_M: f64 = 0.55;
 /// What is wider is no opening, but an open space, metres.
 const OPENING_M: [f64; 2] = [1.3, 4.0];
+/// A way off that nobody could name leads on for no more than this, metres: no task is set where it would be next.
+const UNCLEAR_M: f64 = 0.3;
+/// A line whose end leads on for so far, with so much room, does not end at a wall, metres.
+const ON_M: f64 = 1.5;
+const ON_ROOM_M: f64 = 0.3;
 /// Draws of a start until a line of use is found.
 const TRIES: usize = 400;
 
@@ -213,24 +218,32 @@ impl FloorPlan {
                 }
                 way_m += 0.1;
             }
+            openings.extend(begun.and_then(|from_m| opening(line, side, [from_m, line.length_m()], UNCLEAR_M)));
+        }
+        // What lies beyond, a hall or a bend that was not followed, may lead to either side.
+        let end = line.at(line.length_m());
+        if self.goes_m(place(&end), end.rotation * Vector2::x(), ON_M, ON_ROOM_M) > ON_M - 0.3 {
+            let beyond = |side| opening(line, side, [line.length_m(); 2], UNCLEAR_M);
+            openings.extend([Side::Left, Side::Right].into_iter().filter_map(beyond));
         }
         openings.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
         openings
     }
 }
 
-/// The opening that can be entered between two ways, if it is as wide as one; its own way is so long.
+/// The opening that can be entered between two ways; its own way is so long, or next to nothing where nobody could
+/// say what is meant by it: an open space, a gap, a way off where the line begins. Where the line itself bends there is
+/// none beside it: that is a corner.
 fn opening(line: &TravelLine, side: Side, [from_m, to_m]: [f64; 2], length_m: f64) -> Option<Opening> {
     let width_m = to_m - from_m + 2.0 * SIDE_ROOM_M;
-    if from_m <= 0.0 || !(OPENING_M[0]..OPENING_M[1]).contains(&width_m) {
-        return None;
-    }
     let way_m = f64::midpoint(from_m, to_m);
     let at = line.at(way_m);
     // Where the line itself bends there, nobody can say what is on and what is aside.
-    let bend = line.heading_error_rad((way_m - 1.5).max(0.0), at.rotation.angle()).abs();
+    let bend_rad = line.heading_error_rad((way_m - 1.5).max(0.0), at.rotation.angle()).abs();
+    (bend_rad < 0.35).then_some(())?;
+    let is_clear = from_m > 0.0 && (OPENING_M[0]..OPENING_M[1]).contains(&width_m);
+    let length_m = if is_clear { length_m } else { UNCLEAR_M };
     let end = at * Point::new(0.0, side.sign() * length_m);
-    (bend < 0.35).then_some(())?;
     Some(Opening { way_m, width_m, side, line: TravelLine::new(&[place(&at), end])? })
 }
 

@@ -12,6 +12,9 @@ use world::Site;
 
 use crate::exit::Failure;
 
+/// Metres and radians; poses are normalised, and may be off by rounding.
+const STILL: f64 = 1e-9;
+
 /// What became of an episode.
 #[derive(Debug, Clone)]
 pub struct Outcome {
@@ -117,7 +120,8 @@ pub fn walk(
     episode.give(CueKind::Stop);
     let action = choose(episode, decide(episode, pilot)?, u64::from(report.decisions));
     episode.step(action);
-    let stopped = *episode.team().world_from_robot() == there;
+    let moved = there.inverse() * episode.team().world_from_robot();
+    let stopped = moved.translation.vector.norm() < STILL && moved.rotation.angle().abs() < STILL;
     Ok(Outcome { report, stopped, latency_us, trace })
 }
 
