@@ -28,6 +28,10 @@ const MAX_READERS: usize = 8;
 const MAX_ACCEPTED: usize = 32;
 /// What the answer to a request that the client has no right to says in its member `refused`.
 pub const NOT_PERMITTED: &str = "not_permitted";
+/// A client that had to make room for another one, and had asked nothing; or had, and what it asked is done, unless it
+/// was to be told something.
+const CROWDED_OUT: &str = "crowded_out";
+const ANSWER_LOST: &str = "answer_lost";
 
 /// What an operator asks.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -207,9 +211,10 @@ impl ControlServer {
         }
         let Some(idle) = alike.min_by_key(|client| client.heard).map(|client| client.token) else { return Vec::new() };
         let mut requests = self.read(idle, io);
+        let refused = if requests.is_empty() { CROWDED_OUT } else { ANSWER_LOST };
         // Its answer could reach nobody.
         requests.retain(|(_, request)| request.needs() != Right::Read);
-        self.answer(idle, &json!({ "error": "idle for too long: another client came" }), io);
+        self.answer(idle, &json!({ "error": "idle for too long: another client came", "refused": refused }), io);
         self.drop_client(idle, io);
         requests
     }

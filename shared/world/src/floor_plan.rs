@@ -46,6 +46,9 @@ const SIDE_ROOM_M: f64 = 0.55;
 const OPENING_M: [f64; 2] = [1.3, 4.0];
 /// A way off that nobody could name leads on for no more than this, metres: no task is set where it would be next.
 const UNCLEAR_M: f64 = 0.3;
+/// A line that turns by so much, radians, within so much of way, metres, leaves the way straight on.
+const OFF_RAD: f64 = 0.6;
+const OFF_M: f64 = 2.0;
 /// A line whose end leads on for so far, with so much room, does not end at a wall, metres.
 const ON_M: f64 = 1.5;
 const ON_ROOM_M: f64 = 0.3;
@@ -133,10 +136,8 @@ impl FloorPlan {
             let (column, row) = self.roomy[random.random_range(0..self.roomy.len())];
             let heading_rad = random.random_range(-PI..PI);
             let start = self.map.middle(column, row);
-            let Some(line) = self.trace(start, heading_rad, widest_m) else { continue };
-            if line.length_m() < LENGTH_M[0] {
-                continue;
-            }
+            let line = self.trace(start, heading_rad, widest_m).and_then(|line| self.plain(&line));
+            let Some(line) = line.filter(|line| line.length_m() >= LENGTH_M[0]) else { continue };
             let mut rooms: Vec<f64> =
                 (0..line.length_m() as usize).map(|way_m| self.room_m(place(&line.at(way_m as f64)))).collect();
             rooms.sort_by(f64::total_cmp);
@@ -176,6 +177,19 @@ impl FloorPlan {
             way_m += STEP_M;
         }
         TravelLine::new(&places)
+    }
+
+    /// The line as far as anybody would say that it is the way on: to where it turns off although straight on is free.
+    fn plain(&self, line: &TravelLine) -> Option<TravelLine> {
+        let turns_off = |way_m: &f64| {
+            let at = line.at(*way_m);
+            let turned_rad = line.heading_error_rad(way_m + OFF_M, at.rotation.angle()).abs();
+            turned_rad > OFF_RAD
+                && self.goes_m(place(&at), at.rotation * Vector2::x(), OFF_M + LOOK_M, ON_ROOM_M) > OFF_M + LOOK_M - 0.3
+        };
+        let looks = (line.length_m() / STEP_M) as usize;
+        let end_m = (0..looks).map(|i| STEP_M * i as f64).find(turns_off);
+        line.part(0.0, end_m.unwrap_or(line.length_m()))
     }
 
     /// Whether it is wider there than so much, across that heading.
