@@ -65,8 +65,6 @@ pub struct Episode {
     unsafe_mask: u32,
     cue: CueKind,
     cue_is_new: bool,
-    /// When the episode began.
-    start_from_robot: Se2,
     odom_from_start: Se2,
     track: CueTrack,
     decision: u64,
@@ -109,7 +107,6 @@ impl Episode {
             unsafe_mask: 0,
             cue: CueKind::Stop,
             cue_is_new: true,
-            start_from_robot: Se2::identity(),
             odom_from_start: Se2::identity(),
             track: CueTrack::default(),
             decision: 0,
@@ -148,13 +145,13 @@ impl Episode {
         }
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision, self.looks) = (cue, true, 0, 0);
-        self.start_from_robot = self.config.draw_walked_before(cue, &mut random);
+        let start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
         self.track.clear();
         self.arrive();
         self.rest();
         self.odom_from_before = self.odom_from_robot;
-        self.odom_from_start = self.odom_from_robot * self.start_from_robot.inverse();
+        self.odom_from_start = self.odom_from_robot * start_from_robot.inverse();
         self.judge();
     }
 
@@ -164,16 +161,24 @@ impl Episode {
         if !self.config.judges || self.config.memory.is_none() {
             return;
         }
-        let Scenery { site, task, team, .. } = self.scenery().clone();
-        let foot = task.line.foot(Point::from(task.world_from_robot.translation.vector));
-        for way_m in LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0) {
-            let world_from_robot = task.line.at(way_m) * Se2::translation(0.0, foot.left_m);
-            let there = Team::new(&site.world, self.config.bodies, team.handler().clone(), &world_from_robot);
-            if let Some(scenery) = self.scenery.as_mut().filter(|_| there.is_free(&site.world, 0.0)) {
-                scenery.team = there;
-                self.rest();
-            }
+        let Scenery { site, task, team, .. } = self.scenery();
+        let (world, line) = (&site.world, &task.line);
+        let foot = line.foot(Point::from(task.world_from_robot.translation.vector));
+        let beside = |way_m: f64| {
+            let world_from_robot = line.at(way_m) * Se2::translation(0.0, foot.left_m);
+            Team::new(world, self.config.bodies, team.handler().clone(), &world_from_robot)
+        };
+        let ways_m = LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0);
+        let on_the_way: Vec<Team> = ways_m.map(beside).filter(|team| team.is_free(world, 0.0)).collect();
+        let arrived = team.clone();
+        for team in on_the_way {
+            self.place(team);
+            self.rest();
         }
+        self.place(arrived);
+    }
+
+    fn place(&mut self, team: Team) {
         if let Some(scenery) = &mut self.scenery {
             scenery.team = team;
         }

@@ -46,12 +46,17 @@ const SIDE_ROOM_M: f64 = 0.55;
 const OPENING_M: [f64; 2] = [1.3, 4.0];
 /// A way off that nobody could name leads on for no more than this, metres: no task is set where it would be next.
 const UNCLEAR_M: f64 = 0.3;
-/// A line that turns by so much, radians, within so much of way, metres, leaves the way straight on.
+/// A line that turns by so much, radians, within so much of way, metres, where straight on is free for so far, metres,
+/// leaves the way straight on.
 const OFF_RAD: f64 = 0.6;
 const OFF_M: f64 = 2.0;
-/// A line whose end leads on for so far, with so much room, does not end at a wall, metres.
-const ON_M: f64 = 1.5;
-const ON_ROOM_M: f64 = 0.3;
+const STRAIGHT_M: f64 = 3.0;
+/// A line whose end leads on for so far does not end at a wall, metres.
+const BEYOND_M: f64 = 1.4;
+/// What is free straight on has so much room, metres.
+const STRAIGHT_ROOM_M: f64 = 0.3;
+/// Free ways are looked at in steps of so much, metres.
+const FREE_STEP_M: f64 = 0.2;
 /// Draws of a start until a line of use is found.
 const TRIES: usize = 400;
 
@@ -184,8 +189,7 @@ impl FloorPlan {
         let turns_off = |way_m: &f64| {
             let at = line.at(*way_m);
             let turned_rad = line.heading_error_rad(way_m + OFF_M, at.rotation.angle()).abs();
-            turned_rad > OFF_RAD
-                && self.goes_m(place(&at), at.rotation * Vector2::x(), OFF_M + LOOK_M, ON_ROOM_M) > OFF_M + LOOK_M - 0.3
+            turned_rad > OFF_RAD && self.goes_on(&at, STRAIGHT_M)
         };
         let looks = (line.length_m() / STEP_M) as usize;
         let end_m = (0..looks).map(|i| STEP_M * i as f64).find(turns_off);
@@ -205,7 +209,12 @@ impl FloorPlan {
     /// How far a disc can go straight from a place, metres, at most `most_m`.
     fn goes_m(&self, from: Point, direction: Vector2<f64>, most_m: f64, room_m: f64) -> f64 {
         let free = |way_m: &f64| *way_m <= most_m && self.room_m(from + direction * *way_m) >= room_m;
-        (0..).map(|i| 0.2 * f64::from(i)).take_while(free).last().unwrap_or(0.0)
+        (0..).map(|i| FREE_STEP_M * f64::from(i)).take_while(free).last().unwrap_or(0.0)
+    }
+
+    /// Whether it is free straight on for so far, metres.
+    fn goes_on(&self, from: &Se2, way_m: f64) -> bool {
+        self.goes_m(place(from), from.rotation * Vector2::x(), way_m + FREE_STEP_M, STRAIGHT_ROOM_M) >= way_m
     }
 
     /// Where one can leave a line to the side.
@@ -236,7 +245,7 @@ impl FloorPlan {
         }
         // What lies beyond, a hall or a bend that was not followed, may lead to either side.
         let end = line.at(line.length_m());
-        if self.goes_m(place(&end), end.rotation * Vector2::x(), ON_M, ON_ROOM_M) > ON_M - 0.3 {
+        if self.goes_on(&end, BEYOND_M) {
             let beyond = |side| opening(line, side, [line.length_m(); 2], UNCLEAR_M);
             openings.extend([Side::Left, Side::Right].into_iter().filter_map(beyond));
         }
