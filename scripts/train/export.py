@@ -54,6 +54,12 @@ def scored(report):
     return "\n".join(["", "[scores]", f'noise = "{report["noise"]}"', f"episodes = {report['episodes']}", *lines, ""])
 
 
+def taught(arguments):
+    """Steps of imitation, in this training and in the one with whose weights it began."""
+    before = arguments["start"] and Path(arguments["start"]).with_name("arguments.json")
+    return int(arguments["teach"]) + (taught(json.loads(before.read_text())) if before and before.exists() else 0)
+
+
 def manifest(path, arguments, steps, command, temperature):
     handlers = Episodes(1, options=arguments["environment"]).handlers()
     ranges = "\n".join(f"{key} = [{least:.2f}, {most:.2f}]" for key, (least, most) in handlers.items())
@@ -67,7 +73,7 @@ temperature = {temperature}
 
 [trained]
 steps = {steps}
-taught = {int(arguments["teach"])}
+taught = {taught(arguments)}
 beta = {arguments["beta"]}
 noise = "{arguments["noise"]}"
 harness = "{arguments["harness"]}"

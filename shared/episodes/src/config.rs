@@ -125,6 +125,9 @@ pub struct Config {
     pub walked_before: f64,
     /// The reward.
     pub reward: RewardConfig,
+    /// Reward, once, for a cue that is followed as [`Task`] counts it, and for an error of orientation put right; who
+    /// walks on where they were to stand gives it back. Ours; 0 in the paper.
+    pub followed_reward: f64,
     /// What the reward is measured by.
     pub measure: RewardMeasure,
     /// The shield.

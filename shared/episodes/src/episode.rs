@@ -384,8 +384,11 @@ impl Episode {
         let world_from_handler = scenery.team.world_from_handler();
         let moved = action != ActionTable::STOP;
         self.begun = self.config.table.actions()[action].start_from_end();
-        let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum();
-        scenery.score.step(&scenery.task, &world_from_handler, stepped, reward);
+        let before = scenery.score.followed();
+        scenery.score.step(&scenery.task, &world_from_handler, stepped);
+        let followed = self.config.followed_reward * (scenery.score.followed() - before);
+        let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum() + followed;
+        scenery.score.rewarded(reward);
         self.decision += 1;
         self.cue_is_new = false;
         self.look();

@@ -43,6 +43,7 @@ impl Config {
                 motion_penalty: MOTION_PENALTY,
                 ..RewardConfig::default()
             },
+            followed_reward: 0.0,
             measure: RewardMeasure::Line,
             shield: settings.shield_config(),
             memory: settings.memory_config(),

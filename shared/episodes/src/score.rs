@@ -108,14 +108,13 @@ impl Score {
     }
 
     /// One decision has been carried out.
-    pub fn step(&mut self, task: &Task, world_from_handler: &Se2, stepped: Stepped, reward: f64) {
+    pub fn step(&mut self, task: &Task, world_from_handler: &Se2, stepped: Stepped) {
         let report = &mut self.report;
         report.decisions += 1;
         report.robot_collisions += u32::from(stepped.robot_hit);
         report.handler_collisions += u32::from(stepped.handler_hit);
         report.collisions += u32::from(stepped.collided());
         report.hit_by_others += stepped.hit_by_others;
-        report.reward += reward;
         let place = Point::from(world_from_handler.translation.vector);
         report.walked_m += (place - self.last).norm();
         self.frozen = if (place - self.last).norm() < FROZEN_M { self.frozen + 1 } else { 0 };
@@ -150,6 +149,18 @@ impl Score {
     pub fn judged(&mut self, all_unsafe: bool, unsafe_taken: bool) {
         self.report.all_unsafe += u32::from(all_unsafe);
         self.report.unsafe_taken += u32::from(unsafe_taken);
+    }
+
+    /// What a decision was rewarded with.
+    pub fn rewarded(&mut self, reward: f64) {
+        self.report.reward += reward;
+    }
+
+    /// How much of what was asked for is done: the cue is followed, and an error of orientation put right.
+    #[must_use]
+    pub fn followed(&self) -> f64 {
+        let report = self.report();
+        f64::from(u8::from(report.success)) + f64::from(u8::from(report.corrected == Some(true)))
     }
 
     /// What became of it, so far.

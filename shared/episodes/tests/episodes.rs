@@ -56,6 +56,17 @@ fn who_knows_the_way_gets_there_and_touches_nothing() {
 }
 
 #[test]
+fn what_is_followed_is_rewarded_once() {
+    let paid = taught(Config { followed_reward: 5.0, ..config(Noise::Ideal) }, 30);
+    for (paid, unpaid) in paid.iter().zip(taught(config(Noise::Ideal), 30)) {
+        let followed = f64::from(u8::from(paid.success)) + f64::from(u8::from(paid.corrected == Some(true)));
+        assert!((paid.reward - unpaid.reward - 5.0 * followed).abs() < 1e-9, "{paid:#?} {unpaid:#?}");
+    }
+    assert!(paid.iter().any(|report| report.to_stand && report.success), "some stand");
+    assert!(paid.iter().any(|report| report.corrected == Some(true)), "some have erred");
+}
+
+#[test]
 fn a_stop_is_stood_whatever_is_decided() {
     let mut episode = Episode::new(Arc::new(Config { cues: vec![(CueKind::Forward, 1.0)], ..config(Noise::Ideal) }))
         .expect("sensors");

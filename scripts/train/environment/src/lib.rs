@@ -67,6 +67,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             "collision_penalty" => config.reward.collision_penalty = number()?,
             "time_penalty" => config.reward.time_penalty = number()?,
             "motion_penalty" => config.reward.motion_penalty = number()?,
+            "followed_reward" => config.followed_reward = number()?,
             _ => return Err(wrong(format!("there is no option \"{key}\""))),
         }
     }
