@@ -4,6 +4,7 @@
 import argparse
 import hashlib
 import json
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import torch
 from stable_baselines3 import PPO
 
 from guidedog_environment import ACTIONS, OBSERVATION, Episodes
+from options import ABOVE_0, read_json
 
 
 class Logits(torch.nn.Module):
@@ -57,7 +59,7 @@ def scored(report):
 def taught(arguments):
     """Steps of imitation, in this training and in the one with whose weights it began."""
     before = arguments["start"] and Path(arguments["start"]).with_name("arguments.json")
-    return int(arguments["teach"]) + (taught(json.loads(before.read_text())) if before and before.exists() else 0)
+    return int(arguments["teach"]) + (taught(read_json(before)) if before and before.exists() else 0)
 
 
 def manifest(path, arguments, steps, command, temperature):
@@ -83,25 +85,61 @@ command = {json.dumps(command)}
 """
 
 
-def main():
+def parse():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path, help="of the training")
     parser.add_argument("output", type=Path, help="NAME.onnx; NAME.toml goes beside it")
     parser.add_argument("--checkpoint", type=Path, help="instead of the folder's model.zip")
     parser.add_argument("--command", help="that makes it again, as the manifest tells it; the training's own otherwise")
     parser.add_argument("--scores", type=Path, help="a report of `guidedog evaluate --json`, for the manifest")
-    parser.add_argument("--temperature", type=float, default=1.0, help="below 1 actions are drawn more surely")
+    parser.add_argument("--temperature", type=ABOVE_0, default=1.0, help="below 1 actions are drawn more surely")
     given = parser.parse_args()
-    model = PPO.load(given.checkpoint or given.folder / "model.zip", device="cpu")
-    arguments = json.loads((given.folder / "arguments.json").read_text())
+    given.model = given.checkpoint or given.folder / "model.zip"
+    if given.output.suffix != ".onnx":
+        parser.error(f"{given.output} does not end in .onnx")
+    for path in (given.model, given.folder / "arguments.json"):
+        if not path.is_file():
+            parser.error(f"there is no {path}")
+    return given
+
+
+def load(path):
+    try:
+        return PPO.load(path, device="cpu")
+    except (OSError, ValueError, KeyError, AssertionError) as error:
+        raise SystemExit(f"{path} is no model: {error}") from None
+
+
+def described(given, network, steps):
+    """The manifest of an exported network."""
+    path = given.folder / "arguments.json"
+    arguments = read_json(path)
+    try:
+        text = manifest(network, arguments, steps, given.command or arguments["command"], given.temperature)
+    except (KeyError, TypeError, ValueError) as error:
+        raise SystemExit(f"{path} is not what train.py writes: {error!r}") from None
+    if not given.scores:
+        return text
+    try:
+        return text + scored(read_json(given.scores))
+    except (KeyError, TypeError, ValueError) as error:
+        raise SystemExit(f"{given.scores} is no report of guidedog evaluate: {error!r}") from None
+
+
+def main():
+    given = parse()
+    model = load(given.model)
     given.output.parent.mkdir(parents=True, exist_ok=True)
-    worst = export(model, given.output)
-    if not worst < 1e-4:
-        raise SystemExit(f"the exported network differs from torch by {worst}")
-    text = manifest(given.output, arguments, model.num_timesteps, given.command or arguments["command"], given.temperature)
-    if given.scores:
-        text += scored(json.loads(given.scores.read_text()))
-    given.output.with_suffix(".toml").write_text(text)
+    # Beside where it goes, so that nothing but whole and verified files ever has their names.
+    with tempfile.TemporaryDirectory(dir=given.output.parent, prefix=".export-") as scratch:
+        network = Path(scratch) / given.output.name
+        worst = export(model, network)
+        if not worst < 1e-4:
+            raise SystemExit(f"the exported network differs from torch by {worst}")
+        text = described(given, network, model.num_timesteps)
+        network.with_suffix(".toml").write_text(text)
+        network.replace(given.output)
+        network.with_suffix(".toml").replace(given.output.with_suffix(".toml"))
     print(f"{given.output}: {given.output.stat().st_size} bytes, differs from torch by at most {worst:.1e}")
 
 

@@ -59,22 +59,29 @@ class Sectors(BaseFeaturesExtractor):
 
 
 class ShieldedPolicy(ActorCriticPolicy):
-    """An actor-critic whose distribution is the shield's."""
+    """An actor-critic whose distribution is the shield's.
 
-    def __init__(self, *args, beta: float = 1.0, **kwargs):
-        self.beta = beta
+    With `apart`, what is to come is estimated from the policy's features and does not shape them: what was taught is not
+    forgotten over it.
+    """
+
+    def __init__(self, *args, beta: float = 1.0, apart: bool = False, **kwargs):
+        self.beta, self.apart = beta, apart
         kwargs.setdefault("net_arch", [])
         kwargs.setdefault("features_extractor_class", Sectors)
         super().__init__(*args, **kwargs)
 
     def _get_constructor_parameters(self):
-        return super()._get_constructor_parameters() | {"beta": self.beta}
+        return super()._get_constructor_parameters() | {"beta": self.beta, "apart": self.apart}
 
     def sharpen(self, temperature):
         """From now on actions are drawn as they were at this temperature: below 1 more surely."""
         with torch.no_grad():
             self.action_net.weight /= temperature
             self.action_net.bias /= temperature
+
+    def _estimate(self, latent):
+        return self.value_net(latent.detach() if self.apart else latent)
 
     def _weighed(self, observations, latent):
         logits = suppressed(self.action_net(latent), observations["unsafe"], self.beta)
@@ -84,12 +91,12 @@ class ShieldedPolicy(ActorCriticPolicy):
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
         distribution = self._weighed(obs, latent_pi)
         actions = distribution.get_actions(deterministic=deterministic)
-        return actions, self.value_net(latent_vf), distribution.log_prob(actions)
+        return actions, self._estimate(latent_vf), distribution.log_prob(actions)
 
     def evaluate_actions(self, obs, actions):
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
         distribution = self._weighed(obs, latent_pi)
-        return self.value_net(latent_vf), distribution.log_prob(actions), distribution.entropy()
+        return self._estimate(latent_vf), distribution.log_prob(actions), distribution.entropy()
 
     def get_distribution(self, obs):
         latent_pi, _ = self.mlp_extractor(self.extract_features(obs))

@@ -11,6 +11,8 @@ from pathlib import Path
 
 from ray import tune
 
+from options import ABOVE_0, COUNT
+
 HERE = Path(__file__).parent.resolve()
 
 
@@ -18,9 +20,9 @@ def parse():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("table", choices=["2", "3"])
     parser.add_argument("folder", type=Path, help="for each policy a folder with its policy.onnx; what is there is not trained again")
-    parser.add_argument("--steps", type=float, default=1e6, help="environment steps of each policy")
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--cores", type=float, default=1, help="of each training")
+    parser.add_argument("--steps", type=ABOVE_0, default=1e6, help="environment steps of each policy")
+    parser.add_argument("--seeds", type=COUNT, default=3)
+    parser.add_argument("--cores", type=ABOVE_0, default=1, help="of each training")
     parser.add_argument("rest", nargs="*", help="more for train.py, after --")
     return parser.parse_args()
 

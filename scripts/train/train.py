@@ -14,48 +14,66 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback, ProgressBarCallback
 
+from options import ABOVE_0, AT_LEAST_0, COUNT, SEED, SHARE, pair, pair_text, read_json
 from shielded import Sectors, ShieldedPolicy
 from teaching import teach
 from vectors import Episodes
 
 # Share of the episodes with "forward" in which that cue was given long before, unless an option says otherwise.
 WALKED_BEFORE = 0.5
+# Who resumes says these anew; all other options are those that training was begun with.
+SAID_ANEW = {"folder", "steps", "resume", "quiet", "threads"}
 
 
-def parse():
+def options():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.ArgumentDefaultsHelpFormatter)
     parser.add_argument("folder", type=Path, help="where checkpoints, TensorBoard logs and the model go")
-    parser.add_argument("--steps", type=float, default=10e6, help="environment steps")
-    parser.add_argument("--beta", type=float, default=0.5, help="the shield's suppression factor, 1: no shield")
+    parser.add_argument("--steps", type=AT_LEAST_0, default=10e6, help="environment steps")
+    parser.add_argument("--beta", type=SHARE, default=0.5, help="the shield's suppression factor, 1: no shield")
     parser.add_argument("--noise", choices=["ideal", "noisy"], default="noisy")
     parser.add_argument("--harness", choices=["rigid", "delayed"], default="delayed")
     parser.add_argument("--handlers", choices=["nominal", "personal"], default="personal")
     parser.add_argument("--measure", choices=["line", "start"], default="line", help="what the reward is measured by")
-    parser.add_argument("--frames", type=int, default=1, help="observations stacked")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--environments", type=int, default=64)
-    parser.add_argument("--rollout", type=int, default=128, help="steps of each environment between updates")
-    parser.add_argument("--batch", type=int, default=2048)
-    parser.add_argument("--epochs", type=int, default=3)
-    parser.add_argument("--learning-rate", type=float, default=4e-4, help="falls to 0")
-    parser.add_argument("--clip", type=float, default=0.2, help="of PPO's ratio")
-    parser.add_argument("--target-kl", type=float, help="an update ends where the policy has changed by so much")
-    parser.add_argument("--entropy", type=float, default=0.01)
-    parser.add_argument("--gamma", type=float, default=0.99)
-    parser.add_argument("--width", type=int, default=128)
-    parser.add_argument("--channels", type=int, default=16)
-    parser.add_argument("--option", action="append", default=[], metavar="KEY=NUMBER", help="of the environment")
-    parser.add_argument("--threads", type=int, default=1, help="of torch")
-    parser.add_argument("--teach", type=float, default=0, help="environment steps of imitation before PPO")
-    parser.add_argument("--checkpoint-every", type=float, default=500e3, help="environment steps")
+    parser.add_argument("--frames", type=COUNT, default=1, help="observations stacked")
+    parser.add_argument("--seed", type=SEED, default=0)
+    parser.add_argument("--environments", type=COUNT, default=64)
+    parser.add_argument("--rollout", type=COUNT, default=128, help="steps of each environment between updates")
+    parser.add_argument("--batch", type=COUNT, default=2048)
+    parser.add_argument("--epochs", type=COUNT, default=3)
+    parser.add_argument("--learning-rate", type=ABOVE_0, default=4e-4, help="falls to 0")
+    parser.add_argument("--clip", type=ABOVE_0, default=0.2, help="of PPO's ratio")
+    parser.add_argument("--target-kl", type=ABOVE_0, help="an update ends where the policy has changed by so much")
+    parser.add_argument("--entropy", type=AT_LEAST_0, default=0.01)
+    parser.add_argument("--gamma", type=SHARE, default=0.99)
+    parser.add_argument("--width", type=COUNT, default=128)
+    parser.add_argument("--channels", type=COUNT, default=16)
+    parser.add_argument(
+        "--option", type=pair_text, action="append", default=[], metavar="KEY=NUMBER", help="of the environment",
+    )
+    parser.add_argument("--threads", type=COUNT, default=1, help="of torch")
+    parser.add_argument("--teach", type=AT_LEAST_0, default=0, help="environment steps of imitation before PPO")
+    parser.add_argument("--checkpoint-every", type=ABOVE_0, default=500e3, help="environment steps")
     parser.add_argument(
         "--resume", action="store_true",
-        help="go on from the newest checkpoint in the folder, if there is one, with the options that it was begun with",
+        help="go on from what was saved last in the folder, if there is any, with the options that it was begun with",
     )
     parser.add_argument("--start", type=Path, help="begin with this model's weights")
-    parser.add_argument("--sharpen", type=float, default=1, help="PPO begins with what was taught, drawn at this temperature")
+    parser.add_argument(
+        "--estimate", type=AT_LEAST_0, default=0,
+        help="environment steps before PPO that fit the estimate of what is to come; it then shapes no features",
+    )
+    parser.add_argument(
+        "--sharpen", type=ABOVE_0, default=1, help="PPO begins with what was taught, drawn at this temperature",
+    )
     parser.add_argument("--quiet", action="store_true", help="no progress bar")
-    return parser.parse_args()
+    return parser
+
+
+def parse(parser, words=None):
+    given = parser.parse_args(words)
+    if given.steps < 1 and not given.teach:
+        parser.error("--steps 0 leaves nothing to do without --teach")
+    return given
 
 
 class Reports(BaseCallback):
@@ -89,70 +107,140 @@ class Reports(BaseCallback):
         self.reports.clear()
 
 
-def checkpoint(arguments):
-    """The newest one, where training goes on; all options but these are then those that it was begun with."""
-    found = sorted(arguments.folder.glob("checkpoint_*_steps.zip"), key=lambda path: path.stat().st_mtime)
-    if not (arguments.resume and found):
-        return None
-    begun = json.loads((arguments.folder / "arguments.json").read_text())
-    for key in vars(arguments).keys() & begun.keys() - {"folder", "steps", "resume", "quiet", "threads"}:
-        setattr(arguments, key, begun[key])
-    return found[-1]
+class Checkpoints(CheckpointCallback):
+    def _on_step(self):
+        if self.n_calls % self.save_freq == 0:
+            save(self.model, Path(self._checkpoint_path(extension="zip")))
+        return True
+
+
+def save(model, path):
+    """Whole or not at all: who is stopped at it goes on from what was saved before."""
+    part = path.with_suffix(".part")
+    model.save(part)
+    part.replace(path)
+
+
+def saved(folder):
+    """What training can go on from, the newest first; the model is written last."""
+    found = [*folder.glob("checkpoint_*_steps.zip"), *folder.glob("model.zip")]
+    return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
+
+
+def restore(parser, arguments):
+    """All options but those that are said anew as training was begun with them, and within the same bounds."""
+    path = arguments.folder / "arguments.json"
+    begun = read_json(path)
+    words = [str(arguments.folder), f"--steps={arguments.steps}"]
+    for key in vars(arguments).keys() & begun.keys() - SAID_ANEW:
+        values = begun[key] if key == "option" and isinstance(begun[key], list) else [begun[key]]
+        words += [f"--{key.replace('_', '-')}={value}" for value in values if value is not None]
+    parser.exit_on_error = False
+    try:
+        told = vars(parse(parser, words))
+    except argparse.ArgumentError as error:
+        raise SystemExit(f"{path}: {error}") from None
+    for key in told.keys() & begun.keys() - SAID_ANEW:
+        setattr(arguments, key, told[key])
+
+
+def resume(found, environments):
+    """The newest model that can be read, and where it lay."""
+    for path in found:
+        try:
+            return PPO.load(path, environments), path
+        except (OSError, ValueError, KeyError, AssertionError) as error:
+            print(f"{path} cannot be gone on from: {error}", file=sys.stderr)
+    raise SystemExit(f"{found[0].parent} holds nothing to go on from; without --resume training begins anew")
+
+
+def estimate(model, steps):
+    """Fits the estimate of what is to come to the policy, before the policy is moved by it."""
+    policy = [each for name, each in model.policy.named_parameters() if not name.startswith("value_net")]
+    for each in policy:
+        each.requires_grad_(False)
+    schedule, model.lr_schedule = model.lr_schedule, lambda left: 1e-3 * left
+    model.learn(steps)
+    model.lr_schedule, model.num_timesteps = schedule, 0
+    for each in policy:
+        each.requires_grad_(True)
+
+
+def begin(arguments, environments):
+    """A new model, and what it is taught before PPO."""
+    folder = arguments.folder
+    model = PPO(
+        ShieldedPolicy,
+        environments,
+        learning_rate=lambda left: arguments.learning_rate * left,
+        n_steps=arguments.rollout,
+        batch_size=arguments.batch,
+        n_epochs=arguments.epochs,
+        gamma=arguments.gamma,
+        clip_range=arguments.clip,
+        target_kl=arguments.target_kl,
+        ent_coef=arguments.entropy,
+        seed=arguments.seed,
+        tensorboard_log=str(folder / "tensorboard"),
+        policy_kwargs={
+            "beta": arguments.beta,
+            "apart": arguments.estimate > 0,
+            "features_extractor_class": Sectors,
+            "features_extractor_kwargs": {"width": arguments.width, "channels": arguments.channels},
+        },
+    )
+    if arguments.start:
+        model.set_parameters(arguments.start, exact_match=True)
+    if arguments.teach:
+        teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
+        model.save(folder / "taught.zip")
+    model.policy.sharpen(arguments.sharpen)
+    if arguments.estimate:
+        estimate(model, int(arguments.estimate))
+    return model
 
 
 def main():
-    arguments = parse()
+    parser = options()
+    arguments = parse(parser)
     torch.set_num_threads(arguments.threads)
     folder = arguments.folder
+    found = saved(folder) if arguments.resume else []
+    if found:
+        restore(parser, arguments)
+    environment = dict(map(pair, arguments.option))
+    environment |= {"noise": arguments.noise, "harness": arguments.harness, "handlers": arguments.handlers}
+    environment |= {"measure": arguments.measure, "frames": arguments.frames}
+    environment.setdefault("walked_before", WALKED_BEFORE)
+    try:
+        environments = Episodes(arguments.environments, arguments.seed, **environment)
+    except (TypeError, ValueError) as error:
+        parser.error(str(error))
     folder.mkdir(parents=True, exist_ok=True)
-    newest = checkpoint(arguments)
-    options = {key: float(value) for key, value in (text.split("=") for text in arguments.option)}
-    options |= {"noise": arguments.noise, "harness": arguments.harness, "handlers": arguments.handlers}
-    options |= {"measure": arguments.measure, "frames": arguments.frames}
-    options.setdefault("walked_before", WALKED_BEFORE)
-    said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
-    said["command"] = shlex.join(["python", *sys.argv])
-    if not newest:
-        (folder / "arguments.json").write_text(json.dumps(said | {"environment": options}, indent=2))
-    environments = Episodes(arguments.environments, arguments.seed, **options)
-    if newest:
-        model = PPO.load(newest, environments)
+    if found:
+        model, path = resume(found, environments)
         environments.seed(arguments.seed + model.num_timesteps)
     else:
-        model = PPO(
-            ShieldedPolicy,
-            environments,
-            learning_rate=lambda left: arguments.learning_rate * left,
-            n_steps=arguments.rollout,
-            batch_size=arguments.batch,
-            n_epochs=arguments.epochs,
-            gamma=arguments.gamma,
-            clip_range=arguments.clip,
-            target_kl=arguments.target_kl,
-            ent_coef=arguments.entropy,
-            seed=arguments.seed,
-            tensorboard_log=str(folder / "tensorboard"),
-            policy_kwargs={
-                "beta": arguments.beta,
-                "features_extractor_class": Sectors,
-                "features_extractor_kwargs": {"width": arguments.width, "channels": arguments.channels},
-            },
-        )
-        if arguments.start:
-            model.set_parameters(arguments.start, exact_match=True)
-        if arguments.teach:
-            teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
-            model.save(folder / "taught.zip")
-        model.policy.sharpen(arguments.sharpen)
-    callbacks = [
-        Reports(folder / "progress.jsonl"),
-        CheckpointCallback(max(int(arguments.checkpoint_every) // arguments.environments, 1), str(folder), "checkpoint"),
-    ]
+        said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
+        said["command"] = shlex.join(["python", *sys.argv])
+        (folder / "arguments.json").write_text(json.dumps(said | {"environment": environment}, indent=2))
+        model = begin(arguments, environments)
+    left = int(arguments.steps) - model.num_timesteps
+    if found and left <= 0:
+        done = f"{path}: {model.num_timesteps} of {int(arguments.steps)} steps are done"
+        if path.name == "model.zip":
+            print(f"{done}, nothing is left to do")
+        else:
+            # Training was stopped between its last checkpoint and its end.
+            save(model, folder / "model.zip")
+            print(f"{done}, model.zip is made of them")
+        return
+    every = max(int(arguments.checkpoint_every) // arguments.environments, 1)
+    callbacks = [Reports(folder / "progress.jsonl"), Checkpoints(every, str(folder), "checkpoint")]
     if not arguments.quiet:
         callbacks.append(ProgressBarCallback())
-    left = int(arguments.steps) - model.num_timesteps
-    model.learn(left, callbacks, reset_num_timesteps=not newest)
-    model.save(folder / "model.zip")
+    model.learn(left, callbacks, reset_num_timesteps=not found)
+    save(model, folder / "model.zip")
 
 
 if __name__ == "__main__":

@@ -88,6 +88,49 @@ def test_what_is_no_option_or_no_action_is_told():
             episodes.step(np.array(wrong))
 
 
+@pytest.mark.parametrize("key, values, told", [
+    ("decisions", (0, -1, 1.5, "7"), "is no whole number of at least 1"),
+    ("frames", (0, 17, 2.0, None), "is no whole number from 1 to 16"),
+    ("orientation_max_deg", (-1, 181), "is no angle from 0 to 180"),
+    ("walked_before", (-0.1, 1.1), "is no share from 0 to 1"),
+    ("time_penalty", (float("nan"), float("inf"), "much"), "is no finite number"),
+    ("memory", (0, 1.0, "no", None), "is neither True nor False"),
+    ("maps", ([], "plan.yaml", [1]), "is no list of floor plans"),
+    ("noise", (3, None), "is none of"),
+])
+def test_an_option_out_of_its_bounds_is_told_with_its_value(key, values, told):
+    for value in values:
+        with pytest.raises(ValueError, match=f"{key} = .*{told}"):
+            WayfindingVector(1, **{key: value})
+
+
+def test_options_at_their_bounds_are_taken():
+    for options in ({"decisions": 1, "frames": 16}, {"orientation_max_deg": 180, "walked_before": 1}, {"memory": False}):
+        WayfindingVector(1, **options).reset(seed=1)
+
+
+def test_nothing_is_decided_or_taught_before_the_beginning():
+    vector = WayfindingVector(2)
+    for act in (vector.taught, lambda: vector.step(np.zeros(2, int))):
+        with pytest.raises(ValueError, match="no episode has begun"):
+            act()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        gymnasium.make("guidedog/Wayfinding-v0").unwrapped.step(0)
+
+
+def test_actions_are_whole_numbers():
+    vector, one = WayfindingVector(2), gymnasium.make("guidedog/Wayfinding-v0").unwrapped
+    vector.reset(seed=1), one.reset(seed=1)
+    for wrong in (1.0, 1.7, True, "1", float("nan"), 2**70):
+        with pytest.raises(TypeError, match="actions are whole numbers"):
+            vector.step([wrong, wrong])
+        with pytest.raises(TypeError, match="actions are whole numbers"):
+            one.step(wrong)
+    for wrong in (-1, len(ACTIONS), 2**64 - 1):
+        with pytest.raises(ValueError, match="1 actions from 0 to 7"):
+            one.step(wrong)
+
+
 def test_it_is_registered():
     assert guidedog_environment.OBSERVATION
     assert gymnasium.make_vec("guidedog/Wayfinding-v0", num_envs=2, vectorization_mode="vector_entry_point").num_envs == 2

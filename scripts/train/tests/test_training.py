@@ -20,8 +20,11 @@ HERE = Path(__file__).resolve().parent.parent
 SMALL = ["--quiet", "--environments=8", "--rollout=64", "--batch=128", "--width=16", "--channels=4"]
 
 
-def run(script, *arguments):
-    subprocess.run([sys.executable, str(HERE / script), *map(str, arguments)], check=True)
+def run(script, *arguments, ends_with=0):
+    """What it printed."""
+    done = subprocess.run([sys.executable, str(HERE / script), *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == ends_with and "Traceback" not in done.stderr, done.stderr
+    return done.stdout + done.stderr
 
 
 def test_what_is_learnt_from_is_what_was_drawn():
@@ -65,3 +68,38 @@ def test_training_goes_on_where_it_was_and_is_exported(tmp_path):
     manifest = tomllib.loads((tmp_path / "small.toml").read_text())
     assert manifest["trained"]["taught"] == 512 and manifest["trained"]["steps"] == 2048
     assert manifest["trained"]["beta"] == 0.9 and (tmp_path / "small.onnx").stat().st_size > 1000
+
+
+def test_a_model_beyond_the_last_checkpoint_is_gone_on_from_and_a_whole_one_left(tmp_path):
+    run("train.py", tmp_path, "--steps=512", "--checkpoint-every=1e6", *SMALL)
+    there = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    assert "nothing is left to do" in run("train.py", tmp_path, "--steps=512", "--resume", "--quiet")
+    assert there == {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    run("train.py", tmp_path, "--steps=1024", "--resume", "--quiet")
+    assert PPO.load(tmp_path / "model.zip").num_timesteps == 1024
+
+
+def test_what_is_torn_is_told_and_what_was_saved_before_gone_on_from(tmp_path):
+    run("train.py", tmp_path, "--steps=512", "--checkpoint-every=256", *SMALL)
+    for name in ("checkpoint_512_steps.zip", "model.zip"):
+        (tmp_path / name).write_bytes((tmp_path / name).read_bytes()[:2000])
+    assert run("export.py", tmp_path, tmp_path / "small.onnx", ends_with=1).count("\n") == 1
+    told = run("train.py", tmp_path, "--steps=768", "--resume", "--quiet")
+    assert "checkpoint_512_steps.zip cannot be gone on from" in told and "model.zip cannot" in told
+    assert PPO.load(tmp_path / "model.zip").num_timesteps == 768
+    assert not [*tmp_path.glob("*.part"), *tmp_path.glob("small.*"), *tmp_path.glob(".export-*")]
+    begun = tmp_path / "arguments.json"
+    for odd in ("", "[]", begun.read_text().replace('"beta": 0.5', '"beta": 7')):
+        begun.write_text(odd)
+        assert str(begun) in run("train.py", tmp_path, "--steps=2048", "--resume", "--quiet", ends_with=1)
+
+
+@pytest.mark.parametrize("script, words", [
+    ("train.py", ["--option=foo"]), ("train.py", ["--option=colour=1"]), ("train.py", ["--environments=0"]),
+    ("train.py", ["--steps=nan"]), ("train.py", ["--steps=0"]), ("train.py", ["--beta=1.1"]),
+    ("export.py", ["small.onnx"]), ("export.py", ["small.pt"]), ("export.py", ["small.onnx", "--temperature=0"]),
+    ("export.py", ["small.onnx", "--temperature=nan"]),
+])
+def test_wrong_arguments_are_told_before_anything_is_written(tmp_path, script, words):
+    run(script, tmp_path, *(tmp_path / word if word.startswith("small") else word for word in words), ends_with=2)
+    assert not list(tmp_path.iterdir())

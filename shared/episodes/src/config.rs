@@ -3,16 +3,18 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use guidance::se2::{Se2, se2};
+use guidance::se2::Se2;
 use guidance::{
-    ActionTable, DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RewardConfig,
-    RigidHarness, ShieldConfig,
+    ActionTable, DelayedHarness, HandlerLimits, HarnessError, Interaction, InteractionModel, MemoryConfig,
+    RewardConfig, RigidHarness, ShieldConfig,
 };
 use messages::{CueKind, Pose2};
 use nalgebra::Vector2;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use world::{Bodies, DepthConfig, FloorPlan, GeneratorConfig, LidarConfig, OdometryConfig, Site, generate};
+use world::{
+    Bodies, DepthConfig, FloorPlan, GeneratorConfig, HandlerProfile, LidarConfig, OdometryConfig, Site, Team, generate,
+};
 
 use crate::task::Task;
 
@@ -77,7 +79,9 @@ pub enum Places {
 
 /// There is nowhere to give a cue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-#[error("there is no place for the cue {0:?}: no corridor in which anybody could say what is meant by it")]
+#[error(
+    "no place for the cue {0:?}: no corridor with room for robot and handler, in which one could say what is meant"
+)]
 pub struct NoTask(pub CueKind);
 
 /// See [`Config::walked_before`], metres: beyond, the observation tells no farther.
@@ -85,6 +89,8 @@ const WALKED_BEFORE_M: f64 = 30.0;
 /// So many corridors are looked at, each for so many tasks, before a cue is said to have no place.
 const SITES: usize = 200;
 const TASKS: usize = 10;
+/// Robot and handler begin with so much room about them, metres.
+const ROOM_M: f64 = 0.06;
 /// Draws of a handler until a model describes them: nearly always the first does.
 const HANDLER_TRIES: usize = 1000;
 
@@ -234,21 +240,34 @@ impl Config {
     }
 
     /// Whether each cue can be given somewhere: a floor plan may have nothing to turn into, and no place where there is
-    /// nothing.
+    /// nothing; and who is too stout has room nowhere.
     ///
     /// # Errors
     /// The first cue for which there is no place.
     pub fn check_tasks(&self) -> Result<(), NoTask> {
-        let robot_from_handler = se2(self.robot_from_handler);
         for (cue, _) in self.cues.iter().filter(|(_, share)| *share > 0.0) {
             let mut random = ChaCha8Rng::seed_from_u64(0);
+            let profile = HandlerProfile::exact(self.draw_handler(&mut random).0);
             let mut finds = || {
                 let site = self.draw_site(&mut random)?;
-                (0..TASKS).find_map(|_| Task::draw(&site.course, *cue, self, &robot_from_handler, &mut random))
+                (0..TASKS).find_map(|_| self.draw_start(&site, *cue, &profile, &mut random))
             };
             (0..SITES).find_map(|_| finds()).ok_or(NoTask(*cue))?;
         }
         Ok(())
+    }
+
+    /// Somebody gives that cue there, where both have room.
+    pub(crate) fn draw_start(
+        &self,
+        site: &Site,
+        cue: CueKind,
+        profile: &HandlerProfile,
+        random: &mut impl Rng,
+    ) -> Option<(Task, Team)> {
+        let task = Task::draw(&site.course, cue, self, &profile.model.robot_from_default(), random)?;
+        let team = Team::new(&site.world, self.bodies, profile.clone(), &task.world_from_robot);
+        team.is_free(&site.world, ROOM_M).then_some((task, team))
     }
 
     pub(crate) fn draw_cue(&self, random: &mut impl Rng) -> CueKind {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2, se2};
-use guidance::{ActionTable, Awareness, Interaction, Judgement, Measure, Measured, Reward, Shield};
+use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
 use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -17,8 +17,6 @@ use crate::score::{Report, Score};
 use crate::task::Task;
 use crate::teacher::Teacher;
 
-/// Robot and handler begin with so much room about them, metres.
-const ROOM_M: f64 = 0.06;
 /// Worlds and tasks are drawn anew until there is room to begin: nearly always the first few do.
 const TRIES: u64 = 10_000;
 /// They have come along the corridor: the robot looked around so far before the place where the cue is given, metres.
@@ -63,6 +61,8 @@ pub struct Episode {
     shield: Shield,
     judgements: Vec<Judgement>,
     unsafe_mask: u32,
+    /// Nothing could be used of the last scan.
+    is_blind: bool,
     cue: CueKind,
     cue_is_new: bool,
     odom_from_start: Se2,
@@ -105,6 +105,7 @@ impl Episode {
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
             unsafe_mask: 0,
+            is_blind: false,
             cue: CueKind::Stop,
             cue_is_new: true,
             odom_from_start: Se2::identity(),
@@ -198,16 +199,17 @@ impl Episode {
             // A few tasks in each world, then another one.
             let here = site.take().filter(|_| try_number % 8 != 0).or_else(|| self.config.draw_site(random));
             let Some(here) = here else { continue };
-            let handler = profile.model.robot_from_default();
-            if let Some(task) = Task::draw(&here.course, cue, &self.config, &handler, random) {
-                let team = Team::new(&here.world, self.config.bodies, profile.clone(), &task.world_from_robot);
-                if team.is_free(&here.world, ROOM_M) {
-                    return (here, task, team);
-                }
+            if let Some((task, team)) = self.config.draw_start(&here, cue, profile, random) {
+                return (here, task, team);
             }
             site = Some(here);
         }
-        unreachable!("in {TRIES} worlds there is room for robot and handler")
+        unreachable!("checked: there is a place for {cue:?}")
+    }
+
+    /// The mask in which every action is unsafe.
+    fn all(&self) -> u32 {
+        (1u32 << self.velocities.len()) - 1
     }
 
     fn scenery(&self) -> &Scenery {
@@ -236,8 +238,8 @@ impl Episode {
         let now_from_then = Se2::identity();
         let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then };
         let depth = self.depth.as_ref().map(|(_, header, data)| Measured { header, data: &data[..], now_from_then });
-        // A scan of which nothing can be used leaves what was known before.
-        let _ = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
+        // On a scan of which nothing can be used nothing is decided, as in a run: the robot stands.
+        self.is_blind = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth).is_err();
     }
 
     /// What the shield says of it, and what the policy sees.
@@ -251,6 +253,9 @@ impl Episode {
         let handler = self.awareness.handler();
         self.unsafe_mask =
             self.shield.judge_actions(&self.config.table, self.awareness.evidence(), handler, &mut self.judgements);
+        if self.is_blind {
+            self.unsafe_mask = self.all();
+        }
         self.encode();
     }
 
@@ -374,9 +379,8 @@ impl Episode {
 
     /// Carries out an action of the table.
     pub fn step(&mut self, action: usize) -> Step {
-        let action = if self.track.must_stand(self.cue) { ActionTable::STOP } else { action };
-        let all = (1u32 << self.velocities.len()) - 1;
-        let (all_unsafe, taken) = (self.unsafe_mask == all, self.unsafe_mask >> action & 1 == 1);
+        let action = if self.is_blind || self.track.must_stand(self.cue) { ActionTable::STOP } else { action };
+        let (all_unsafe, taken) = (self.unsafe_mask == self.all(), self.unsafe_mask >> action & 1 == 1);
         let velocity = self.velocities[action];
         let Some(scenery) = &mut self.scenery else { return Step { reward: 0.0, ended: true } };
         scenery.score.judged(all_unsafe, taken);

@@ -6,7 +6,7 @@ use guidance::ActionTable;
 use guidance::observation::LENGTH;
 use guidedog_episodes::{Batch, Config, Episode, Goal, Handlers, NoTask, Noise, Places, part_seed};
 use messages::{CueKind, Pose2};
-use world::{Cell, FloorPlan, GeneratorConfig, GridMap};
+use world::{Bodies, Cell, FloorPlan, GeneratorConfig, GridMap, LidarConfig};
 
 fn config(noise: Noise) -> Config {
     Config { noise, ..Config::default() }
@@ -64,6 +64,25 @@ fn what_is_followed_is_rewarded_once() {
     }
     assert!(paid.iter().any(|report| report.to_stand && report.success), "some stand");
     assert!(paid.iter().any(|report| report.corrected == Some(true)), "some have erred");
+}
+
+#[test]
+fn who_sees_nothing_stands_and_may_do_nothing() {
+    let lidar = LidarConfig { drop_out: 1.0, ..LidarConfig::default() };
+    let mut episode = Episode::new(Arc::new(Config { lidar, ..config(Noise::Noisy) })).expect("sensors");
+    episode.begin(1);
+    for _ in 0..20 {
+        assert_eq!(episode.unsafe_mask(), 0xff);
+        episode.step(1);
+    }
+    assert_eq!((episode.report().distance_m, episode.report().collisions), (0.0, 0));
+}
+
+#[test]
+fn who_is_too_stout_has_no_place() {
+    let bodies = Bodies { handler_radius_m: 2.0, ..Bodies::default() };
+    assert!(matches!(Config { bodies, ..Config::default() }.check_tasks(), Err(NoTask(_))));
+    assert_eq!(Config::default().check_tasks(), Ok(()));
 }
 
 #[test]

@@ -87,6 +87,10 @@ impl LearntEngine {
             let next = output("memory_next", self.memory.len())?.to_vec();
             self.memory.copy_from_slice(&next);
         }
+        // Of finite logits too, where the temperature is next to nothing.
+        if !probabilities.iter().all(|p| p.is_finite()) {
+            return Err(EngineError::NotFinite("logits, as probabilities,"));
+        }
         Ok(probabilities)
     }
 }

@@ -305,7 +305,7 @@ impl Manifest {
         }
         for (what, size, most) in [("frames", self.frames, FRAMES_MAX), ("memory", self.memory, MEMORY_MAX)] {
             if size > most || (what == "frames" && size == 0) {
-                let what = format!("{what} = {size} is more than {most}, or none");
+                let what = format!("{what} = {size} is not in 1..{most}");
                 return Err(ModelError::Content { path: path.to_owned(), what });
             }
         }

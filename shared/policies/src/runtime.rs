@@ -12,6 +12,10 @@ use ort::session::builder::GraphOptimizationLevel;
 /// The interface version that is asked of the library: that of ONNX Runtime 1.22, and of all newer ones.
 const API: u32 = 22;
 
+/// Where ONNX Runtime looks for weights that a model keeps in files of their own: nowhere. What runs is what was
+/// verified, the bytes of the model.
+const WEIGHTS_BESIDE: (&str, &str) = ("session.model_external_initializers_file_folder_path", "/dev/null");
+
 /// Why no model can be run.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum RuntimeError {
@@ -63,10 +67,10 @@ fn start(library: Option<&Path>) -> Result<Runtime, RuntimeError> {
 fn load(path: &Path) -> Result<ort_sys::OrtApi, RuntimeError> {
     let failed = |what: String| RuntimeError::Library { path: path.to_owned(), what };
     // SAFETY: loading a library runs its initialisers; the operator names it in the configuration as ONNX Runtime's.
-    let library = unsafe { libloading::Library::new(path) }.map_err(|error| failed(error.to_string()))?;
+    let library = unsafe { libloading::Library::new(path) }.map_err(|error| failed(with_reason(&error)))?;
     // SAFETY: the symbol is ONNX Runtime's documented entry point, of this type in every version.
     let base: libloading::Symbol<'_, unsafe extern "C" fn() -> *const ort_sys::OrtApiBase> =
-        unsafe { library.get(b"OrtGetApiBase\0") }.map_err(|error| failed(error.to_string()))?;
+        unsafe { library.get(b"OrtGetApiBase\0") }.map_err(|error| failed(with_reason(&error)))?;
     // SAFETY: the entry point takes nothing and gives a table that lives as long as the library.
     let base = unsafe { base().as_ref() }.ok_or_else(|| failed("it gives no interface".to_owned()))?;
     // SAFETY: the table's function of that name is called as it is documented.
@@ -81,6 +85,11 @@ fn load(path: &Path) -> Result<ort_sys::OrtApi, RuntimeError> {
     Ok(api)
 }
 
+/// What went wrong, and what the loader says of it.
+fn with_reason(error: &libloading::Error) -> String {
+    std::error::Error::source(error).map_or_else(|| error.to_string(), |reason| format!("{error}: {reason}"))
+}
+
 /// A session for a model, by tract or by the library.
 pub(crate) fn session(bytes: &[u8], library: Option<&Path>) -> Result<Session, String> {
     let runtime = RUNTIME.get_or_init(|| start(library)).as_ref().map_err(ToString::to_string)?;
@@ -89,10 +98,14 @@ pub(crate) fn session(bytes: &[u8], library: Option<&Path>) -> Result<Session, S
     }
     let session = || -> ort::Result<Session> {
         // tract's speed depends on the level: without it a small network takes 20 times as long.
-        Session::builder(&runtime.environment)?
+        let mut builder = Session::builder(&runtime.environment)?
             .with_optimization_level(GraphOptimizationLevel::Level3)?
-            .with_intra_threads(1)?
-            .commit_from_memory(bytes)
+            .with_intra_threads(1)?;
+        // tract knows no such weights.
+        if library.is_some() {
+            builder = builder.with_config_entry(WEIGHTS_BESIDE.0, WEIGHTS_BESIDE.1)?;
+        }
+        builder.commit_from_memory(bytes)
     };
     session().map_err(|error| error.to_string())
 }

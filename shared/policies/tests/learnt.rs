@@ -114,14 +114,15 @@ fn what_cannot_decide_is_refused_when_it_is_loaded() {
     let few = bias(LENGTH, &[0.0; 7]);
     let other_input = bias(LENGTH + 1, &[0.0; 8]);
     let misnamed = Network { output: "actions", ..Network::bias(LENGTH, &[0.0; 8]) }.bytes();
-    let cases: [(&str, &[u8], &str, &str); 7] = [
+    let cases: [(&str, &[u8], &str, &str); 8] = [
         ("nan", &nan, "", "output logits is not finite"),
         ("few", &few, "", "\"logits\" has 7 numbers, not 8"),
         ("other-input", &other_input, "", "could not be run"),
         ("misnamed", &misnamed, "", "no output \"logits\""),
         ("torn", &good[..good.len() / 2], "", "torn.onnx"),
         ("not-recurrent", &good, "memory = 4", "could not be run"),
-        ("many-frames", &good, "frames = 17", "frames = 17 is more than 16"),
+        ("too-sure", &good, "temperature = 1e-60", "probabilities, is not finite"),
+        ("many-frames", &good, "frames = 17", "frames = 17 is not in 1..16"),
     ];
     for (name, bytes, more, what) in cases {
         let error = pilot(&folder.model(name, bytes, more)).err().map(|error| error.to_string()).expect(name);
@@ -132,6 +133,17 @@ fn what_cannot_decide_is_refused_when_it_is_loaded() {
     std::fs::write(path.with_extension("toml"), text.replace(OBSERVATION, "pixels/1")).expect("written");
     let error = pilot(&path).err().map(|error| error.to_string()).expect("refused");
     assert!(error.contains("was made for the observation pixels/1"), "{error}");
+}
+
+#[test]
+fn weights_in_a_file_of_their_own_which_nobody_has_verified_are_not_loaded() {
+    // ONNX Runtime would look for it where the process was started.
+    let weights = tempfile::Builder::new().prefix("weights").tempfile_in(".").expect("a file");
+    std::fs::write(weights.path(), vec![0; 4 * 8 * LENGTH]).expect("written");
+    let name = weights.path().file_name().and_then(|name| name.to_str()).expect("a name");
+    let bytes = Network { apart: Some(name), ..Network::bias(LENGTH, &[0.0; 8]) }.bytes();
+    let error = pilot(&Folder::new().model("apart", &bytes, "")).err().expect("refused").to_string();
+    assert!(error.contains("apart.onnx"), "{error}");
 }
 
 #[test]

@@ -270,11 +270,10 @@ impl Team {
             for body in [ROBOT, HANDLER] {
                 // Who is being walked into is told by the team's own motion.
                 let closing = towards.dot(&(at - places[body])) > 0.05 * (at - places[body]).norm();
-                if touched[body] && !self.touching[person][body] && !closing {
-                    hits += 1;
-                }
+                let is_hit = touched[body] && !closing;
+                hits += u32::from(is_hit && !self.touching[person][body]);
                 let apart_m = (at - places[body]).norm() - self.walkers[person].radius_m - self.radius_m(body);
-                self.touching[person][body] = touched[body] || (self.touching[person][body] && apart_m < 0.05);
+                self.touching[person][body] = is_hit || (self.touching[person][body] && apart_m < 0.05);
             }
         }
         hits
@@ -356,5 +355,10 @@ mod tests {
             .sum();
         assert_eq!(others, 1, "one touch is one event");
         assert!(team.step(&world, ON, 0.5).robot_hit, "walking into them is the team's own collision");
+        // Who pushes on after the team has stopped is counted then.
+        let mut team = self::team(&world);
+        let hits = |team: &mut Team, velocity| team.step(&world, velocity, 0.5).hit_by_others;
+        assert_eq!((0..2).map(|_| hits(&mut team, ON)).sum::<u32>(), 0);
+        assert_eq!((0..12).map(|_| hits(&mut team, Twist2::ZERO)).sum::<u32>(), 1);
     }
 }

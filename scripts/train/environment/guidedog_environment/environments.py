@@ -17,14 +17,22 @@ def _spaces(frames):
     return gymnasium.spaces.Dict(senses=senses, unsafe=unsafe), gymnasium.spaces.Discrete(len(ACTIONS))
 
 
+def _whole(actions):
+    """Actions as the native code takes them: a conversion would cut 1.7 down to 1 without a word."""
+    actions = np.asarray(actions)
+    if not np.issubdtype(actions.dtype, np.integer):
+        raise TypeError(f"actions are whole numbers, not {actions.dtype}")
+    return actions.astype(np.int64)
+
+
 class Wayfinding(gymnasium.Env):
     """One cue, a hundred decisions. `options`: see the table in scripts/train/README.md."""
 
     metadata = {"render_modes": []}
 
     def __init__(self, **options):
-        self.observation_space, self.action_space = _spaces(options.get("frames", 1))
         self._episodes = Episodes(1, 0, options)
+        self.observation_space, self.action_space = _spaces(options.get("frames", 1))
         self._ended = True
 
     def reset(self, *, seed=None, options=None):
@@ -36,7 +44,7 @@ class Wayfinding(gymnasium.Env):
     def step(self, action):
         if self._ended:
             raise gymnasium.error.ResetNeeded("the episode has ended")
-        senses, unsafe, rewards, finished = self._episodes.step(np.array([action], np.int64))
+        senses, unsafe, rewards, finished = self._episodes.step(_whole([action]))
         if not finished:
             return {"senses": senses[0], "unsafe": unsafe[0].astype(np.int8)}, float(rewards[0]), False, False, {}
         self._ended = True
@@ -52,11 +60,11 @@ class WayfindingVector(gymnasium.vector.VectorEnv):
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
 
     def __init__(self, num_envs=64, **options):
+        self._episodes = Episodes(num_envs, 0, options)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = _spaces(options.get("frames", 1))
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)
         self.action_space = gymnasium.vector.utils.batch_space(self.single_action_space, num_envs)
-        self._episodes = Episodes(num_envs, 0, options)
 
     def reset(self, *, seed=None, options=None):
         super().reset(seed=seed)
@@ -64,7 +72,7 @@ class WayfindingVector(gymnasium.vector.VectorEnv):
         return {"senses": senses, "unsafe": unsafe.astype(np.int8)}, {}
 
     def step(self, actions):
-        senses, unsafe, rewards, finished = self._episodes.step(np.asarray(actions, np.int64))
+        senses, unsafe, rewards, finished = self._episodes.step(_whole(actions))
         truncated = np.zeros(self.num_envs, bool)
         infos = {}
         for report in finished:

@@ -18,6 +18,9 @@ type Seen<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>);
 type Stepped<'py> =
     (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>, Bound<'py, PyArray1<f64>>, Vec<Bound<'py, PyDict>>);
 
+/// As `shared/policies` bounds a manifest's: more could be trained, but not run.
+const FRAMES_MAX: u32 = 16;
+
 fn wrong(what: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(what.to_string())
 }
@@ -30,38 +33,63 @@ fn one_of<T: Copy>(key: &str, value: &str, choices: &[(&str, T)]) -> PyResult<T>
     })
 }
 
+fn finite(key: &str, value: &Bound<'_, PyAny>) -> PyResult<f64> {
+    let number = value.extract::<f64>().ok().filter(|number| number.is_finite());
+    number.ok_or_else(|| wrong(format!("{key} = {value} is no finite number")))
+}
+
+fn within(key: &str, value: &Bound<'_, PyAny>, most: f64, what: &str) -> PyResult<f64> {
+    match finite(key, value)? {
+        number if (0.0..=most).contains(&number) => Ok(number),
+        number => Err(wrong(format!("{key} = {number} is no {what} from 0 to {most}"))),
+    }
+}
+
+fn count(key: &str, value: &Bound<'_, PyAny>, most: u32) -> PyResult<usize> {
+    let count = value.extract::<u32>().ok().filter(|count| (1..=most).contains(count));
+    count.map(|count| count as usize).ok_or_else(|| {
+        let most = if most < u32::MAX { format!("from 1 to {most}") } else { "of at least 1".to_owned() };
+        wrong(format!("{key} = {value} is no whole number {most}"))
+    })
+}
+
+fn plans(value: &Bound<'_, PyAny>) -> PyResult<Vec<FloorPlan>> {
+    let paths = value.extract::<Vec<PathBuf>>().ok().filter(|paths| !paths.is_empty());
+    let paths = paths.ok_or_else(|| wrong(format!("maps = {value} is no list of floor plans")))?;
+    paths.iter().map(|path| FloorPlan::load(path).map_err(wrong)).collect()
+}
+
 fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
     let mut config = Config::default();
     for (key, value) in options.into_iter().flatten() {
         let key: String = key.extract()?;
-        let text = || value.extract::<String>();
-        let number = || value.extract::<f64>();
+        let text = || value.to_string();
+        let number = || finite(&key, &value);
         match key.as_str() {
-            "noise" => config.noise = one_of(&key, &text()?, &[("ideal", Noise::Ideal), ("noisy", Noise::Noisy)])?,
+            "noise" => config.noise = one_of(&key, &text(), &[("ideal", Noise::Ideal), ("noisy", Noise::Noisy)])?,
             "harness" => {
-                config.harness = one_of(&key, &text()?, &[("rigid", Harness::Rigid), ("delayed", Harness::Delayed)])?;
+                config.harness = one_of(&key, &text(), &[("rigid", Harness::Rigid), ("delayed", Harness::Delayed)])?;
             }
             "handlers" => {
                 let choices = [("nominal", Handlers::Nominal), ("personal", Handlers::Personal)];
-                config.handlers = one_of(&key, &text()?, &choices)?;
+                config.handlers = one_of(&key, &text(), &choices)?;
             }
             "measure" => {
                 config.measure =
-                    one_of(&key, &text()?, &[("start", RewardMeasure::Start), ("line", RewardMeasure::Line)])?;
+                    one_of(&key, &text(), &[("start", RewardMeasure::Start), ("line", RewardMeasure::Line)])?;
             }
-            "maps" => {
-                let paths: Vec<PathBuf> = value.extract()?;
-                let plans: Result<Vec<FloorPlan>, _> = paths.iter().map(|path| FloorPlan::load(path)).collect();
-                config.places = Places::Plans(Arc::new(plans.map_err(wrong)?), GeneratorConfig::default());
+            "maps" => config.places = Places::Plans(Arc::new(plans(&value)?), GeneratorConfig::default()),
+            "memory" => {
+                let remembers = value.extract::<bool>();
+                let remembers = remembers.map_err(|_| wrong(format!("memory = {value} is neither True nor False")))?;
+                config.memory = config.memory.filter(|_| remembers);
             }
-            "memory" => config.memory = config.memory.filter(|_| value.is_truthy().unwrap_or(true)),
-            "decisions" => config.decisions = value.extract()?,
-            "frames" => config.frames = value.extract::<usize>()?.max(1),
-            "orientation_max_deg" => config.orientation_max_rad = number()?.to_radians(),
-            "walked_before" => match number()? {
-                share if (0.0..=1.0).contains(&share) => config.walked_before = share,
-                share => return Err(wrong(format!("walked_before = {share} is no share from 0 to 1"))),
-            },
+            "decisions" => config.decisions = count(&key, &value, u32::MAX)?,
+            "frames" => config.frames = count(&key, &value, FRAMES_MAX)?,
+            "orientation_max_deg" => {
+                config.orientation_max_rad = within(&key, &value, 180.0, "angle")?.to_radians();
+            }
+            "walked_before" => config.walked_before = within(&key, &value, 1.0, "share")?,
             "heading_weight" => config.reward.heading_weight = number()?,
             "heading_margin_rad" => config.reward.heading_margin_rad = number()?,
             "collision_penalty" => config.reward.collision_penalty = number()?,
@@ -84,6 +112,7 @@ struct Episodes {
     batch: Batch,
     actions: usize,
     frames: usize,
+    begun: bool,
 }
 
 #[pymethods]
@@ -94,7 +123,7 @@ impl Episodes {
         let config = Arc::new(config(options)?);
         let (actions, frames) = (config.table.len(), config.frames);
         let batch = Batch::new(&config, count, seed).map_err(wrong)?;
-        Ok(Self { config, batch, actions, frames })
+        Ok(Self { config, batch, actions, frames, begun: false })
     }
 
     /// What handlers are drawn from, least and greatest, as a manifest tells it.
@@ -110,17 +139,20 @@ impl Episodes {
     /// Begins all episodes anew.
     fn begin<'py>(&mut self, py: Python<'py>, seed: u64) -> PyResult<Seen<'py>> {
         py.detach(|| self.batch.begin(seed));
+        self.begun = true;
         self.seen(py)
     }
 
     /// What each action is worth in each, metres of way, as the teacher says, who knows the way, the world and the
     /// handler as they are; minus infinity where the shield forbids it.
     fn taught<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.must_have_begun()?;
         Ok(PyArray2::from_vec2(py, &py.detach(|| self.batch.taught()))?)
     }
 
     /// One decision in each; an episode that ends is followed by another one at once.
     fn step<'py>(&mut self, py: Python<'py>, actions: PyReadonlyArray1<'py, i64>) -> PyResult<Stepped<'py>> {
+        self.must_have_begun()?;
         let count = self.actions as i64;
         let is_one = |action: &&i64| (0..count).contains(*action);
         let given: Vec<usize> = actions.as_array().iter().filter(is_one).map(|action| *action as usize).collect();
@@ -143,6 +175,10 @@ impl Episodes {
 }
 
 impl Episodes {
+    fn must_have_begun(&self) -> PyResult<()> {
+        if self.begun { Ok(()) } else { Err(wrong("no episode has begun: begin, or reset, comes first")) }
+    }
+
     fn mask(&self, unsafe_mask: u32) -> Vec<bool> {
         (0..self.actions).map(|action| unsafe_mask >> action & 1 == 1).collect()
     }

@@ -20,9 +20,12 @@ Examples:
 The new policy runs in shadow until its decisions are good, then it is named, and stays on probation with the one
 before at hand. The walk goes on all the while. Where it fails, the one before goes on and the reason is told.";
 
-/// A model's name, or its file.
+/// A model's name, or its file; its path is told in reports and configurations, which are UTF-8.
 pub fn policy_model() -> impl TypedValueParser<Value = PolicyModel> {
-    PathBufValueParser::new().map(PolicyModel::from)
+    PathBufValueParser::new().try_map(|path| {
+        let told = path.to_str().map(str::to_owned);
+        told.map(|_| PolicyModel::from(path)).ok_or("the path is not UTF-8")
+    })
 }
 
 /// `guidedog policy`.

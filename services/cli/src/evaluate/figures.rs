@@ -35,7 +35,7 @@ fn ratio(hits: impl Iterator<Item = bool>) -> Value {
     let half = Z * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
     let scale = 1.0 + z2 / n;
     let (lo, hi) = ((center - half) / scale, (center + half) / scale);
-    json!({ "mean": p, "lo": lo.max(0.0), "hi": hi.min(1.0), "n": hits.len() })
+    json!({ "mean": p, "lo": lo.clamp(0.0, p), "hi": hi.clamp(p, 1.0), "n": hits.len() })
 }
 
 /// Adds the figures of these episodes to a report.
@@ -45,6 +45,8 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     let share =
         |count: fn(&Report) -> u32| mean(reports().map(|r| f64::from(count(r)) / f64::from(r.decisions.max(1))));
     let success = |wanted: &dyn Fn(&Report) -> bool| ratio(reports().filter(|r| wanted(r)).map(|r| r.success));
+    // Who is to stand does not freeze.
+    let going = || reports().filter(|r| !r.to_stand);
     let is_turn = |r: &Report| matches!(r.cue, CueKind::Left | CueKind::Right);
     let mut latency: Vec<f32> = outcomes.iter().flat_map(|outcome| outcome.latency_us.iter().copied()).collect();
     latency.sort_by(f32::total_cmp);
@@ -69,7 +71,8 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
         "orientation_corrected": ratio(reports().filter_map(|r| r.corrected)),
         "all_unsafe": share(|r| r.all_unsafe),
         "unsafe_taken": share(|r| r.unsafe_taken),
-        "longest_freeze": of(|r| f64::from(r.longest_freeze)),
+        "longest_freeze": mean(going().map(|r| f64::from(r.longest_freeze))),
+        "longest_freeze_max": going().map(|r| r.longest_freeze).max(),
         "reward": of(|r| r.reward),
         "decision_us": { "p50": quantile(0.5), "p99": quantile(0.99), "n": latency.len() },
     });
@@ -121,7 +124,7 @@ pub fn text(report: &Value) -> String {
         ("without shield: distance, m", "/without_shield/distance_m", 2),
         ("gain of collision-free", "/difference/collision_free", 3),
         ("change of distance, share", "/difference/distance_share", 4),
-        ("longest freeze, decisions", "/longest_freeze", 2),
+        ("longest freeze, mean, decisions", "/longest_freeze", 2),
     ];
     lines.extend(rows.into_iter().filter_map(|(name, at, digits)| row(name, at, digits)));
     let us = |key: &str| number(report, &format!("/decision_us/{key}"));

@@ -24,6 +24,8 @@ use outcome::{Outcome, Way, walk};
 
 /// Cues are given so much too early or too late, metres.
 const TIMING_M: f64 = 5.0;
+/// What `--worlds` calls those that are no maps.
+const GENERATED: &str = "generated";
 /// Pictures of the first episodes, and of so many that went wrong.
 const PICTURES: usize = 12;
 
@@ -32,16 +34,14 @@ const PICTURES: usize = 12;
 /// # Errors
 /// Where a file cannot be read or written, or an argument is out of its bounds.
 pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
-    if !(0.0..=1.0).contains(&args.beta_test) {
-        return Err(Failure::input(format!("--beta-test is {}, not in 0..1", args.beta_test)));
-    }
+    check(args)?;
     let settings = crate::prepare::load(Profile::Walk, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
     let outcomes = evaluation.run(args, args.beta_test)?;
     let mut report = json!({
         "policy": args.policy,
         "sha256": evaluation.model.as_ref().map(|model| &model.sha256),
-        "worlds": args.worlds,
+        "worlds": world_names(args),
         "episodes": args.episodes,
         "noise": word(&args.noise),
         "beta_test": args.beta_test,
@@ -58,14 +58,50 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         figures::add(&mut report["without_shield"], &without);
         report["difference"] = figures::difference(&outcomes, &without);
     }
-    if let Some(folder) = &args.pictures {
-        evaluation.draw(args, folder, &outcomes)?;
-    }
     if as_json {
-        return out::json(&report);
+        out::json(&report)?;
+    } else {
+        tell(&report);
     }
-    tell(&report);
+    args.pictures.as_ref().map_or(Ok(()), |folder| evaluation.draw(args, folder, &outcomes))
+}
+
+/// Refuses what cannot be run, before anything is.
+fn check(args: &EvaluateArgs) -> Result<(), Failure> {
+    let refused = |what: &str| Err(Failure::input(what));
+    if !(0.0..=1.0).contains(&args.beta_test) {
+        return Err(Failure::input(format!("--beta-test is {}, not in 0..1", args.beta_test)));
+    }
+    if args.paired && args.beta_test >= 1.0 {
+        return refused(
+            "--paired compares with episodes without the shield, which those of --beta-test 1 are themselves",
+        );
+    }
+    if args.worlds.len() > 1 && args.worlds.iter().any(|path| path == Path::new(GENERATED)) {
+        return refused("--worlds has generated ones or maps, not both");
+    }
+    if args.tasks == TasksArg::Orientation && !are_generated(args) {
+        return refused("--tasks orientation is of straight, empty corridors: generated ones, no maps");
+    }
+    // The pictures come last; that they cannot be written is found out now.
+    if let Some(folder) = &args.pictures {
+        let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
+        std::fs::create_dir_all(folder).map_err(failed)?;
+        std::fs::write(folder.join(picture_name("first", 0)), "").map_err(failed)?;
+    }
     Ok(())
+}
+
+fn are_generated(args: &EvaluateArgs) -> bool {
+    args.worlds == [Path::new(GENERATED)]
+}
+
+fn world_names(args: &EvaluateArgs) -> Vec<String> {
+    args.worlds.iter().map(|path| path.display().to_string()).collect()
+}
+
+fn picture_name(kind: &str, number: usize) -> String {
+    format!("{kind}-{number}.svg")
 }
 
 /// The word of an argument's choice, as it is given.
@@ -136,7 +172,6 @@ impl Evaluation {
     /// Walks the first episodes again, and those that went wrong, and draws where they went.
     fn draw(&self, args: &EvaluateArgs, folder: &Path, outcomes: &[Outcome]) -> Result<(), Failure> {
         let failed = |path: &Path, error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
-        std::fs::create_dir_all(folder).map_err(|error| failed(folder, error))?;
         let is_wrong = |number: &usize| {
             let report = &outcomes[*number].report;
             report.collisions > 0 || !report.success
@@ -149,7 +184,7 @@ impl Evaluation {
         for (kind, number) in first.chain(wrong) {
             let seed = part_seed(args.seed, number as u64);
             let outcome = walk(&mut episode, &mut pilot, &self.config, seed, way)?;
-            let path = folder.join(format!("{kind}-{number}.svg"));
+            let path = folder.join(picture_name(kind, number));
             std::fs::write(&path, picture::svg(&outcome, &self.config.bodies)).map_err(|error| failed(&path, error))?;
         }
         Ok(())
@@ -199,14 +234,13 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
             config.timing_max_m = Some(TIMING_M);
         }
     }
-    if args.worlds == [Path::new("generated")] {
+    if are_generated(args) {
         config.places = Places::Generated(worlds);
     } else {
         let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();
         config.places = Places::Plans(Arc::new(plans.map_err(Failure::of_input)?), worlds);
-        let files: Vec<String> = args.worlds.iter().map(|path| path.display().to_string()).collect();
-        config.check_tasks().map_err(|error| Failure::input(format!("{}: {error}", files.join(", "))))?;
     }
+    config.check_tasks().map_err(|error| Failure::input(format!("{}: {error}", world_names(args).join(", "))))?;
     Ok(config)
 }
 

@@ -214,8 +214,7 @@ fn what_is_old_is_forgotten_once_the_robot_has_walked_on() {
 #[test]
 fn what_the_camera_alone_saw_from_near_by_is_kept_longer() {
     let open = scan(&[HANDLER]);
-    // Seen so far ahead, passed, and more than a metre walked since; the camera is then too near to something to see the
-    // floor.
+    // Seen so far ahead, passed, and more than a metre walked since; then too near to something to see the floor.
     let kept = |seen_at_m: f64, after_ns: u64| {
         let mut memory = memory();
         memory.update(0, &Se2::identity(), &open, Some(&camera(Some(seen_at_m - 0.25))), &handler());

@@ -52,6 +52,19 @@ struct TensorProto {
     float_data: Vec<f32>,
     #[prost(string, tag = "8")]
     name: String,
+    #[prost(message, repeated, tag = "13")]
+    external_data: Vec<Entry>,
+    /// 1: in a file of its own.
+    #[prost(int32, tag = "14")]
+    data_location: i32,
+}
+
+#[derive(Clone, PartialEq, prost::Message)]
+struct Entry {
+    #[prost(string, tag = "1")]
+    key: String,
+    #[prost(string, tag = "2")]
+    value: String,
 }
 
 #[derive(Clone, PartialEq, prost::Message)]
@@ -92,7 +105,7 @@ const FLOAT: i32 = 1;
 
 fn tensor(name: &str, dims: &[usize], float_data: Vec<f32>) -> TensorProto {
     let dims = dims.iter().map(|dim| *dim as i64).collect();
-    TensorProto { dims, data_type: FLOAT, float_data, name: name.to_owned() }
+    TensorProto { dims, data_type: FLOAT, float_data, name: name.to_owned(), ..TensorProto::default() }
 }
 
 fn value(name: &str, width: usize) -> ValueInfo {
@@ -111,17 +124,24 @@ pub struct Network<'a> {
     pub width: usize,
     pub bias: &'a [f32],
     pub output: &'static str,
+    /// The file that the weights are in, where they are in one of their own.
+    pub apart: Option<&'a str>,
 }
 
 impl<'a> Network<'a> {
     pub fn bias(width: usize, bias: &'a [f32]) -> Self {
-        Self { width, bias, output: "logits" }
+        Self { width, bias, output: "logits", apart: None }
     }
 
     pub fn bytes(&self) -> Vec<u8> {
         let count = self.bias.len();
-        let weights = tensor("weights", &[self.width, count], vec![0.0; self.width * count]);
+        let mut weights = tensor("weights", &[self.width, count], vec![0.0; self.width * count]);
         let bias = tensor("bias", &[1, count], self.bias.to_vec());
+        if let Some(file) = self.apart {
+            weights.float_data.clear();
+            weights.external_data = vec![Entry { key: "location".to_owned(), value: file.to_owned() }];
+            weights.data_location = 1;
+        }
         model(GraphProto {
             node: vec![node("MatMul", &["senses", "weights"], "seen"), node("Add", &["seen", "bias"], self.output)],
             name: "bias".to_owned(),
