@@ -1,6 +1,8 @@
 //! Wrong files and arguments: a clear error that names file, line or key, a documented exit code, and nothing started.
 
+use std::ffi::OsStr;
 use std::fs;
+use std::os::unix::ffi::OsStrExt;
 use std::process::Command;
 
 use guidedog_tests::{Place, data, project};
@@ -199,6 +201,9 @@ fn wrong_arguments_are_usage_errors() {
         assert_eq!(output.status.code(), Some(2), "{args:?}");
         assert!(!output.stderr.is_empty());
     }
+    let mut command = place.command(&["evaluate", "--policy"]);
+    let output = command.arg(OsStr::from_bytes(b"m/\xff.onnx")).output().expect("it starts");
+    assert_eq!(output.status.code(), Some(2), "a path that is not UTF-8: {output:?}");
     let output = place.guidedog(&["status"]);
     assert_eq!(output.status.code(), Some(4), "no run is alive");
 }

@@ -59,6 +59,9 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
     let rod = place.path().join("rod.toml");
     fs::write(&rod, "[handler]\nmodel = \"rod\"\n").expect("written");
     let rod = rod.to_string_lossy();
+    let stout = place.path().join("stout.toml");
+    fs::write(&stout, "[handler]\nradius_m = 2.0\n").expect("written");
+    let stout = stout.to_string_lossy();
     for (args, why) in [
         (&["--policy", "guide.bin"][..], "guide.bin: no engine loads a file of that kind"),
         (&["--policy", "nowhere.onnx"], "failed to read nowhere.onnx"),
@@ -66,6 +69,11 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
         (&["--beta-test", "2"], "--beta-test is 2, not in 0..1"),
         (&["--episodes", "0"], "0 is not in 1..=1000000"),
         (&["--config", &rod], "handler.model of the configuration is \"rod\""),
+        (&["--config", &stout], "no corridor with room for robot and handler"),
+        (&["--worlds", "generated", "nowhere.yaml"], "generated ones or maps, not both"),
+        (&["--worlds", "nowhere.yaml", "--tasks", "orientation"], "generated ones, no maps"),
+        (&["--paired", "--beta-test", "1"], "--paired compares with episodes without the shield"),
+        (&["--pictures", "/dev/null/pictures"], "/dev/null/pictures: Not a directory"),
     ] {
         let output = evaluate(&place, args);
         let told = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -59,7 +59,7 @@ pub fn main() -> ExitCode {
 
 /// What clap has to say: help and version on stdout, errors on stderr.
 fn usage(error: &clap::Error) -> ExitCode {
-    if error.use_stderr() && std::env::args().any(|arg| arg == "--json") {
+    if error.use_stderr() && std::env::args_os().any(|arg| arg == "--json") {
         let text = error.to_string();
         let first = text.split("\n\n").next().unwrap_or_default();
         // Where nothing can be written there, stderr and the exit code say it.
