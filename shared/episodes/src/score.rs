@@ -6,7 +6,7 @@ use guidance::se2::{Point, Se2};
 use messages::CueKind;
 use world::Stepped;
 
-use crate::task::{Goal, STILL_DECISIONS, STILL_M, Task};
+use crate::task::{END_M, Goal, STILL_DECISIONS, STILL_M, Task};
 
 /// Counted while it lasts.
 #[derive(Debug, Clone)]
@@ -58,7 +58,7 @@ pub struct Report {
     /// Longest run of decisions in which the handler did not move, before they had arrived.
     pub longest_freeze: u32,
     /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, or the
-    /// corridor ends within three metres more.
+    /// corridor ends before.
     pub corrected: Option<bool>,
 }
 
@@ -66,10 +66,8 @@ pub struct Report {
 const FROZEN_M: f64 = 0.02;
 /// Who has corrected an error of orientation walks as near to the travel line, radians,
 const CORRECTED_RAD: f64 = 10.0 * std::f64::consts::PI / 180.0;
-/// in this part of the way, metres,
+/// in this part of the way, metres.
 const CORRECTED_M: [f64; 2] = [2.0, 3.0];
-/// if the corridor goes on for so much more: near its end it is the end that leads the feet, aside or round.
-const GOES_ON_M: f64 = 3.0;
 
 impl Score {
     /// At the beginning.
@@ -95,7 +93,7 @@ impl Score {
         };
         let way_m = task.line.foot(place).way_m;
         let off_rad = task.line.heading_error_rad(way_m, world_from_handler.rotation.angle());
-        let has_room = way_m + CORRECTED_M[1] + GOES_ON_M <= task.line.length_m();
+        let has_room = way_m + CORRECTED_M[1] <= task.line.length_m() - END_M;
         Self {
             third_metre: None,
             frozen: 0,

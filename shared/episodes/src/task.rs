@@ -13,7 +13,7 @@ use crate::teacher::MIDDLE_M;
 /// *Forward* is done when the handler is so far on along the corridor, metres,
 pub const ON_M: f64 = 10.0;
 /// or this near to its end: the robot is ahead of the handler, and stands before the wall.
-const END_M: f64 = 2.0;
+pub const END_M: f64 = 2.0;
 /// *Left* and *right* are done when the handler is so far inside the opening, metres,
 pub const INSIDE_M: f64 = 2.0;
 /// and faces its axis as well as this, radians.

@@ -25,6 +25,9 @@ pub const STATE: usize = 13;
 /// Numbers of one observation: the channels one after the other, then the state.
 pub const LENGTH: usize = CHANNELS * SECTORS + STATE;
 
+/// So many observations are stacked at the most.
+pub const FRAMES_MAX: usize = 16;
+
 /// The width of a sector.
 const SECTOR_RAD: f64 = TAU / SECTORS as f64;
 /// A lidar this near to the robot's middle is in it, metres.

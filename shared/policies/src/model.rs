@@ -17,8 +17,7 @@ use crate::geometric::GeometricConfig;
 /// The observation that a geometric model is fed with, and its version: what [`crate::geometric::Observation`] holds.
 /// That of a learnt one is [`guidance::observation::OBSERVATION`].
 pub const OBSERVATION: &str = "lidar-depth-pose-cue/1";
-/// No policy of ours sees or remembers more.
-const FRAMES_MAX: usize = 16;
+/// No policy of ours remembers more.
 const MEMORY_MAX: usize = 4096;
 /// A file that is larger is no model of ours, bytes.
 const BYTES_MAX: u64 = 64 << 20;
@@ -303,9 +302,11 @@ impl Manifest {
         if self.observation != observation {
             return Err(other("the observation", observation, &self.observation));
         }
-        for (what, size, most) in [("frames", self.frames, FRAMES_MAX), ("memory", self.memory, MEMORY_MAX)] {
-            if size > most || (what == "frames" && size == 0) {
-                let what = format!("{what} = {size} is not in 1..{most}");
+        for (what, size, bounds) in
+            [("frames", self.frames, 1..=observation::FRAMES_MAX), ("memory", self.memory, 0..=MEMORY_MAX)]
+        {
+            if !bounds.contains(&size) {
+                let what = format!("{what} = {size} is not in {}..{}", bounds.start(), bounds.end());
                 return Err(ModelError::Content { path: path.to_owned(), what });
             }
         }

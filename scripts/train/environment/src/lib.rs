@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use episodes::{Batch, Config, Handlers, Harness, Noise, Places, Report, RewardMeasure};
-use guidance::observation::{CHANNELS, LENGTH, OBSERVATION, SECTORS, STATE};
+use guidance::observation::{CHANNELS, FRAMES_MAX, LENGTH, OBSERVATION, SECTORS, STATE};
 use messages::CueKind;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
@@ -17,9 +17,6 @@ type Seen<'py> = (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>);
 /// The same after a step, with rewards and the episodes that ended.
 type Stepped<'py> =
     (Bound<'py, PyArray2<f32>>, Bound<'py, PyArray2<bool>>, Bound<'py, PyArray1<f64>>, Vec<Bound<'py, PyDict>>);
-
-/// As `shared/policies` bounds a manifest's: more could be trained, but not run.
-const FRAMES_MAX: u32 = 16;
 
 fn wrong(what: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(what.to_string())
@@ -45,10 +42,10 @@ fn within(key: &str, value: &Bound<'_, PyAny>, most: f64, what: &str) -> PyResul
     }
 }
 
-fn count(key: &str, value: &Bound<'_, PyAny>, most: u32) -> PyResult<usize> {
-    let count = value.extract::<u32>().ok().filter(|count| (1..=most).contains(count));
-    count.map(|count| count as usize).ok_or_else(|| {
-        let most = if most < u32::MAX { format!("from 1 to {most}") } else { "of at least 1".to_owned() };
+fn count(key: &str, value: &Bound<'_, PyAny>, most: usize) -> PyResult<usize> {
+    let count = value.extract::<usize>().ok().filter(|count| (1..=most).contains(count));
+    count.ok_or_else(|| {
+        let most = if most < usize::MAX { format!("from 1 to {most}") } else { "of at least 1".to_owned() };
         wrong(format!("{key} = {value} is no whole number {most}"))
     })
 }
@@ -84,7 +81,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
                 let remembers = remembers.map_err(|_| wrong(format!("memory = {value} is neither True nor False")))?;
                 config.memory = config.memory.filter(|_| remembers);
             }
-            "decisions" => config.decisions = count(&key, &value, u32::MAX)?,
+            "decisions" => config.decisions = count(&key, &value, usize::MAX)?,
             "frames" => config.frames = count(&key, &value, FRAMES_MAX)?,
             "orientation_max_deg" => {
                 config.orientation_max_rad = within(&key, &value, 180.0, "angle")?.to_radians();
@@ -99,9 +96,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             _ => return Err(wrong(format!("there is no option \"{key}\""))),
         }
     }
-    if matches!(config.places, Places::Plans(..)) {
-        config.check_tasks().map_err(wrong)?;
-    }
+    config.check_tasks().map_err(wrong)?;
     Ok(config)
 }
 

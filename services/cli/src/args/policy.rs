@@ -22,9 +22,9 @@ before at hand. The walk goes on all the while. Where it fails, the one before g
 
 /// A model's name, or its file; its path is told in reports and configurations, which are UTF-8.
 pub fn policy_model() -> impl TypedValueParser<Value = PolicyModel> {
-    PathBufValueParser::new().try_map(|path| {
-        let told = path.to_str().map(str::to_owned);
-        told.map(|_| PolicyModel::from(path)).ok_or("the path is not UTF-8")
+    PathBufValueParser::new().try_map(|path| match path.to_str() {
+        Some(_) => Ok(PolicyModel::from(path)),
+        None => Err("the path is not UTF-8"),
     })
 }
 

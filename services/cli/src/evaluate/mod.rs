@@ -87,7 +87,9 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
     if let Some(folder) = &args.pictures {
         let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
         std::fs::create_dir_all(folder).map_err(failed)?;
-        std::fs::write(folder.join(picture_name("first", 0)), "").map_err(failed)?;
+        let first = folder.join(picture_name("first", 0));
+        // An earlier picture stays until there is another one.
+        std::fs::OpenOptions::new().append(true).create(true).open(first).map_err(failed)?;
     }
     Ok(())
 }
