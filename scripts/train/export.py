@@ -13,6 +13,7 @@ import torch
 from stable_baselines3 import PPO
 
 from guidedog_environment import ACTIONS, OBSERVATION, Episodes
+from models import UNREADABLE
 from options import ABOVE_0, read_json
 
 
@@ -59,17 +60,18 @@ def scored(report):
 def taught(arguments):
     """Steps of imitation, in this training and in the one with whose weights it began."""
     before = arguments["start"] and Path(arguments["start"]).with_name("arguments.json")
-    return int(arguments["teach"]) + (taught(read_json(before)) if before and before.exists() else 0)
+    return int(arguments["teach"]) + (taught(read_json(before)) if before else 0)
 
 
 def manifest(path, arguments, steps, command, temperature):
-    handlers = Episodes(1, options=arguments["environment"]).handlers()
-    ranges = "\n".join(f"{key} = [{least:.2f}, {most:.2f}]" for key, (least, most) in handlers.items())
+    about = Episodes(1, options=arguments["environment"]).about()
+    keys = ("alpha", "offset_x_m", "offset_y_m")
+    ranges = "\n".join(f"{key} = [{least:.2f}, {most:.2f}]" for key, (least, most) in ((key, about[key]) for key in keys))
     return f"""\
 sha256 = "{hashlib.sha256(path.read_bytes()).hexdigest()}"
 observation = "{OBSERVATION}"
 actions = "{ {8: "eight", 10: "ten"}[len(ACTIONS)] }"
-dt = "500ms"
+dt = "{about["dt_ms"]}ms"
 frames = {arguments["frames"]}
 temperature = {temperature}
 
@@ -79,6 +81,8 @@ taught = {taught(arguments)}
 beta = {arguments["beta"]}
 noise = "{arguments["noise"]}"
 harness = "{arguments["harness"]}"
+depth = {json.dumps(about["depth"])}
+memory = {json.dumps(about["memory"])}
 seed = {arguments["seed"]}
 {ranges}
 command = {json.dumps(command)}
@@ -106,7 +110,7 @@ def parse():
 def load(path):
     try:
         return PPO.load(path, device="cpu")
-    except (OSError, ValueError, KeyError, AssertionError) as error:
+    except UNREADABLE as error:
         raise SystemExit(f"{path} is no model: {error}") from None
 
 

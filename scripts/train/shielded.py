@@ -5,6 +5,7 @@ that PPO's ratio is that of the actions that were really drawn. The network itse
 the robot another process owns the shield, and only raw logits are exported.
 """
 
+import copy
 import math
 
 import torch
@@ -12,6 +13,7 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import nn
+from torch.distributions import Categorical, kl_divergence
 
 from guidedog_environment import CHANNELS, LENGTH, SECTORS, STATE
 
@@ -61,18 +63,30 @@ class Sectors(BaseFeaturesExtractor):
 class ShieldedPolicy(ActorCriticPolicy):
     """An actor-critic whose distribution is the shield's.
 
-    With `apart`, what is to come is estimated from the policy's features and does not shape them: what was taught is not
-    forgotten over it.
+    Without `share_features_extractor` what is to come is estimated from features of its own: what was taught is not
+    forgotten over it. With `keeps` PPO's entropy is minus the divergence from what the policy was at `keep()`.
     """
 
-    def __init__(self, *args, beta: float = 1.0, apart: bool = False, **kwargs):
-        self.beta, self.apart = beta, apart
+    def __init__(self, *args, beta: float = 1.0, keeps: bool = False, **kwargs):
+        self.beta = beta
         kwargs.setdefault("net_arch", [])
         kwargs.setdefault("features_extractor_class", Sectors)
         super().__init__(*args, **kwargs)
+        # Made after the optimizer, which never sees it.
+        self.kept = copy.deepcopy(self._actor()).requires_grad_(False) if keeps else None
 
-    def _get_constructor_parameters(self):
-        return super()._get_constructor_parameters() | {"beta": self.beta, "apart": self.apart}
+    def _actor(self):
+        return nn.Sequential(self.pi_features_extractor, self.action_net)
+
+    def keep(self):
+        """Learning keeps near to what the policy is now (Schmitt et al. 2018, Kickstarting)."""
+        self.kept.load_state_dict(self._actor().state_dict())
+
+    def latents(self, observations):
+        """The policy's, and those from which what is to come is estimated."""
+        of_policy = self.pi_features_extractor(observations)
+        of_value = of_policy if self.share_features_extractor else self.vf_features_extractor(observations)
+        return self.mlp_extractor.forward_actor(of_policy), self.mlp_extractor.forward_critic(of_value)
 
     def sharpen(self, temperature):
         """From now on actions are drawn as they were at this temperature: below 1 more surely."""
@@ -80,24 +94,28 @@ class ShieldedPolicy(ActorCriticPolicy):
             self.action_net.weight /= temperature
             self.action_net.bias /= temperature
 
-    def _estimate(self, latent):
-        return self.value_net(latent.detach() if self.apart else latent)
-
     def _weighed(self, observations, latent):
         logits = suppressed(self.action_net(latent), observations["unsafe"], self.beta)
         return self.action_dist.proba_distribution(action_logits=logits)
 
+    def _freedom(self, observations, distribution):
+        """What PPO's entropy coefficient weighs."""
+        if self.kept is None:
+            return distribution.entropy()
+        logits = suppressed(self.kept(observations), observations["unsafe"], self.beta)
+        return -kl_divergence(Categorical(logits=logits), distribution.distribution)
+
     def forward(self, obs, deterministic=False):
-        latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
+        latent_pi, latent_vf = self.latents(obs)
         distribution = self._weighed(obs, latent_pi)
         actions = distribution.get_actions(deterministic=deterministic)
-        return actions, self._estimate(latent_vf), distribution.log_prob(actions)
+        return actions, self.value_net(latent_vf), distribution.log_prob(actions)
 
     def evaluate_actions(self, obs, actions):
-        latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
+        latent_pi, latent_vf = self.latents(obs)
         distribution = self._weighed(obs, latent_pi)
-        return self._estimate(latent_vf), distribution.log_prob(actions), distribution.entropy()
+        return self.value_net(latent_vf), distribution.log_prob(actions), self._freedom(obs, distribution)
 
     def get_distribution(self, obs):
-        latent_pi, _ = self.mlp_extractor(self.extract_features(obs))
+        latent_pi = self.mlp_extractor.forward_actor(self.pi_features_extractor(obs))
         return self._weighed(obs, latent_pi)

@@ -11,8 +11,11 @@ import time
 import numpy as np
 import torch
 from torch.nn import functional
+from torch.utils.tensorboard import SummaryWriter
+from tqdm import tqdm
 
 from guidedog_environment import ACTIONS
+from models import save
 from shielded import STOP
 
 # Samples that are kept, and of those how many make an update.
@@ -53,13 +56,15 @@ class Samples:
         )
 
 
-def teach(model, environments, steps, log):
-    """Teaches the policy, and its estimate of what is to come."""
+def teach(model, environments, steps, folder, quiet):
+    """Teaches the policy, and its estimate of what is to come; a model that was taught before goes on from there."""
     policy, gamma = model.policy, model.gamma
+    log, board = folder / "teaching.jsonl", SummaryWriter(folder / "tensorboard/teaching")
     samples = Samples(environments.observation_space["senses"].shape[0])
     random = np.random.default_rng(model.seed)
     optimizer = torch.optim.Adam(policy.parameters(), lr=1e-3)
-    seen, begun, walked = environments.reset(), time.time(), 0
+    seen, begun, walked = environments.reset(), time.time(), getattr(model, "taught", 0)
+    bar = tqdm(total=steps, initial=walked, desc="imitation", unit="step", disable=quiet)
     while walked < steps:
         left = 1.0 - walked / steps
         for group in optimizer.param_groups:
@@ -102,8 +107,14 @@ def teach(model, environments, steps, log):
                 line |= {"success_into": float(np.mean(into))}
         with log.open("a") as out:
             out.write(json.dumps(line) + "\n")
-        if walked // SAVED > (walked - len(samples_of_now)) // SAVED:
-            model.save(log.parent / "taught.zip")
+        for key in line.keys() - {"steps", "seconds"}:
+            board.add_scalar(f"teaching/{key}", line[key], walked)
+        bar.update(len(samples_of_now))
+        model.taught = walked
+        if walked // SAVED > (walked - len(samples_of_now)) // SAVED or walked >= steps:
+            save(model, folder / "taught.zip")
+    bar.close()
+    board.close()
 
 
 def wishes(worths_m):
@@ -125,7 +136,7 @@ def _cut(policy, infos):
 
 
 def _update(policy, optimizer, senses, taught, returns):
-    latent_pi, latent_vf = policy.mlp_extractor(policy.features_extractor({"senses": senses}))
+    latent_pi, latent_vf = policy.latents({"senses": senses})
     logits = policy.action_net(latent_pi)
     imitation = functional.cross_entropy(logits, taught)
     value = functional.mse_loss(policy.value_net(latent_vf)[:, 0], returns)

@@ -14,6 +14,7 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback, CheckpointCallback, ProgressBarCallback
 
+from models import begin_with, newest, save, saved
 from options import ABOVE_0, AT_LEAST_0, COUNT, SEED, SHARE, pair, pair_text, read_json
 from shielded import Sectors, ShieldedPolicy
 from teaching import teach
@@ -21,6 +22,8 @@ from vectors import Episodes
 
 # Share of the episodes with "forward" in which that cue was given long before, unless an option says otherwise.
 WALKED_BEFORE = 0.5
+# Options of the environment that are options here.
+OF_THEIR_OWN = {"noise", "harness", "handlers", "measure", "frames"}
 # Who resumes says these anew; all other options are those that training was begun with.
 SAID_ANEW = {"folder", "steps", "resume", "quiet", "threads"}
 
@@ -44,6 +47,10 @@ def options():
     parser.add_argument("--clip", type=ABOVE_0, default=0.2, help="of PPO's ratio")
     parser.add_argument("--target-kl", type=ABOVE_0, help="an update ends where the policy has changed by so much")
     parser.add_argument("--entropy", type=AT_LEAST_0, default=0.01)
+    parser.add_argument(
+        "--keep", type=AT_LEAST_0, default=0,
+        help="weight of the divergence from what was taught, which takes the entropy's place",
+    )
     parser.add_argument("--gamma", type=SHARE, default=0.99)
     parser.add_argument("--width", type=COUNT, default=128)
     parser.add_argument("--channels", type=COUNT, default=16)
@@ -60,7 +67,7 @@ def options():
     parser.add_argument("--start", type=Path, help="begin with this model's weights")
     parser.add_argument(
         "--estimate", type=AT_LEAST_0, default=0,
-        help="environment steps before PPO that fit the estimate of what is to come; it then shapes no features",
+        help="environment steps before PPO that fit the estimate of what is to come, from features of its own",
     )
     parser.add_argument(
         "--sharpen", type=ABOVE_0, default=1, help="PPO begins with what was taught, drawn at this temperature",
@@ -71,7 +78,9 @@ def options():
 
 def parse(parser, words=None):
     given = parser.parse_args(words)
-    if given.steps < 1 and not given.teach:
+    if twice := OF_THEIR_OWN & dict(map(pair, given.option)).keys():
+        parser.error(f"--option {min(twice)}: that is --{min(twice)}")
+    if given.steps < 1 and not (given.teach or given.resume):
         parser.error("--steps 0 leaves nothing to do without --teach")
     return given
 
@@ -114,19 +123,6 @@ class Checkpoints(CheckpointCallback):
         return True
 
 
-def save(model, path):
-    """Whole or not at all: who is stopped at it goes on from what was saved before."""
-    part = path.with_suffix(".part")
-    model.save(part)
-    part.replace(path)
-
-
-def saved(folder):
-    """What training can go on from, the newest first; the model is written last."""
-    found = [*folder.glob("checkpoint_*_steps.zip"), *folder.glob("model.zip")]
-    return sorted(found, key=lambda path: (path.stat().st_mtime_ns, path.name), reverse=True)
-
-
 def restore(parser, arguments):
     """All options but those that are said anew as training was begun with them, and within the same bounds."""
     path = arguments.folder / "arguments.json"
@@ -144,19 +140,11 @@ def restore(parser, arguments):
         setattr(arguments, key, told[key])
 
 
-def resume(found, environments):
-    """The newest model that can be read, and where it lay."""
-    for path in found:
-        try:
-            return PPO.load(path, environments), path
-        except (OSError, ValueError, KeyError, AssertionError) as error:
-            print(f"{path} cannot be gone on from: {error}", file=sys.stderr)
-    raise SystemExit(f"{found[0].parent} holds nothing to go on from; without --resume training begins anew")
-
-
 def estimate(model, steps):
     """Fits the estimate of what is to come to the policy, before the policy is moved by it."""
-    policy = [each for name, each in model.policy.named_parameters() if not name.startswith("value_net")]
+    of_value = ("value_net", "vf_features_extractor")
+    named = model.policy.named_parameters()
+    policy = [each for name, each in named if each.requires_grad and not name.startswith(of_value)]
     for each in policy:
         each.requires_grad_(False)
     schedule, model.lr_schedule = model.lr_schedule, lambda left: 1e-3 * left
@@ -167,8 +155,7 @@ def estimate(model, steps):
 
 
 def begin(arguments, environments):
-    """A new model, and what it is taught before PPO."""
-    folder = arguments.folder
+    """A new model."""
     model = PPO(
         ShieldedPolicy,
         environments,
@@ -179,25 +166,31 @@ def begin(arguments, environments):
         gamma=arguments.gamma,
         clip_range=arguments.clip,
         target_kl=arguments.target_kl,
-        ent_coef=arguments.entropy,
+        ent_coef=arguments.keep or arguments.entropy,
         seed=arguments.seed,
-        tensorboard_log=str(folder / "tensorboard"),
+        tensorboard_log=str(arguments.folder / "tensorboard"),
         policy_kwargs={
             "beta": arguments.beta,
-            "apart": arguments.estimate > 0,
+            "keeps": arguments.keep > 0,
+            "share_features_extractor": not arguments.estimate,
             "features_extractor_class": Sectors,
             "features_extractor_kwargs": {"width": arguments.width, "channels": arguments.channels},
         },
     )
     if arguments.start:
-        model.set_parameters(arguments.start, exact_match=True)
+        begin_with(model.policy, arguments.start)
+    return model
+
+
+def prepare(model, arguments, environments):
+    """What comes before PPO."""
     if arguments.teach:
-        teach(model, environments, int(arguments.teach), folder / "teaching.jsonl")
-        model.save(folder / "taught.zip")
+        teach(model, environments, int(arguments.teach), arguments.folder, arguments.quiet)
     model.policy.sharpen(arguments.sharpen)
+    if arguments.keep:
+        model.policy.keep()
     if arguments.estimate:
         estimate(model, int(arguments.estimate))
-    return model
 
 
 def main():
@@ -205,7 +198,9 @@ def main():
     arguments = parse(parser)
     torch.set_num_threads(arguments.threads)
     folder = arguments.folder
-    found = saved(folder) if arguments.resume else []
+    found = saved(folder)
+    if found and not arguments.resume:
+        parser.error(f"{folder} holds a training: --resume goes on with it")
     if found:
         restore(parser, arguments)
     environment = dict(map(pair, arguments.option))
@@ -218,15 +213,15 @@ def main():
         parser.error(str(error))
     folder.mkdir(parents=True, exist_ok=True)
     if found:
-        model, path = resume(found, environments)
-        environments.seed(arguments.seed + model.num_timesteps)
+        model, path = newest(found, environments)
+        environments.seed(arguments.seed + model.num_timesteps + getattr(model, "taught", 0))
     else:
         said = {key: str(value) if isinstance(value, Path) else value for key, value in vars(arguments).items()}
         said["command"] = shlex.join(["python", *sys.argv])
         (folder / "arguments.json").write_text(json.dumps(said | {"environment": environment}, indent=2))
-        model = begin(arguments, environments)
+        model, path = begin(arguments, environments), None
     left = int(arguments.steps) - model.num_timesteps
-    if found and left <= 0:
+    if found and left <= 0 and path.name != "taught.zip":
         done = f"{path}: {model.num_timesteps} of {int(arguments.steps)} steps are done"
         if path.name == "model.zip":
             print(f"{done}, nothing is left to do")
@@ -235,11 +230,13 @@ def main():
             save(model, folder / "model.zip")
             print(f"{done}, model.zip is made of them")
         return
+    if not model.num_timesteps:
+        prepare(model, arguments, environments)
     every = max(int(arguments.checkpoint_every) // arguments.environments, 1)
     callbacks = [Reports(folder / "progress.jsonl"), Checkpoints(every, str(folder), "checkpoint")]
     if not arguments.quiet:
         callbacks.append(ProgressBarCallback())
-    model.learn(left, callbacks, reset_num_timesteps=not found)
+    model.learn(left, callbacks, reset_num_timesteps=not model.num_timesteps)
     save(model, folder / "model.zip")
 
 

@@ -19,7 +19,9 @@ class Episodes(VecEnv):
         super().__init__(count, self.vector.single_observation_space, self.vector.single_action_space)
 
     def reset(self):
+        """Other episodes each time: what is taught, estimated and learnt in turn begins with none of those before."""
         observations, _ = self.vector.reset(seed=self._seed)
+        self._seed = None
         return observations
 
     def step_async(self, actions):
@@ -44,7 +46,7 @@ class Episodes(VecEnv):
     def seed(self, seed=None):
         if seed is not None:
             self._seed = seed
-        return [self._seed] * self.num_envs
+        return [seed] * self.num_envs
 
     def get_attr(self, attr_name, indices=None):
         return [getattr(self.vector, attr_name, None) for _ in self._get_indices(indices)]

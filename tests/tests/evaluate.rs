@@ -30,6 +30,7 @@ fn the_shipped_policy_guides() {
         let value = found.pointer(figure).and_then(Value::as_f64).unwrap_or_default();
         assert!(value >= least, "{figure} = {value}, at least {least} is wanted: {found:#}");
     }
+    assert_eq!(found["unsafe_taken"]["mean"], 0.0, "behind beta 0 nothing forbidden is done: {found:#}");
 }
 
 #[test]
@@ -52,8 +53,14 @@ fn the_same_seed_gives_the_same_figures_on_any_number_of_cores() {
 fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
     let place = Place::new();
     let folder = place.path().join("pictures");
+    fs::create_dir(&folder).expect("a folder");
+    for there in ["wrong-7.svg", "wrong-notes.svg"] {
+        fs::write(folder.join(there), "").expect("written");
+    }
     let folder = folder.to_string_lossy();
     report(&place, &["--policy", "guide", "--episodes", "2", "--pictures", &folder]);
+    let is_there = |name: &str| fs::exists(format!("{folder}/{name}")).expect("a folder");
+    assert!(!is_there("wrong-7.svg") && is_there("wrong-notes.svg"), "an earlier evaluation's go, and nothing else");
     let picture = fs::read_to_string(format!("{folder}/first-0.svg")).expect("a picture");
     assert!(picture.starts_with("<svg ") && picture.ends_with("</svg>"), "{picture}");
     let rod = place.path().join("rod.toml");

@@ -140,6 +140,7 @@ fn what_is_built_in_needs_no_file() {
     assert_eq!(stops(&run, &place), ["boot"]);
     let (report, code) = run.end();
     assert_eq!((code, report["missed_decisions"].as_u64()), (0, Some(0)), "{report:#}");
+    assert_eq!(report["policy"]["engine"], "geometric", "{report:#}");
     place.assert_empty();
 }
 

@@ -76,12 +76,12 @@ def test_the_teacher_gets_there():
 
 def test_what_is_no_option_or_no_action_is_told():
     with pytest.raises(ValueError, match='no option "colour"'):
-        Episodes(1, 0, {"colour": 1})
+        Episodes(1, {"colour": 1})
     with pytest.raises(ValueError, match="walked_before = 2 is no share"):
-        Episodes(1, 0, {"walked_before": 2.0})
+        Episodes(1, {"walked_before": 2.0})
     with pytest.raises(ValueError, match='noise = "loud" is none of'):
-        Episodes(1, 0, {"noise": "loud"})
-    episodes = Episodes(2, 0, {})
+        Episodes(1, {"noise": "loud"})
+    episodes = Episodes(2, {})
     episodes.begin(1)
     for wrong in ([0], [0, len(ACTIONS)], [0, -1]):
         with pytest.raises(ValueError, match="2 actions from 0 to 7"):

@@ -95,7 +95,7 @@ def test_what_is_torn_is_told_and_what_was_saved_before_gone_on_from(tmp_path):
 
 
 @pytest.mark.parametrize("script, words", [
-    ("train.py", ["--option=foo"]), ("train.py", ["--option=colour=1"]), ("train.py", ["--environments=0"]),
+    ("train.py", ["--option=foo"]), ("train.py", ["--option=frames=2"]), ("train.py", ["--option=colour=1"]), ("train.py", ["--environments=0"]),
     ("train.py", ["--steps=nan"]), ("train.py", ["--steps=0"]), ("train.py", ["--beta=1.1"]),
     ("export.py", ["small.onnx"]), ("export.py", ["small.pt"]), ("export.py", ["small.onnx", "--temperature=0"]),
     ("export.py", ["small.onnx", "--temperature=nan"]),
@@ -103,3 +103,26 @@ def test_what_is_torn_is_told_and_what_was_saved_before_gone_on_from(tmp_path):
 def test_wrong_arguments_are_told_before_anything_is_written(tmp_path, script, words):
     run(script, tmp_path, *(tmp_path / word if word.startswith("small") else word for word in words), ends_with=2)
     assert not list(tmp_path.iterdir())
+
+
+def test_imitation_goes_on_where_it_was(tmp_path):
+    run("train.py", tmp_path, "--steps=0", "--teach=512", *SMALL)
+    assert "--resume goes on with it" in run("train.py", tmp_path, "--steps=0", "--teach=512", *SMALL, ends_with=2)
+    (tmp_path / "model.zip").unlink()
+    begun = tmp_path / "arguments.json"
+    begun.write_text(begun.read_text().replace('"teach": 512', '"teach": 1024'))
+    run("train.py", tmp_path, "--steps=0", "--resume", "--quiet")
+    assert PPO.load(tmp_path / "model.zip").taught == 1024
+    steps = [json.loads(line)["steps"] for line in (tmp_path / "teaching.jsonl").read_text().splitlines()]
+    assert steps == [512, 1024]
+
+
+def test_what_was_taught_is_kept_to(tmp_path):
+    run("train.py", tmp_path / "taught", "--steps=0", "--teach=512", *SMALL)
+    start = ["--start", tmp_path / "taught/taught.zip", "--estimate=512", *SMALL]
+    apart = {}
+    for keep in ("0", "1000"):
+        run("train.py", tmp_path / keep, "--steps=1024", f"--keep={keep}", "--learning-rate=0.01", *start)
+        taught, learnt = (PPO.load(path).policy.action_net.weight for path in (start[1], tmp_path / keep / "model.zip"))
+        apart[keep] = (taught - learnt).norm().item()
+    assert 0 < apart["1000"] < apart["0"]

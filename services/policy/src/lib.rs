@@ -31,6 +31,9 @@ pub struct PolicyService {
     pose: Option<Odometry>,
     track: PoseTrack,
     mode: Option<Mode>,
+    /// Why the engine could not decide the last time; told once.
+    undecided: Option<String>,
+    is_told: bool,
     /// The cue of the last decision.
     last_cue: (u32, u64),
     dt_ns: u64,
@@ -89,6 +92,8 @@ impl PolicyService {
             pose: None,
             track: PoseTrack::default(),
             mode: None,
+            undecided: None,
+            is_told: false,
             last_cue: (0, 0),
             dt_ns,
             scan_max_age_ns: settings.max_age.scan.ns(),
@@ -194,8 +199,18 @@ impl PolicyService {
             cue: cue.map_or(CueKind::Stop, |cue| cue.kind),
             cue_is_new,
         };
+        let decided = self.pilot.decide(&situation);
+        self.undecided = decided.as_ref().err().map(ToString::to_string);
         // What is no probability is refused by the shield, which says so.
-        Some(self.pilot.decide(&situation).unwrap_or([f32::NAN; MAX_ACTIONS]))
+        Some(decided.unwrap_or([f32::NAN; MAX_ACTIONS]))
+    }
+
+    /// Why the engine cannot decide, once for as long as it cannot.
+    fn tell_undecided(&mut self, io: &mut Io) {
+        if let Some(why) = self.undecided.as_ref().filter(|_| !self.is_told) {
+            io.tell(&FromChild::Note { text: format!("the engine cannot decide: {why}") });
+        }
+        self.is_told = self.undecided.is_some();
     }
 }
 
@@ -214,6 +229,7 @@ impl Service for PolicyService {
         self.latency.record(io.now_ns().saturating_sub(due_ns));
         self.next_decision += 1;
         self.decisions += 1;
+        self.tell_undecided(io);
         Ok(())
     }
 

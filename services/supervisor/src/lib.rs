@@ -284,7 +284,10 @@ impl Supervisor {
         let reaped = self.children.reap(token, io);
         if let Some((child, _)) = &reaped {
             self.janitor.clean();
-            self.abouts.remove(&(child.service, child.incarnation));
+            let about = self.abouts.remove(&(child.service, child.incarnation));
+            if (child.service, child.incarnation) == (ServiceId::Policy, self.machine.mode().active_policy) {
+                self.figures.policy = about;
+            }
         }
         if let Some((child, _)) = reaped.as_ref().filter(|(child, _)| child.left) {
             self.machine.handle(Event::Left(child.service, child.incarnation), now);

@@ -19,6 +19,8 @@ pub struct Figures {
     own: Vec<PortCounters>,
     /// What simulator or replay said when the run ended.
     pub world: Option<Value>,
+    /// What the policy ran that decided last.
+    pub policy: Option<Value>,
     /// Notes for the operator, with run time.
     pub notes: VecDeque<(u64, String)>,
     /// Notes that had to make room.
@@ -189,6 +191,7 @@ impl Figures {
             map.extend(world.clone());
         }
         map.insert("stops".to_owned(), stops.stops().iter().map(|stop| stop_json(stop, run_ns)).collect());
+        map.insert("policy".to_owned(), json!(self.policy));
         map.insert("stops_not_kept".to_owned(), json!(stops.not_kept));
         map.insert("stopped_s_by_reason".to_owned(), stopped_by_reason(stops, run_ns));
         map.insert("longest_freeze_s".to_owned(), json!(s_from_ns(stops.longest_freeze_ns)));

@@ -41,16 +41,16 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// `count` episodes of a kind; none has begun.
+    /// `count` episodes of a kind; [`Batch::begin`] first.
     ///
     /// # Errors
     /// Where a sensor's configuration is out of its bounds.
-    pub fn new(config: &Arc<Config>, count: usize, seed: u64) -> Result<Self, world::ConfigError> {
+    pub fn new(config: &Arc<Config>, count: usize) -> Result<Self, world::ConfigError> {
         let place = |_| {
             let episode = Episode::new(config.clone())?;
             Ok(Place { episode, begun: 0, left: 0, reward: 0.0, finished: None })
         };
-        Ok(Self { places: (0..count).map(place).collect::<Result<_, _>>()?, seed })
+        Ok(Self { places: (0..count).map(place).collect::<Result<_, _>>()?, seed: 0 })
     }
 
     /// How many there are.

@@ -134,6 +134,9 @@ pub struct Config {
     /// Reward, once, for a cue that is followed as [`Task`] counts it, and for an error of orientation put right; who
     /// walks on where they were to stand gives it back. Ours; 0 in the paper.
     pub followed_reward: f64,
+    /// What an action costs that the shield forbade, taken all the same: behind a beta above 0 it mostly does no harm,
+    /// and is lost behind beta 0. Ours; 0 in the paper.
+    pub forbidden_penalty: f64,
     /// What the reward is measured by.
     pub measure: RewardMeasure,
     /// The shield.

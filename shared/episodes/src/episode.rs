@@ -61,7 +61,7 @@ pub struct Episode {
     shield: Shield,
     judgements: Vec<Judgement>,
     unsafe_mask: u32,
-    /// Nothing could be used of the last scan.
+    /// Nothing could be used of the last scan, or the handler is lost.
     is_blind: bool,
     cue: CueKind,
     cue_is_new: bool,
@@ -132,7 +132,7 @@ impl Episode {
         let world_from_handler = team.world_from_handler();
         let measure = match self.config.measure {
             RewardMeasure::Line => Measure::Line(task.line.clone()),
-            RewardMeasure::Start => Measure::Start(guidance::Episode { cue, world_from_start: world_from_handler }),
+            RewardMeasure::Start => Measure::Start(guidance::CueStart { cue, world_from_start: world_from_handler }),
         };
         let reward = Reward::begin(self.config.reward.clone(), measure, &world_from_handler);
         let score = Score::begin(&task, &world_from_handler);
@@ -238,8 +238,10 @@ impl Episode {
         let now_from_then = Se2::identity();
         let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then };
         let depth = self.depth.as_ref().map(|(_, header, data)| Measured { header, data: &data[..], now_from_then });
-        // On a scan of which nothing can be used nothing is decided, as in a run: the robot stands.
-        self.is_blind = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth).is_err();
+        // On a scan of which nothing can be used nothing is decided, nor where nobody knows where the handler is: as in
+        // a run, the robot stands.
+        let observed = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
+        self.is_blind = observed.is_err() || self.awareness.handler().is_lost(now_ns);
     }
 
     /// What the shield says of it, and what the policy sees.
@@ -380,7 +382,9 @@ impl Episode {
     /// Carries out an action of the table.
     pub fn step(&mut self, action: usize) -> Step {
         let action = if self.is_blind || self.track.must_stand(self.cue) { ActionTable::STOP } else { action };
-        let (all_unsafe, taken) = (self.unsafe_mask == self.all(), self.unsafe_mask >> action & 1 == 1);
+        // Where nothing is left, stop is what the shield itself leaves.
+        let all_unsafe = self.unsafe_mask == self.all();
+        let taken = self.unsafe_mask >> action & 1 == 1 && !(all_unsafe && action == ActionTable::STOP);
         let velocity = self.velocities[action];
         let Some(scenery) = &mut self.scenery else { return Step { reward: 0.0, ended: true } };
         scenery.score.judged(all_unsafe, taken);
@@ -391,7 +395,8 @@ impl Episode {
         let before = scenery.score.followed();
         scenery.score.step(&scenery.task, &world_from_handler, stepped);
         let followed = self.config.followed_reward * (scenery.score.followed() - before);
-        let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum() + followed;
+        let forbidden = if taken { self.config.forbidden_penalty } else { 0.0 };
+        let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum() + followed - forbidden;
         scenery.score.rewarded(reward);
         self.decision += 1;
         self.cue_is_new = false;

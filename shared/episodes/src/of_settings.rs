@@ -44,6 +44,7 @@ impl Config {
                 ..RewardConfig::default()
             },
             followed_reward: 0.0,
+            forbidden_penalty: 0.0,
             measure: RewardMeasure::Line,
             shield: settings.shield_config(),
             memory: settings.memory_config(),

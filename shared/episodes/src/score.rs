@@ -60,6 +60,8 @@ pub struct Report {
     /// The third metre led the handler within 10 degrees of the travel line; none: they faced so from the start, or the
     /// corridor ends before.
     pub corrected: Option<bool>,
+    /// At its end the handler faced within 10 degrees of the travel line; none likewise.
+    pub faces_line: Option<bool>,
 }
 
 /// Who moves by less in a decision stands, metres.
@@ -90,6 +92,7 @@ impl Score {
             reward: 0.0,
             longest_freeze: 0,
             corrected: None,
+            faces_line: None,
         };
         let way_m = task.line.foot(place).way_m;
         let off_rad = task.line.heading_error_rad(way_m, world_from_handler.rotation.angle());
@@ -134,8 +137,10 @@ impl Score {
             let walked = place - *self.third_metre.get_or_insert(place);
             if on_m >= CORRECTED_M[1] && report.corrected.is_none() && self.errs {
                 let middle_m = begun_m + f64::midpoint(CORRECTED_M[0], CORRECTED_M[1]);
-                let off_rad = task.line.heading_error_rad(middle_m, walked.y.atan2(walked.x));
-                report.corrected = Some(off_rad.abs() <= CORRECTED_RAD);
+                let is_along =
+                    |way_m: f64, yaw_rad: f64| task.line.heading_error_rad(way_m, yaw_rad).abs() <= CORRECTED_RAD;
+                report.corrected = Some(is_along(middle_m, walked.y.atan2(walked.x)));
+                report.faces_line = Some(is_along(self.way_m, world_from_handler.rotation.angle()));
             }
         }
         report.success |= task.is_done(world_from_handler, self.way_m);
@@ -172,7 +177,9 @@ impl Score {
             report.success |= self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M && self.in_corridor;
         }
         // Who never came so far has not put it right.
-        report.corrected = report.corrected.or(self.errs.then_some(false));
+        let never_came = self.errs.then_some(false);
+        report.corrected = report.corrected.or(never_came);
+        report.faces_line = report.faces_line.or(never_came);
         report
     }
 }

@@ -67,6 +67,20 @@ fn what_is_followed_is_rewarded_once() {
 }
 
 #[test]
+fn what_is_forbidden_and_taken_costs() {
+    let walk = |forbidden_penalty: f64| {
+        let config = Config { forbidden_penalty, ..config(Noise::Ideal) };
+        let mut episode = Episode::new(Arc::new(config)).expect("sensors");
+        episode.begin(2);
+        while !episode.step(1).ended {}
+        episode.report()
+    };
+    let (free, paid) = (walk(0.0), walk(0.5));
+    assert!(free.unsafe_taken > 0, "who always walks on comes to a wall");
+    assert!((free.reward - paid.reward - 0.5 * f64::from(free.unsafe_taken)).abs() < 1e-9, "{free:#?} {paid:#?}");
+}
+
+#[test]
 fn who_sees_nothing_stands_and_may_do_nothing() {
     let lidar = LidarConfig { drop_out: 1.0, ..LidarConfig::default() };
     let mut episode = Episode::new(Arc::new(Config { lidar, ..config(Noise::Noisy) })).expect("sensors");
@@ -126,7 +140,7 @@ fn a_batch_is_the_same_on_any_number_of_cores() {
     let walk = |threads: usize| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
         pool.install(|| {
-            let mut batch = Batch::new(&Arc::new(config(Noise::Noisy)), 12, 1).expect("sensors");
+            let mut batch = Batch::new(&Arc::new(config(Noise::Noisy)), 12).expect("sensors");
             batch.begin(1);
             let mut rewards = Vec::new();
             for decision in 0..30 {

@@ -1,5 +1,6 @@
 //! What is known of the surroundings when a decision is made: the newest scan and depth frame, what was seen before,
-//! and where the handler is. One sequence of steps, for whoever decides.
+//! and where the handler is. One sequence of steps, for whoever decides: the policy service and episodes. The shield
+//! service has one of its own from the same parts, for it judges between decisions as well.
 
 use messages::{DepthHeader, ScanHeader};
 

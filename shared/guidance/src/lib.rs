@@ -33,7 +33,7 @@ pub use se2::Se2;
 pub use shield::{Draw, Evidence, Judgement, Motion, Shield, ShieldConfig, Suppressed};
 pub use track::PoseTrack;
 pub use travel_line::{Foot, TravelLine};
-pub use wayfinding::{Delta, Episode, HandlerErrors, Measure, Reward, RewardConfig};
+pub use wayfinding::{CueStart, Delta, HandlerErrors, Measure, Reward, RewardConfig};
 
 #[cfg(test)]
 mod testing {

@@ -5,8 +5,8 @@
 //! * Actions: [`crate::ActionTable`] (section 5.1).
 //! * Transition: the robot's motion and an [`crate::Interaction`] model (section 4).
 //! * Reward: [`Reward`] (eq. 1).
-//! * Initial states: a place, a heading and a cue, with the handler's errors in both ([`HandlerErrors`], section 3 and
-//!   figure 8).
+//! * Initial states: a place, a heading and a cue, with the handler's errors in both (section 3 and figure 8): drawn by
+//!   `episodes::Task`, or told of a scripted walk ([`HandlerErrors`]).
 
 use messages::CueKind;
 use nalgebra::Rotation2;
@@ -18,14 +18,14 @@ use crate::travel_line::TravelLine;
 
 /// One cue, from where the handler was when they gave it.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Episode {
+pub struct CueStart {
     /// What was asked for.
     pub cue: CueKind,
     /// The handler then: the start frame.
     pub world_from_start: Se2,
 }
 
-impl Episode {
+impl CueStart {
     /// Straight-line distance of the handler from the cue's start, metres: `d_t` of eq. 1. The way walked could never
     /// fall, so that stepping backward would cost nothing.
     #[must_use]
@@ -109,7 +109,7 @@ impl Terms {
 #[derive(Debug, Clone, PartialEq)]
 pub enum Measure {
     /// From the cue's start: the straight-line distance from it, and the cue's fixed target.
-    Start(Episode),
+    Start(CueStart),
     /// Along the travel line that the cue means: the way along it, and its direction there. What a turn into the wrong
     /// opening gains is nothing.
     Line(TravelLine),
@@ -122,9 +122,7 @@ impl Measure {
     /// Where the handler has got to, metres, and the error of their heading, radians; they were at `before_m`.
     fn of(&self, before_m: f64, world_from_handler: &Se2) -> (f64, f64) {
         match self {
-            Self::Start(episode) => {
-                (episode.travel_m(world_from_handler), episode.heading_error_rad(world_from_handler))
-            }
+            Self::Start(start) => (start.travel_m(world_from_handler), start.heading_error_rad(world_from_handler)),
             Self::Line(line) => {
                 let at = place(world_from_handler);
                 let foot = line.foot_within(at, before_m - STEP_MAX_M, before_m + STEP_MAX_M);
@@ -211,7 +209,7 @@ impl HandlerErrors {
 
 #[cfg(test)]
 mod tests {
-    use super::{Delta, Episode, HandlerErrors, Measure, Reward, RewardConfig};
+    use super::{CueStart, Delta, HandlerErrors, Measure, Reward, RewardConfig};
     use crate::se2::{Point, Se2, se2};
     use crate::travel_line::TravelLine;
     use messages::{CueKind, Pose2};
@@ -221,13 +219,13 @@ mod tests {
         se2(Pose2::new(x_m, y_m, yaw_rad))
     }
 
-    fn episode(cue: CueKind) -> Episode {
-        Episode { cue, world_from_start: at(1.0, 2.0, FRAC_PI_2) }
+    fn start(cue: CueKind) -> CueStart {
+        CueStart { cue, world_from_start: at(1.0, 2.0, FRAC_PI_2) }
     }
 
     fn reward(delta: Delta, cue: CueKind) -> Reward {
         let config = RewardConfig { delta, motion_penalty: 0.002, ..RewardConfig::default() };
-        Reward::begin(config, Measure::Start(episode(cue)), &at(1.0, 2.0, FRAC_PI_2))
+        Reward::begin(config, Measure::Start(start(cue)), &at(1.0, 2.0, FRAC_PI_2))
     }
 
     #[test]
@@ -255,7 +253,7 @@ mod tests {
 
     #[test]
     fn the_error_is_taken_on_the_short_arc() {
-        let right = Episode { cue: CueKind::Right, world_from_start: at(0.0, 0.0, -3.0) };
+        let right = CueStart { cue: CueKind::Right, world_from_start: at(0.0, 0.0, -3.0) };
         // The target is -3.0 - 1.57 = -4.57, which is 1.71.
         assert!(right.heading_error_rad(&at(0.0, 0.0, 1.75)).abs() < 0.05);
     }

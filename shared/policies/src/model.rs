@@ -6,10 +6,9 @@ use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 
 use guidance::{ActionTable, observation};
-use messages::Pose2;
 use serde::Deserialize;
 use serde_json::{Value, json};
-use settings::{ActionTableName, Millis, PolicyModel, Positive, Settings};
+use settings::{ActionTableName, HandlerModel, Millis, PolicyModel, Positive, Settings, Source};
 use sha2::{Digest, Sha256};
 
 use crate::geometric::GeometricConfig;
@@ -66,8 +65,14 @@ pub struct Trained {
     pub beta: f64,
     /// "ideal" or "noisy".
     pub noise: String,
-    /// "rigid" or "delayed".
-    pub harness: String,
+    /// How handlers followed.
+    pub harness: HandlerModel,
+    /// Whether there was a camera.
+    #[serde(default = "yes")]
+    pub depth: bool,
+    /// Whether what was seen before was remembered.
+    #[serde(default = "yes")]
+    pub memory: bool,
     /// Seed of the training.
     pub seed: u64,
     /// The handlers' remembered share, least and greatest.
@@ -80,17 +85,32 @@ pub struct Trained {
     pub command: String,
 }
 
+fn yes() -> bool {
+    true
+}
+
 impl Trained {
-    fn strange(&self, robot_from_handler: Pose2, alpha: f64) -> Option<String> {
+    fn strange(&self, settings: &Settings) -> Option<String> {
+        let handler = &settings.handler;
         let checks = [
-            ("alpha", alpha, self.alpha),
-            ("robot_from_handler.x_m", robot_from_handler.x_m, self.offset_x_m),
-            ("robot_from_handler.y_m", robot_from_handler.y_m, self.offset_y_m),
+            ("alpha", handler.alpha.get(), self.alpha),
+            ("robot_from_handler.x_m", handler.robot_from_handler.x_m, self.offset_x_m),
+            ("robot_from_handler.y_m", handler.robot_from_handler.y_m, self.offset_y_m),
         ];
         let outside = checks.into_iter().filter(|(_, value, [least, most])| !(*least..=*most).contains(value));
-        let told: Vec<String> = outside
+        let mut told: Vec<String> = outside
             .map(|(key, value, [least, most])| format!("handler.{key} = {value} (trained with {least} to {most})"))
             .collect();
+        if handler.model != self.harness {
+            told.push(format!("handler.model = {} (trained with {})", json!(handler.model), json!(self.harness)));
+        }
+        // What is not seen or not remembered looks to a network as what is free.
+        if self.depth && settings.depth.source == Source::Absent {
+            told.push("depth.source = \"absent\" (trained with a camera)".to_owned());
+        }
+        if self.memory && settings.memory_config().is_none() {
+            told.push("shield.memory is off (trained with it)".to_owned());
+        }
         (!told.is_empty()).then(|| told.join(", "))
     }
 }
@@ -283,11 +303,10 @@ impl Model {
         })
     }
 
-    /// What of the configured handler lies outside of what it was trained with, if anything.
+    /// What of the configured handler and senses lies outside of what it was trained with, if anything.
     #[must_use]
     pub fn strange(&self, settings: &Settings) -> Option<String> {
-        let handler = &settings.handler;
-        self.manifest.trained.as_ref()?.strange(handler.robot_from_handler, handler.alpha.get())
+        self.manifest.trained.as_ref()?.strange(settings)
     }
 }
 

@@ -31,7 +31,7 @@ class Wayfinding(gymnasium.Env):
     metadata = {"render_modes": []}
 
     def __init__(self, **options):
-        self._episodes = Episodes(1, 0, options)
+        self._episodes = Episodes(1, options)
         self.observation_space, self.action_space = _spaces(options.get("frames", 1))
         self._ended = True
 
@@ -60,7 +60,7 @@ class WayfindingVector(gymnasium.vector.VectorEnv):
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}
 
     def __init__(self, num_envs=64, **options):
-        self._episodes = Episodes(num_envs, 0, options)
+        self._episodes = Episodes(num_envs, options)
         self.num_envs = num_envs
         self.single_observation_space, self.single_action_space = _spaces(options.get("frames", 1))
         self.observation_space = gymnasium.vector.utils.batch_space(self.single_observation_space, num_envs)

@@ -93,6 +93,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             "time_penalty" => config.reward.time_penalty = number()?,
             "motion_penalty" => config.reward.motion_penalty = number()?,
             "followed_reward" => config.followed_reward = number()?,
+            "forbidden_penalty" => config.forbidden_penalty = number()?,
             _ => return Err(wrong(format!("there is no option \"{key}\""))),
         }
     }
@@ -113,18 +114,21 @@ struct Episodes {
 #[pymethods]
 impl Episodes {
     #[new]
-    #[pyo3(signature = (count, seed = 0, options = None))]
-    fn new(count: usize, seed: u64, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+    #[pyo3(signature = (count, options = None))]
+    fn new(count: usize, options: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
         let config = Arc::new(config(options)?);
         let (actions, frames) = (config.table.len(), config.frames);
-        let batch = Batch::new(&config, count, seed).map_err(wrong)?;
+        let batch = Batch::new(&config, count).map_err(wrong)?;
         Ok(Self { config, batch, actions, frames, begun: false })
     }
 
-    /// What handlers are drawn from, least and greatest, as a manifest tells it.
-    fn handlers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    /// What a manifest tells of them: what handlers are drawn from, least and greatest, and what they are decided with.
+    fn about<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let ranges = self.config.handler_ranges();
         let told = PyDict::new(py);
+        told.set_item("dt_ms", (self.config.dt_s * 1e3).round() as u64)?;
+        told.set_item("depth", self.config.depth.is_some())?;
+        told.set_item("memory", self.config.memory.is_some())?;
         told.set_item("alpha", ranges.alpha)?;
         told.set_item("offset_x_m", ranges.x_m)?;
         told.set_item("offset_y_m", ranges.y_m)?;

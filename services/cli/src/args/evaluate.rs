@@ -44,7 +44,7 @@ pub struct EvaluateArgs {
     /// The same episodes without the shield as well, and the difference
     #[arg(long)]
     pub paired: bool,
-    /// Write pictures (SVG) of the first episodes, and of those that went wrong, into this folder
+    /// Write pictures (SVG) of the first twelve episodes, and of twelve that went wrong, into this folder
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
     /// On so many threads; on all cores without it. The figures are the same
@@ -118,5 +118,5 @@ Success: forward, the handler is 10 m on along the corridor, or within 2 m of it
 handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still in the corridor
 where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or
 what comes next); stop, the robot does not move any more. An error of orientation is corrected where the
-handler's third metre of way leads within 10 degrees of the corridor; judged where that goes on for 5 m; who
-never comes so far has not corrected it.";
+handler's third metre of way leads within 10 degrees of the corridor; orientation_faced counts who faces so at
+its end. Judged where the corridor goes on for 5 m; who never comes so far has corrected nothing.";

@@ -29,7 +29,7 @@ impl Row {
     fn new(name: &'static str, noise: Noise, judges: bool) -> Result<Self, Failure> {
         // As the prototype had it: a lidar of 360 beams, a depth frame of 64x32, one scan and one frame judged alone.
         let config = Config { noise, judges, memory: None, frames: 0, ..Config::default() };
-        let mut batch = Batch::new(&Arc::new(config), EPISODES, 1).map_err(Failure::of_input)?;
+        let mut batch = Batch::new(&Arc::new(config), EPISODES).map_err(Failure::of_input)?;
         batch.begin(1);
         Ok(Self { name, batch, per_s: Vec::new() })
     }

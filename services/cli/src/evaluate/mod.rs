@@ -4,7 +4,7 @@ mod figures;
 mod outcome;
 mod picture;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
@@ -37,6 +37,7 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     check(args)?;
     let settings = crate::prepare::load(Profile::Walk, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
+    args.pictures.as_ref().map_or(Ok(()), |folder| may_write(folder))?;
     let outcomes = evaluation.run(args, args.beta_test)?;
     let mut report = json!({
         "policy": args.policy,
@@ -58,12 +59,16 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         figures::add(&mut report["without_shield"], &without);
         report["difference"] = figures::difference(&outcomes, &without);
     }
+    let drawn = args.pictures.as_ref().map_or(Ok(()), |folder| evaluation.draw(args, folder, &outcomes));
+    if let Err(failure) = &drawn {
+        report["error"] = json!(failure.message);
+    }
     if as_json {
         out::json(&report)?;
     } else {
         tell(&report);
     }
-    args.pictures.as_ref().map_or(Ok(()), |folder| evaluation.draw(args, folder, &outcomes))
+    drawn.map_err(|failure| Failure { told: true, ..failure })
 }
 
 /// Refuses what cannot be run, before anything is.
@@ -83,15 +88,15 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
     if args.tasks == TasksArg::Orientation && !are_generated(args) {
         return refused("--tasks orientation is of straight, empty corridors: generated ones, no maps");
     }
-    // The pictures come last; that they cannot be written is found out now.
-    if let Some(folder) = &args.pictures {
-        let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
-        std::fs::create_dir_all(folder).map_err(failed)?;
-        let first = folder.join(picture_name("first", 0));
-        // An earlier picture stays until there is another one.
-        std::fs::OpenOptions::new().append(true).create(true).open(first).map_err(failed)?;
-    }
     Ok(())
+}
+
+/// The pictures come last; that they cannot be written is found out first.
+fn may_write(folder: &Path) -> Result<(), Failure> {
+    let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
+    std::fs::create_dir_all(folder).map_err(failed)?;
+    let probe = folder.join(format!(".guidedog-{}", std::process::id()));
+    std::fs::write(&probe, "").and_then(|()| std::fs::remove_file(&probe)).map_err(failed)
 }
 
 fn are_generated(args: &EvaluateArgs) -> bool {
@@ -154,7 +159,9 @@ impl Evaluation {
                     return Ok(done);
                 }
                 let seed = part_seed(args.seed, number as u64);
-                done.push((number, walk(&mut episode, &mut pilot, &self.config, seed, way)?));
+                let walked = walk(&mut episode, &mut pilot, &self.config, seed, way);
+                // What one cannot walk ends the work of all.
+                done.push((number, walked.inspect_err(|_| next.store(count, Ordering::Relaxed))?));
                 bar.inc(1);
             }
         };
@@ -171,9 +178,10 @@ impl Evaluation {
         Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
     }
 
-    /// Walks the first episodes again, and those that went wrong, and draws where they went.
+    /// Walks the first episodes again, and those that went wrong, and draws where they went, in place of what an
+    /// earlier evaluation drew there.
     fn draw(&self, args: &EvaluateArgs, folder: &Path, outcomes: &[Outcome]) -> Result<(), Failure> {
-        let failed = |path: &Path, error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
+        let failed = |path: &Path, error: std::io::Error| Failure::run(format!("{}: {error}", path.display()));
         let is_wrong = |number: &usize| {
             let report = &outcomes[*number].report;
             report.collisions > 0 || !report.success
@@ -183,6 +191,9 @@ impl Evaluation {
         let numbers = 0..outcomes.len();
         let first = numbers.clone().take(PICTURES).map(|number| ("first", number));
         let wrong = numbers.filter(is_wrong).take(PICTURES).map(|number| ("wrong", number));
+        for earlier in ["first", "wrong"].into_iter().flat_map(|kind| old_pictures(folder, kind)) {
+            std::fs::remove_file(&earlier).map_err(|error| failed(&earlier, error))?;
+        }
         for (kind, number) in first.chain(wrong) {
             let seed = part_seed(args.seed, number as u64);
             let outcome = walk(&mut episode, &mut pilot, &self.config, seed, way)?;
@@ -191,6 +202,16 @@ impl Evaluation {
         }
         Ok(())
     }
+}
+
+/// Those of that kind that are there.
+fn old_pictures(folder: &Path, kind: &'static str) -> Vec<PathBuf> {
+    let is_ours = |path: &PathBuf| {
+        let number = path.file_name().and_then(|name| name.to_str()?.strip_prefix(kind)?.strip_prefix('-'));
+        number.and_then(|number| number.strip_suffix(".svg")).is_some_and(|number| number.parse::<u32>().is_ok())
+    };
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).filter(is_ours).collect()
 }
 
 /// A bar for people, where there are any.

@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use episodes::{Config, Episode, Report};
-use guidance::Draw;
 use guidance::se2::Point;
 use guidance::shield::{choose, suppress};
+use guidance::{ActionTable, Draw};
 use messages::CueKind;
 use policies::{Pilot, Situation};
 use world::Site;
@@ -20,7 +20,7 @@ const STILL: f64 = 1e-9;
 pub struct Outcome {
     /// Its figures.
     pub report: Report,
-    /// After its end stop was asked for, and the robot did not move any more: the pilot sees to that, not the engine.
+    /// After its end stop was asked for: stop was all that the pilot left, and the robot did not move any more.
     pub stopped: bool,
     /// From what is seen to what is decided, microseconds, for each decision.
     pub latency_us: Vec<f32>,
@@ -118,11 +118,12 @@ pub fn walk(
     }
     let (report, there) = (episode.report(), *episode.team().world_from_robot());
     episode.give(CueKind::Stop);
-    let action = choose(episode, decide(episode, pilot)?, u64::from(report.decisions));
-    episode.step(action);
+    let decided = decide(episode, pilot)?;
+    let leaves_stop = decided[..count].iter().enumerate().all(|(action, p)| action == ActionTable::STOP || *p == 0.0);
+    episode.step(choose(episode, decided, u64::from(report.decisions)));
     let moved = there.inverse() * episode.team().world_from_robot();
-    let stopped = moved.translation.vector.norm() < STILL && moved.rotation.angle().abs() < STILL;
-    Ok(Outcome { report, stopped, latency_us, trace })
+    let stood = moved.translation.vector.norm() < STILL && moved.rotation.angle().abs() < STILL;
+    Ok(Outcome { report, stopped: leaves_stop && stood, latency_us, trace })
 }
 
 #[cfg(test)]
