@@ -141,9 +141,7 @@ impl Episode {
         if let Some((sensor, ..)) = &mut self.depth {
             sensor.reseed(part_seed(seed, 2));
         }
-        if let Ok(odometry) = OdometrySensor::new(self.config.odometry_config(), part_seed(seed, 3), 0) {
-            self.odometry = odometry;
-        }
+        self.odometry.reseed(part_seed(seed, 3));
         self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
         (self.cue, self.cue_is_new, self.decision, self.looks) = (cue, true, 0, 0);
         let start_from_robot = self.config.draw_walked_before(cue, &mut random);
@@ -386,7 +384,7 @@ impl Episode {
         let all_unsafe = self.unsafe_mask == self.all();
         let taken = self.unsafe_mask >> action & 1 == 1 && !(all_unsafe && action == ActionTable::STOP);
         let velocity = self.velocities[action];
-        let Some(scenery) = &mut self.scenery else { return Step { reward: 0.0, ended: true } };
+        let Some(scenery) = &mut self.scenery else { unreachable!("an episode has begun") };
         scenery.score.judged(all_unsafe, taken);
         let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
         let world_from_handler = scenery.team.world_from_handler();

@@ -75,9 +75,18 @@ impl OdometrySensor {
     /// Where the configuration is out of its bounds.
     pub fn new(config: OdometryConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
         config.validate()?;
+        Ok(Self::begin(config, seed, incarnation))
+    }
+
+    /// Begins anew, in another frame, as odometry of another seed.
+    pub fn reseed(&mut self, seed: u64) {
+        *self = Self::begin(self.config.clone(), seed, self.incarnation);
+    }
+
+    fn begin(config: OdometryConfig, seed: u64, incarnation: u32) -> Self {
         let error: f64 = StandardNormal.sample(&mut generator(Source::OdometryScale, seed, incarnation, 0));
         let scale = (1.0 + config.scale_sigma * error).max(0.1);
-        Ok(Self {
+        Self {
             config,
             seed,
             incarnation,
@@ -88,7 +97,7 @@ impl OdometrySensor {
             yaw_variance: 0.0,
             place_variance: 0.0,
             place_yaw_covariance: 0.0,
-        })
+        }
     }
 
     /// Takes the true pose and velocity at tick number `tick` (counted by the world; the noise depends on it) and gives
