@@ -221,7 +221,9 @@ def main():
         (folder / "arguments.json").write_text(json.dumps(said | {"environment": environment}, indent=2))
         model, path = begin(arguments, environments), None
     left = int(arguments.steps) - model.num_timesteps
-    if found and left <= 0 and path.name != "taught.zip":
+    # What has only been taught, perhaps not to its end, is not prepared yet.
+    begins = path is None or path.name == "taught.zip"
+    if not begins and left <= 0:
         done = f"{path}: {model.num_timesteps} of {int(arguments.steps)} steps are done"
         if path.name == "model.zip":
             print(f"{done}, nothing is left to do")
@@ -230,13 +232,13 @@ def main():
             save(model, folder / "model.zip")
             print(f"{done}, model.zip is made of them")
         return
-    if not model.num_timesteps:
+    if begins:
         prepare(model, arguments, environments)
     every = max(int(arguments.checkpoint_every) // arguments.environments, 1)
     callbacks = [Reports(folder / "progress.jsonl"), Checkpoints(every, str(folder), "checkpoint")]
     if not arguments.quiet:
         callbacks.append(ProgressBarCallback())
-    model.learn(left, callbacks, reset_num_timesteps=not model.num_timesteps)
+    model.learn(left, callbacks, reset_num_timesteps=begins)
     save(model, folder / "model.zip")
 
 

@@ -126,3 +126,10 @@ def test_what_was_taught_is_kept_to(tmp_path):
         taught, learnt = (PPO.load(path).policy.action_net.weight for path in (start[1], tmp_path / keep / "model.zip"))
         apart[keep] = (taught - learnt).norm().item()
     assert 0 < apart["1000"] < apart["0"]
+
+
+def test_what_was_sharpened_is_not_sharpened_again(tmp_path):
+    run("train.py", tmp_path, "--steps=0", "--teach=512", "--sharpen=0.5", *SMALL)
+    weight = PPO.load(tmp_path / "model.zip").policy.action_net.weight
+    run("train.py", tmp_path, "--steps=512", "--resume", "--quiet")
+    assert torch.allclose(weight, PPO.load(tmp_path / "model.zip").policy.action_net.weight, rtol=0.3, atol=1e-3)
