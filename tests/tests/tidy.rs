@@ -159,8 +159,22 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 10] =
-    ["messages", "transport", "guidance", "links", "world", "settings", "recording", "fitting", "policies", "episodes"];
+const OURS: [&str; 14] = [
+    "messages",
+    "transport",
+    "guidance",
+    "links",
+    "world",
+    "settings",
+    "recording",
+    "fitting",
+    "policies",
+    "episodes",
+    "rplidar",
+    "serial",
+    "unitree",
+    "emulators",
+];
 
 #[test]
 fn dependencies_point_one_way() {
@@ -171,7 +185,11 @@ fn dependencies_point_one_way() {
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
-        ("shared/recording", &["messages"][..]),
+        ("shared/rplidar", &["messages"][..]),
+        ("shared/unitree", &["messages"][..]),
+        ("shared/serial", &[][..]),
+        ("shared/emulators", &["rplidar", "serial", "world"][..]),
+        ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),
         ("shared/links", &["messages", "settings", "transport"][..]),

@@ -42,7 +42,30 @@ fn capture() -> Vec<u8> {
     bytes
 }
 
+/// What a lidar answers a driver, from the first question to two turns of a scan.
+fn conversation(model: rplidar::Model) -> Vec<u8> {
+    let wanted = rplidar::Wanted { baud: model.baud(), mode: None, motor_rpm: 600 };
+    let (mut lidar, mut session) = (rplidar::Emulated::new(model), rplidar::Session::new(wanted, 0));
+    let (mut all, mut samples) = (vec![64, 1], Vec::new());
+    for ms in 0..600 {
+        let (now_ns, mut sent) = (ms * 1_000_000, Vec::new());
+        session.tick(now_ns);
+        while let Some(to_do) = session.next_to_do() {
+            if let rplidar::Do::Write(bytes) = to_do {
+                lidar.received(now_ns, &bytes, &mut sent);
+            }
+        }
+        lidar.advance(now_ns, |angle_deg, _| (angle_deg < 300.0).then_some(2.0), &mut sent);
+        session.received(now_ns, &sent, &mut samples);
+        all.extend(sent);
+    }
+    all
+}
+
 fn main() {
+    for model in rplidar::Model::ALL {
+        seed("line", &format!("{model:?}"), &conversation(model));
+    }
     let mut parts = vec![0, 7, 0];
     parts.extend(SCAN.replace('\n', "").bytes());
     parts.extend([0, 1, 7, 0]);

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+mod emulate;
 pub mod evaluate;
 mod policy;
 
@@ -13,6 +14,7 @@ use settings::{Millis, PolicyModel};
 use crate::exit::EXIT_CODES_HELP;
 
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
+pub use emulate::{Device, EmulateArgs, LidarModel};
 pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
 
 /// Runs and operates the guide robot's stack of processes.
@@ -71,6 +73,9 @@ pub enum Verb {
     /// Run episodes of the wayfinding task with a policy, and tell how it fares
     #[command(after_help = evaluate::HELP)]
     Evaluate(evaluate::EvaluateArgs),
+    /// A device that is not there, as a process of its own, for whatever would speak to the real one
+    #[command(after_help = emulate::HELP)]
+    Emulate(EmulateArgs),
     /// Ask the shield itself: one case a line on standard input, one answer a line on standard output
     #[command(after_help = SHIELD_HELP)]
     Shield(ShieldArgs),

@@ -8,6 +8,7 @@ mod args;
 mod bench;
 mod control;
 mod doctor;
+mod emulate;
 mod evaluate;
 mod exit;
 mod fit;
@@ -106,6 +107,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),
         Verb::Evaluate(args) => done(evaluate::evaluate(&args, json)),
+        Verb::Emulate(args) => done(emulate::emulate(&args)),
         Verb::Shield(args) => done(shield::shield(&args, json)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }

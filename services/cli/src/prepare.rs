@@ -130,8 +130,12 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
 /// As [`walk`].
 pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
     let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
-    if settings.lidar.source != Source::Simulated || settings.odometry.source != Source::Simulated {
-        return Err(Failure::input("lidar.source and odometry.source must be \"simulated\" in a simulated walk"));
+    if settings.lidar.source == Source::Absent || settings.odometry.source != Source::Simulated {
+        let needed = "odometry.source must be \"simulated\" in a simulated walk, lidar.source that or \"device\"";
+        return Err(Failure::input(needed));
+    }
+    if settings.lidar.source == Source::Device && args.pace.speed.is_some() {
+        return Err(Failure::input("lidar.source is \"device\", and a device keeps its own time: no --speed with it"));
     }
     if settings.replays() {
         return Err(Failure::input("a source is \"replayed\", and no recording is named: that is `guidedog replay`"));

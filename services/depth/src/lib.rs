@@ -38,7 +38,7 @@ impl DepthDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn FrameSource> = match settings.depth.source {
             Source::Simulated => Box::new(SimulatedDepth::open(&settings, io)?),
-            Source::Replayed | Source::Absent => {
+            Source::Device | Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("depth.source names no source for this driver".to_owned()));
             }
         };

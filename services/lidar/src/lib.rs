@@ -1,11 +1,13 @@
 //! The lidar driver: scans from a source, straight into shared memory.
 
+mod rplidar;
 mod simulated;
 
 use messages::LidarScan;
 use settings::Source;
 use transport::{FramePublisher, Io, Service, TransportError};
 
+pub use rplidar::RplidarSource;
 pub use simulated::SimulatedLidar;
 
 /// Where scans come from: the simulated world, or a device.
@@ -20,7 +22,10 @@ pub trait ScanSource {
     ///
     /// # Errors
     /// Where the source is broken for good.
-    fn poll(&mut self, now_ns: u64, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError>;
+    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError>;
+
+    /// Leaves the device as it is to be found.
+    fn leave(&mut self) {}
 }
 
 /// The service.
@@ -38,6 +43,7 @@ impl LidarDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn ScanSource> = match settings.lidar.source {
             Source::Simulated => Box::new(SimulatedLidar::open(&settings, io)?),
+            Source::Device => Box::new(RplidarSource::new(&settings.lidar)),
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));
             }
@@ -49,10 +55,15 @@ impl LidarDriver {
 
 impl Service for LidarDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        self.source.poll(io.now_ns(), &mut self.scans)
+        self.source.poll(io, &mut self.scans)
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
         self.source.next_timer_ns()
+    }
+
+    fn on_leave(&mut self, _io: &mut Io) -> Result<(), TransportError> {
+        self.source.leave();
+        Ok(())
     }
 }

@@ -46,11 +46,11 @@ impl ScanSource for SimulatedLidar {
         Some(self.rhythm.next_ns())
     }
 
-    fn poll(&mut self, now_ns: u64, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
         if let Some(truth) = self.truths.take_newest()? {
             self.truth = Some(truth);
         }
-        let Some(number) = self.rhythm.due(now_ns) else { return Ok(()) };
+        let Some(number) = self.rhythm.due(io.now_ns()) else { return Ok(()) };
         // Without news from the world there is nothing to measure.
         let Some(truth) = self.truth.take() else { return Ok(()) };
         let mut loan = scans.loan(self.beams_max())?;

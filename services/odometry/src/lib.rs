@@ -35,7 +35,7 @@ impl OdometryDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn PoseSource> = match settings.odometry.source {
             Source::Simulated => Box::new(SimulatedOdometry::open(&settings, io)?),
-            Source::Replayed | Source::Absent => {
+            Source::Device | Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));
             }
         };

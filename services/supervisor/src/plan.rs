@@ -151,8 +151,9 @@ impl Plan {
         if settings.odometry.source == Source::Simulated {
             services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
         }
-        if settings.lidar.source == Source::Simulated {
-            services.push(plan(ServiceId::Lidar, 2, &limits, vec![scan_stream(settings, true)]));
+        if let driven @ (Source::Simulated | Source::Device) = settings.lidar.source {
+            let stream = scan_stream(settings, driven == Source::Simulated);
+            services.push(plan(ServiceId::Lidar, 2, &limits, vec![stream]));
         }
         if settings.depth.source == Source::Simulated {
             services.push(depth(settings, &limits));

@@ -1,9 +1,7 @@
 //! Imports what an RPLIDAR of the A series sent on its serial line in standard scan mode, byte for byte.
 //!
-//! A node is five bytes: start bit, its inverse and quality; check bit 1 and angle (clockwise, 1/64 degree); distance
-//! (1/4 mm, little endian), 0 where nothing came back. Nodes follow the reply descriptor `A5 5A 05 00 00 40 81`; what
-//! comes before it is stale. Where the check bits are wrong a byte was lost: one byte at a time is left out until they
-//! are right.
+//! What comes before the reply that begins the scan, `A5 5A 05 00 00 40 81`, is stale; the rest is read as the driver
+//! reads it ([`rplidar::Decoder`]).
 //!
 //! * **Scans** are the whole revolutions, from start bit to start bit. A revolution's nodes are sorted into beams of
 //!   one width, of which there are nine for ten nodes, so that hardly any is left empty; the nearest reading of a
@@ -18,15 +16,15 @@ use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use messages::{Header, MAX_BEAMS, NS_PER_S, ScanHeader, s_from_ns};
+use rplidar::{Beams, Decoder, Descriptor, Format, Sample, Timing};
 use serde::Serialize;
 
 use crate::{About, Existing, Record, WriteError, Writer};
 
-/// Before the first node.
-const DESCRIPTOR: [u8; 7] = [0xa5, 0x5a, 0x05, 0x00, 0x00, 0x40, 0x81];
-const NODE_BYTES: usize = 5;
 /// From one node to the next in standard mode.
 const NODE_NS: u64 = NS_PER_S / 2000;
+/// When what came was measured is not asked.
+const TIMING: Timing = Timing { sample_ns: NODE_NS, byte_ns: 0 };
 /// Between two captures.
 const GAP_NS: u64 = NS_PER_S;
 /// What an A1 sees, metres.
@@ -38,22 +36,11 @@ const NODES_MIN: usize = 20;
 /// No capture is longer, bytes: hours.
 const CAPTURE_MAX: u64 = 256 << 20;
 
-/// One node of a scan.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Node {
-    /// The first of a revolution.
-    pub starts: bool,
-    /// Clockwise from straight ahead, degrees.
-    pub angle_deg: f64,
-    /// Metres; none where nothing came back.
-    pub distance_m: Option<f64>,
-}
-
 /// What is in the bytes of a capture.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Capture {
     /// In the order in which they came.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<Sample>,
     /// Bytes between nodes that belong to none.
     pub skipped_bytes: u64,
 }
@@ -61,36 +48,18 @@ pub struct Capture {
 /// Reads the nodes of a capture; none where it holds no standard scan.
 #[must_use]
 pub fn decode(bytes: &[u8]) -> Option<Capture> {
-    let first = bytes.windows(DESCRIPTOR.len()).position(|window| window == DESCRIPTOR)?;
-    let mut capture = Capture::default();
-    let mut rest = &bytes[first + DESCRIPTOR.len()..];
-    while rest.len() >= NODE_BYTES {
-        if rest.starts_with(&DESCRIPTOR) {
-            // The scan was begun anew.
-            rest = &rest[DESCRIPTOR.len()..];
-        } else if let Some(node) = node(rest) {
-            capture.nodes.push(node);
-            rest = &rest[NODE_BYTES..];
-        } else {
-            capture.skipped_bytes += 1;
-            rest = &rest[1..];
+    let mut from = 0;
+    let begins = |descriptor: Descriptor| descriptor.answer_type == Format::Standard.answer_type();
+    loop {
+        let (descriptor, after) = Descriptor::find(&bytes[from..])?;
+        from += after;
+        if descriptor.repeats && begins(descriptor) {
+            break;
         }
     }
-    Some(capture)
-}
-
-fn node(bytes: &[u8]) -> Option<Node> {
-    let (start, inverse, check) = (bytes[0] & 1, bytes[0] >> 1 & 1, bytes[1] & 1);
-    if start == inverse || check != 1 {
-        return None;
-    }
-    let angle = u16::from_le_bytes([bytes[1], bytes[2]]) >> 1;
-    let distance = u16::from_le_bytes([bytes[3], bytes[4]]);
-    Some(Node {
-        starts: start == 1,
-        angle_deg: f64::from(angle) / 64.0,
-        distance_m: (distance > 0).then(|| f64::from(distance) / 4000.0),
-    })
+    let (mut decoder, mut nodes) = (Decoder::new(Format::Standard, TIMING), Vec::new());
+    decoder.push(&bytes[from..], 0, &mut nodes);
+    Some(Capture { nodes, skipped_bytes: decoder.counters().skipped_bytes })
 }
 
 /// Why captures cannot be imported.
@@ -181,25 +150,25 @@ pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Resul
     let mut writer = Writer::create(out, options.existing)?;
     let decoded = captures.iter().map(|path| read(path)).collect::<Result<Vec<_>, _>>()?;
     let lengths = decoded.iter().flat_map(|capture| revolutions(&capture.nodes)).map(|(from, to)| to - from);
-    let fan = Fan::of(beams_for(lengths.collect()).ok_or(ImportError::NoRevolution)?, options.field_of_view_rad);
+    let beams = fan(beams_for(lengths.collect()).ok_or(ImportError::NoRevolution)?, options.field_of_view_rad);
     let (mut at_ns, mut seq) = (0, 0);
     for (i, capture) in decoded.iter().enumerate() {
         for (from, to) in revolutions(&capture.nodes) {
             let stamp_ns = at_ns + to as u64 * NODE_NS;
             let header = Header { stamp_ns, seq, incarnation: i as u32 + 1, ..Header::default() };
-            writer.write(&scan(header, &capture.nodes[from..to], &fan))?;
+            writer.write(&scan(header, &capture.nodes[from..to], &beams))?;
             seq += 1;
         }
         at_ns += capture.nodes.len() as u64 * NODE_NS + GAP_NS;
     }
     let nodes = decoded.iter().map(|capture| capture.nodes.len() as u64).sum();
-    let zeros = decoded.iter().flat_map(|capture| &capture.nodes).filter(|node| node.distance_m.is_none()).count();
+    let zeros = decoded.iter().flat_map(|capture| &capture.nodes).filter(|node| node.range_m.is_none()).count();
     let skipped_bytes = decoded.iter().map(|capture| capture.skipped_bytes).sum();
     let name = |path: &PathBuf| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let info = writer.finish(About {
         source: captures.first().map(name).unwrap_or_default(),
         robot: "rplidar".to_owned(),
-        field_of_view_rad: fan.count as f64 * fan.increment_rad(),
+        field_of_view_rad: beams.count as f64 * beams.angle_increment_rad,
         first_wall_clock_s: None,
         anomalies: BTreeMap::from([
             ("zero_distance".to_owned(), zeros as u64),
@@ -211,7 +180,7 @@ pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Resul
         sources: captures.to_owned(),
         recording: out.to_owned(),
         scans: seq,
-        beams: fan.count,
+        beams: beams.count,
         nodes,
         zero_distance: zeros as u64,
         skipped_bytes,
@@ -234,8 +203,8 @@ fn read(path: &Path) -> Result<Capture, ImportError> {
 }
 
 /// The whole revolutions: from a start to the node before the next.
-fn revolutions(nodes: &[Node]) -> Vec<(usize, usize)> {
-    let starts: Vec<usize> = (0..nodes.len()).filter(|i| nodes[*i].starts).collect();
+fn revolutions(nodes: &[Sample]) -> Vec<(usize, usize)> {
+    let starts: Vec<usize> = (0..nodes.len()).filter(|i| nodes[*i].starts_turn).collect();
     starts.windows(2).map(|pair| (pair[0], pair[1])).filter(|(from, to)| to - from >= NODES_MIN).collect()
 }
 
@@ -246,44 +215,28 @@ fn beams_for(mut lengths: Vec<usize>) -> Option<usize> {
     Some((middle * 9 / 10).clamp(NODES_MIN / 2, MAX_BEAMS))
 }
 
-/// The beams that are kept of a whole turn's.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Fan {
-    whole_turn: usize,
-    /// Counter-clockwise from straight back.
-    first: usize,
-    count: usize,
+/// Of a whole turn's beams those within a field of view, centred on straight ahead; beam 0 of a whole turn looks
+/// straight back.
+fn fan(whole_turn: usize, field_of_view_rad: f64) -> Beams {
+    let left_out = (whole_turn as f64 * (1.0 - field_of_view_rad / TAU) / 2.0).ceil();
+    let first = (left_out.max(0.0) as usize).min((whole_turn - 1) / 2);
+    let angle_increment_rad = TAU / whole_turn as f64;
+    // Straight back is one beam, which has no twin on the other side.
+    let count = whole_turn - 2 * first + usize::from(first > 0);
+    Beams { count, angle_min_rad: first as f64 * angle_increment_rad - PI, angle_increment_rad }
 }
 
-impl Fan {
-    fn of(whole_turn: usize, field_of_view_rad: f64) -> Self {
-        let left_out = (whole_turn as f64 * (1.0 - field_of_view_rad / TAU) / 2.0).ceil();
-        let first = (left_out.max(0.0) as usize).min((whole_turn - 1) / 2);
-        // Straight back is one beam, which has no twin on the other side.
-        Self { whole_turn, first, count: whole_turn - 2 * first + usize::from(first > 0) }
-    }
-
-    fn increment_rad(&self) -> f64 {
-        TAU / self.whole_turn as f64
-    }
-}
-
-fn scan(header: Header, nodes: &[Node], fan: &Fan) -> Record {
-    let increment_rad = fan.increment_rad();
-    let mut ranges_m = vec![f32::NAN; fan.count];
+fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Record {
+    let mut ranges_m = vec![f32::NAN; beams.count];
     for node in nodes {
-        let Some(distance_m) = node.distance_m else { continue };
-        // Clockwise becomes counter-clockwise; beam 0 looks straight back.
-        let turn = (PI - node.angle_deg.to_radians()).rem_euclid(TAU) / increment_rad;
-        let beam = (turn.round() as usize % fan.whole_turn).checked_sub(fan.first);
-        if let Some(range_m) = beam.and_then(|beam| ranges_m.get_mut(beam)) {
-            *range_m = range_m.min(distance_m as f32);
+        if let (Some(range_m), Some(beam)) = (node.range_m, beams.at(node.angle_deg)) {
+            ranges_m[beam] = ranges_m[beam].min(range_m);
         }
     }
     let header = ScanHeader {
         header,
-        angle_min_rad: fan.first as f64 * increment_rad - PI,
-        angle_increment_rad: increment_rad,
+        angle_min_rad: beams.angle_min_rad,
+        angle_increment_rad: beams.angle_increment_rad,
         range_min_m: RANGE_M.0,
         range_max_m: RANGE_M.1,
         sigma_m: SIGMA_M,
@@ -294,7 +247,7 @@ fn scan(header: Header, nodes: &[Node], fan: &Fan) -> Record {
 
 #[cfg(test)]
 mod tests {
-    use super::{DESCRIPTOR, Fan, decode, revolutions, scan};
+    use super::{decode, fan, revolutions, scan};
     use crate::Record;
     use messages::Header;
     use std::f64::consts::TAU;
@@ -308,7 +261,7 @@ mod tests {
 
     fn capture() -> Vec<u8> {
         let mut stream = vec![0x3e, 0x7b, 0x00];
-        stream.extend(DESCRIPTOR);
+        stream.extend([0xa5, 0x5a, 0x05, 0x00, 0x00, 0x40, 0x81]);
         for i in 0..100 {
             let degrees = f64::from(i % 40) * 9.0;
             stream.extend(bytes(i % 40 == 0, degrees, if i % 5 == 3 { 0 } else { 1000 + 10 * (i % 40) as u16 }));
@@ -321,7 +274,7 @@ mod tests {
         let whole = decode(&capture()).expect("a scan");
         assert_eq!((whole.nodes.len(), whole.skipped_bytes), (100, 0));
         assert_eq!(whole.nodes[41].angle_deg, 9.0);
-        assert_eq!((whole.nodes[3].distance_m, whole.nodes[2].distance_m), (None, Some(1.02)));
+        assert_eq!((whole.nodes[3].range_m, whole.nodes[2].range_m), (None, Some(1.02)));
         let mut torn = capture();
         torn.remove(10 + 5 * 30 + 2);
         let torn = decode(&torn).expect("a scan");
@@ -333,14 +286,14 @@ mod tests {
     fn a_revolution_turns_the_other_way_and_zero_is_unknown() {
         let nodes = decode(&capture()).expect("a scan").nodes;
         assert_eq!(revolutions(&nodes), [(0, 40), (40, 80)], "the last one is not whole");
-        let Record::Scan { ranges_m, .. } = scan(Header::default(), &nodes[..40], &Fan::of(40, TAU)) else {
+        let Record::Scan { ranges_m, .. } = scan(Header::default(), &nodes[..40], &fan(40, TAU)) else {
             panic!("a scan")
         };
         // 90 degrees clockwise is to the right: a quarter turn before beam 20, which looks ahead.
         assert_eq!((ranges_m[20], ranges_m[10]), (1.0, 1.1));
         assert!(ranges_m[20 - 3].is_nan(), "its distance was 0");
         // Half a turn: from the right over ahead to the left.
-        let half = Fan::of(40, std::f64::consts::PI);
+        let half = fan(40, std::f64::consts::PI);
         let Record::Scan { header, ranges_m } = scan(Header::default(), &nodes[..40], &half) else { panic!("a scan") };
         assert!((header.angle_min_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
         assert_eq!((ranges_m.len(), ranges_m[10], ranges_m[0]), (21, 1.0, 1.1));

@@ -17,8 +17,8 @@ fn real_captures_hold_the_nodes_that_another_decoder_counts() {
         let name = file["file"].as_str().expect("a name");
         let capture = rplidar::decode(&std::fs::read(folder.join(name)).expect("readable")).expect("a scan");
         let count = |key: &str| file[key].as_u64().expect("a count") as usize;
-        let starts = capture.nodes.iter().filter(|node| node.starts).count();
-        let zeros = capture.nodes.iter().filter(|node| node.distance_m.is_none()).count();
+        let starts = capture.nodes.iter().filter(|node| node.starts_turn).count();
+        let zeros = capture.nodes.iter().filter(|node| node.range_m.is_none()).count();
         // After a lost byte two decoders need not agree at once.
         let lost = 5 * (1 + capture.skipped_bytes as usize);
         for (ours, key) in
@@ -27,11 +27,10 @@ fn real_captures_hold_the_nodes_that_another_decoder_counts() {
             assert!(ours.abs_diff(count(key)) <= lost, "{name}: {key}: {ours}, not {}", count(key));
         }
         if count("skipped_bytes") == 0 && count("descriptors") == 1 {
-            assert_eq!(
-                (capture.nodes.len(), zeros),
-                (count("nodes_after_descriptor"), count("zero_distance")),
-                "{name}"
-            );
+            // But for the last ones: a node far from the one before is believed once those behind it fit to it.
+            let missing = count("nodes_after_descriptor").checked_sub(capture.nodes.len());
+            assert!(missing.is_some_and(|missing| missing < 4), "{name}: {missing:?} nodes are missing");
+            assert_eq!(zeros, count("zero_distance"), "{name}");
         }
         files += 1;
     }
@@ -50,7 +49,8 @@ fn captures_become_a_recording_of_whole_revolutions() {
     let recording = out.path().join("room.mcap");
     let sources = [folder.join("sample_data_1.bin"), folder.join("sample_data_pyserial_1.bin")];
     let report = rplidar::import(&sources, &recording, options(Existing::Refuse)).expect("imported");
-    assert_eq!(report.scans, 2 + 32);
+    // The first capture ends with a node that says that a turn begins, in the middle of one.
+    assert_eq!(report.scans, 1 + 32);
     let mut scans = 0;
     for record in Reader::open(&recording).expect("a recording") {
         let Record::Scan { header, ranges_m } = record.expect("readable") else { panic!("only scans") };

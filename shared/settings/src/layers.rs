@@ -183,6 +183,11 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if !(0.0..=0.5).contains(&settings.shield.margin_m) {
         return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
     }
+    for (key, source) in [("depth.source", depth.source), ("odometry.source", settings.odometry.source)] {
+        if source == Source::Device {
+            return Err(format!("{key} = \"device\": only the lidar can be a device in this version"));
+        }
+    }
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }

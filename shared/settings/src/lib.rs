@@ -14,7 +14,7 @@ pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DepthSettings, Handler, HandlerModel, LidarSettings, Limits,
-    LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, Settings,
-    ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
+    LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot,
+    RplidarSettings, Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

@@ -1,5 +1,6 @@
 //! The sections of the configuration file and their defaults.
 
+mod lidar;
 mod policy;
 mod shield;
 
@@ -16,6 +17,7 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
+pub use lidar::{LidarSettings, RplidarSettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 
@@ -210,53 +212,12 @@ impl Default for Handler {
 pub enum Source {
     /// Computed from the simulated world.
     Simulated,
+    /// Read from a device.
+    Device,
     /// Published by `replay` in the driver's place.
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// The lidar and its driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct LidarSettings {
-    /// Where scans come from.
-    pub source: Source,
-    /// Beams of a scan.
-    pub beams: u32,
-    /// Field of view, degrees, centred on the lidar's x axis.
-    pub field_of_view_deg: Positive,
-    /// Scans a second; a real robot needs 8 or more.
-    pub rate_hz: Positive,
-    /// Readings under it are unknown, metres.
-    pub range_min_m: Positive,
-    /// Readings at or over it hit nothing, metres.
-    pub range_max_m: Positive,
-    /// One standard deviation of a reading, metres.
-    pub sigma_m: f64,
-    /// Share of beams that give nothing.
-    pub drop_out: Share,
-    /// Height of the lidar's plane above the floor, metres.
-    pub height_m: Positive,
-    /// Where the lidar is on the robot.
-    pub robot_from_lidar: Pose2,
-}
-
-impl Default for LidarSettings {
-    fn default() -> Self {
-        Self {
-            source: Source::Simulated,
-            beams: 360,
-            field_of_view_deg: Positive::of(360.0),
-            rate_hz: Positive::of(10.0),
-            range_min_m: Positive::of(0.15),
-            range_max_m: Positive::of(12.0),
-            sigma_m: 0.025,
-            drop_out: Share::of(0.005),
-            height_m: Positive::of(0.35),
-            robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
-        }
-    }
 }
 
 /// The depth camera and its driver.

@@ -1,0 +1,203 @@
+//! An RPLIDAR at a serial line: opens the port, has the conversation, and opens it anew whenever it is lost.
+//!
+//! A lidar that is not there is no reason to end: without scans nothing moves, and the operator is told once what is
+//! missing and what to do.
+
+use messages::{Header, LidarScan, NS_PER_S, ScanHeader};
+use rplidar::{Beams, Do, Found, Sample, Session, Turns, Wanted};
+use serial::{SerialError, SerialPort};
+use settings::LidarSettings;
+use transport::{FramePublisher, FromChild, Io, TransportError};
+use world::LidarConfig;
+
+use crate::ScanSource;
+
+/// Between two tries to open a port: short, since fresh scans are to come within a second of replugging.
+const REOPEN_NS: u64 = 200_000_000;
+/// The speeds of all series, the most common first.
+const BAUDS: [u32; 4] = [115_200, 256_000, 460_800, 1_000_000];
+/// What a line of 1,000,000 baud brings in 40 ms, bytes.
+const READ_BYTES: usize = 4096;
+/// The most reads at one waking: the loop has beats to give as well.
+const READS_MAX: usize = 8;
+/// Of [`Io::watch`].
+const PORT_TOKEN: u64 = 0;
+
+/// Scans of an RPLIDAR.
+#[derive(Debug)]
+pub struct RplidarSource {
+    settings: LidarSettings,
+    header: ScanHeader,
+    line: Option<Line>,
+    turns: Turns,
+    samples: Vec<Sample>,
+    reopen_ns: u64,
+    /// Ports opened so far without a scan: which speed is tried next.
+    tries: usize,
+    /// The last thing told, which is not told again.
+    told: String,
+}
+
+/// An open port and the conversation on it.
+#[derive(Debug)]
+struct Line {
+    port: SerialPort,
+    session: Session,
+    /// What there was no room for in the port.
+    unsent: Vec<u8>,
+    scans: bool,
+}
+
+impl RplidarSource {
+    /// A source that opens its port when it is first asked.
+    #[must_use]
+    pub fn new(settings: &LidarSettings) -> Self {
+        let layout = LidarConfig::from(settings);
+        let beams = Beams {
+            count: layout.beams,
+            angle_min_rad: layout.angle_min_rad,
+            angle_increment_rad: layout.angle_increment_rad,
+        };
+        let header = ScanHeader {
+            header: Header::default(),
+            angle_min_rad: layout.angle_min_rad,
+            angle_increment_rad: layout.angle_increment_rad,
+            range_min_m: layout.range_min_m,
+            range_max_m: layout.range_max_m,
+            sigma_m: layout.sigma_m,
+            robot_from_lidar: layout.robot_from_lidar,
+        };
+        Self {
+            settings: settings.clone(),
+            header,
+            line: None,
+            turns: Turns::new(beams),
+            samples: Vec::new(),
+            reopen_ns: 0,
+            tries: 0,
+            told: String::new(),
+        }
+    }
+
+    /// The speed to try.
+    fn baud(&self) -> u32 {
+        self.settings.rplidar.baud.unwrap_or(BAUDS[self.tries % BAUDS.len()])
+    }
+
+    fn open(&mut self, io: &Io) -> Result<(), TransportError> {
+        let (wished, baud) = (&self.settings.rplidar, self.baud());
+        match SerialPort::open(&wished.port, baud) {
+            Ok(port) => {
+                io.watch(&port, PORT_TOKEN)?;
+                let wanted = Wanted { baud, mode: wished.mode.clone(), motor_rpm: wished.motor_rpm };
+                let session = Session::new(wanted, io.now_ns());
+                self.line = Some(Line { port, session, unsent: Vec::new(), scans: false });
+            }
+            Err(error) => self.lose(io, &error),
+        }
+        Ok(())
+    }
+
+    /// Tells why there are no scans, and tries again soon.
+    fn lose(&mut self, io: &Io, why: &dyn std::fmt::Display) {
+        if let Some(line) = self.line.take() {
+            io.unwatch(&line.port);
+        }
+        self.reopen_ns = io.now_ns() + REOPEN_NS;
+        self.tell(io, why.to_string());
+    }
+
+    fn tell(&mut self, io: &Io, text: String) {
+        if self.told != text {
+            io.tell(&FromChild::Note { text: text.clone() });
+            self.told = text;
+        }
+    }
+
+    /// Tells who the lidar is, once it scans.
+    fn greet(&mut self, io: &Io) {
+        let Some(line) = &mut self.line else { return };
+        let Some(found) = line.session.running().filter(|_| !line.scans) else { return };
+        line.scans = true;
+        let text = about(found, line.port.path().display());
+        self.tries = 0;
+        self.tell(io, text);
+    }
+}
+
+fn about(found: &Found, port: std::path::Display<'_>) -> String {
+    let rate = NS_PER_S / found.sample_ns.max(1);
+    let (model, firmware) = (found.info.model, found.info.firmware_text());
+    format!("model {model:#04x}, firmware {firmware}, at {port}: mode {}, {rate} samples a second", found.mode)
+}
+
+impl Line {
+    /// Reads, answers and writes what there is.
+    fn serve(&mut self, now_ns: u64, samples: &mut Vec<Sample>) -> Result<(), SerialError> {
+        let mut buffer = [0; READ_BYTES];
+        for _ in 0..READS_MAX {
+            let count = self.port.read(&mut buffer)?;
+            self.session.received(now_ns, &buffer[..count], samples);
+            if count < buffer.len() {
+                break;
+            }
+        }
+        self.session.tick(now_ns);
+        while let Some(to_do) = self.session.next_to_do() {
+            self.carry_out(&to_do);
+        }
+        let sent = self.port.write(&self.unsent)?;
+        self.unsent.drain(..sent);
+        Ok(())
+    }
+
+    fn carry_out(&mut self, to_do: &Do) {
+        match to_do {
+            Do::Write(bytes) => self.unsent.extend_from_slice(bytes),
+            // Where the port has no such line, the motor turns by itself.
+            Do::Motor(turns) => drop(self.port.set_dtr(!turns)),
+        }
+    }
+}
+
+impl ScanSource for RplidarSource {
+    fn beams_max(&self) -> usize {
+        self.settings.beams as usize
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.line.as_ref().map_or(self.reopen_ns, |line| line.session.next_timer_ns()))
+    }
+
+    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+        let now_ns = io.now_ns();
+        if self.line.is_none() && now_ns >= self.reopen_ns {
+            self.open(io)?;
+        }
+        let Some(line) = &mut self.line else { return Ok(()) };
+        if let Err(error) = line.serve(now_ns, &mut self.samples) {
+            self.lose(io, &error);
+        } else if let Some(error) = line.session.error().cloned() {
+            self.tries += 1;
+            self.lose(io, &error);
+        }
+        self.greet(io);
+        for sample in self.samples.drain(..) {
+            let Some(turn) = self.turns.push(&sample) else { continue };
+            let mut loan = scans.loan(turn.ranges_m.len())?;
+            *loan.meta_mut() = self.header;
+            loan.data_mut().copy_from_slice(turn.ranges_m);
+            scans.publish(turn.stamps_ns.1, loan)?;
+        }
+        Ok(())
+    }
+
+    fn leave(&mut self) {
+        let Some(line) = &mut self.line else { return };
+        for to_do in line.session.farewell() {
+            line.carry_out(&to_do);
+        }
+        // The last word: there is nobody to tell that it was not heard.
+        let _ = line.port.write(&line.unsent);
+    }
+}

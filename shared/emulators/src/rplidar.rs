@@ -1,0 +1,101 @@
+//! An RPLIDAR at a pseudo-terminal.
+
+use std::f64::consts::{PI, TAU};
+use std::path::Path;
+
+use rplidar::{Emulated, Model};
+use serial::PseudoTerminal;
+use world::{ConfigError, LidarConfig, LidarSensor, Scene};
+
+/// Beams of one look at the world: a tenth of a degree apart, far finer than any of these lidars samples.
+const BEAMS: usize = 3600;
+/// The most that is read at once, bytes: many requests.
+const READ_BYTES: usize = 512;
+/// What a wrong speed makes of a byte; any other value that is no byte's own would do as well.
+const GARBLED: u8 = 0x6b;
+
+/// A lidar whose port is at a path.
+#[derive(Debug)]
+pub struct EmulatedRplidar {
+    terminal: PseudoTerminal,
+    model: Model,
+    lidar: Emulated,
+    sensor: LidarSensor,
+    /// The last look, counter-clockwise from straight back, metres.
+    ranges_m: Vec<f32>,
+    out: Vec<u8>,
+}
+
+impl EmulatedRplidar {
+    /// Plugs a lidar in: its port is found at `port`. Where it is on the robot, how far it sees and what its noise is,
+    /// is the configuration's; it looks all round.
+    ///
+    /// # Errors
+    /// Where the configuration is out of its bounds.
+    pub fn new(terminal: PseudoTerminal, model: Model, config: LidarConfig, seed: u64) -> Result<Self, ConfigError> {
+        let config =
+            LidarConfig { beams: BEAMS, angle_min_rad: -PI, angle_increment_rad: TAU / BEAMS as f64, ..config };
+        let sensor = LidarSensor::new(config, seed, 1)?;
+        let ranges_m = vec![f32::NAN; BEAMS];
+        Ok(Self { terminal, model, lidar: Emulated::new(model), sensor, ranges_m, out: Vec::new() })
+    }
+
+    /// Where its port is found.
+    #[must_use]
+    pub fn port(&self) -> &Path {
+        self.terminal.path()
+    }
+
+    /// Whether somebody has made it scan.
+    #[must_use]
+    pub fn scans(&self) -> bool {
+        self.lidar.scans()
+    }
+
+    /// From now on the world looks like this. `frame` numbers the looks: each has noise of its own.
+    pub fn look(&mut self, scene: &Scene<'_>, frame: u64) {
+        self.sensor.scan(scene, frame, &mut self.ranges_m);
+    }
+
+    /// When there is something to send, nanoseconds.
+    #[must_use]
+    pub fn next_frame_ns(&self) -> Option<u64> {
+        self.lidar.next_frame_ns()
+    }
+
+    /// Listens, answers, and sends what was measured until `now_ns`.
+    ///
+    /// # Errors
+    /// Where the pseudo-terminal fails.
+    pub fn serve(&mut self, now_ns: u64) -> std::io::Result<()> {
+        let mut heard = [0; READ_BYTES];
+        let count = self.terminal.read(&mut heard)?;
+        let right_speed = self.terminal.baud() == Some(self.model.baud());
+        self.out.clear();
+        // At a wrong speed neither understands the other.
+        if right_speed {
+            self.lidar.received(now_ns, &heard[..count], &mut self.out);
+        }
+        let range_max_m = self.sensor.config().range_max_m as f32;
+        let ranges_m = &self.ranges_m;
+        let measure = |clockwise_deg: f64, _| {
+            let beam =
+                ((PI - clockwise_deg.to_radians()).rem_euclid(TAU) / TAU * BEAMS as f64).round() as usize % BEAMS;
+            // Neither what gave no reading nor what is too far comes back.
+            Some(ranges_m[beam]).filter(|range_m| *range_m < range_max_m)
+        };
+        self.lidar.advance(now_ns, measure, &mut self.out);
+        if !right_speed {
+            self.out.iter_mut().for_each(|byte| *byte ^= GARBLED);
+        }
+        // What nobody reads is lost, as on any serial line.
+        let mut rest = &self.out[..];
+        while !rest.is_empty() {
+            match self.terminal.write(rest)? {
+                0 => break,
+                sent => rest = &rest[sent..],
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,114 @@
+//! What a robot says of itself.
+
+use messages::Twist2;
+
+use crate::field::{get_f32, get_f32s, put_f32, put_f32s};
+use crate::{Profile, Remote, WireError, crc, remote};
+
+/// A state. It has neither a number nor a time: how old it is, only its arrival tells.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct State {
+    /// What the robot does with its legs, by the number of [`crate::Mode`].
+    pub mode: u8,
+    /// Its attitude: w, x, y, z.
+    pub quaternion: [f32; 4],
+    /// Where it believes to be since it was switched on, metres: forward, left, up. It drifts.
+    pub position_m: [f32; 3],
+    /// Forward, left, counter-clockwise; m/s and rad/s.
+    pub velocity: Twist2,
+    /// Charge of the battery, percent, where the robot tells it.
+    pub charge_percent: Option<u8>,
+    /// The hand remote.
+    pub remote: Remote,
+}
+
+impl State {
+    /// Yaw of the attitude, radians, counter-clockwise from where the robot looked when it was switched on.
+    #[must_use]
+    pub fn yaw_rad(&self) -> f64 {
+        let [w, x, y, z] = self.quaternion.map(f64::from);
+        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    }
+
+    /// Reads a state.
+    ///
+    /// # Errors
+    /// Where the bytes are none of this profile.
+    pub fn decode(profile: Profile, bytes: &[u8]) -> Result<Self, WireError> {
+        let layout = profile.state();
+        profile.check(bytes, layout.len)?;
+        let [forward, left] = get_f32s(bytes, layout.velocity);
+        let yaw = get_f32(bytes, layout.yaw_speed);
+        let (quaternion, position_m) = (get_f32s(bytes, layout.quaternion), get_f32s(bytes, layout.position));
+        let numbers = [&quaternion[..], &position_m, &[forward, left, yaw]].concat();
+        if !numbers.iter().all(|value| value.is_finite()) {
+            return Err(WireError::NotFinite);
+        }
+        Ok(Self {
+            mode: bytes[layout.mode],
+            quaternion,
+            position_m,
+            velocity: Twist2 { vx_mps: forward.into(), vy_mps: left.into(), wz_radps: yaw.into() },
+            charge_percent: layout.charge.map(|at| bytes[at]),
+            remote: Remote::decode(&bytes[layout.remote..layout.remote + remote::LEN]),
+        })
+    }
+
+    /// Writes a state: the robot's side; `bytes` are [`Profile::state_len`] long.
+    pub fn encode(&self, profile: Profile, bytes: &mut [u8]) {
+        let layout = profile.state();
+        let bytes = &mut bytes[..layout.len];
+        bytes.fill(0);
+        let head = profile.head().0;
+        bytes[..head.len()].copy_from_slice(head);
+        bytes[layout.mode] = self.mode;
+        put_f32s(bytes, layout.quaternion, &self.quaternion);
+        put_f32s(bytes, layout.position, &self.position_m);
+        put_f32s(bytes, layout.velocity, &[self.velocity.vx_mps as f32, self.velocity.vy_mps as f32]);
+        put_f32(bytes, layout.yaw_speed, self.velocity.wz_radps as f32);
+        if let (Some(at), Some(charge)) = (layout.charge, self.charge_percent) {
+            bytes[at] = charge;
+        }
+        self.remote.encode(&mut bytes[layout.remote..layout.remote + remote::LEN]);
+        crc::seal(bytes);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::Twist2;
+
+    use super::State;
+    use crate::{Button, Profile, Remote, WireError};
+
+    fn state(profile: Profile) -> State {
+        let half_rad = 0.35_f32;
+        State {
+            mode: 2,
+            quaternion: [half_rad.cos(), 0.0, 0.0, half_rad.sin()],
+            position_m: [1.5, -0.25, 0.375],
+            velocity: Twist2 { vx_mps: 0.5, vy_mps: -0.125, wz_radps: 0.25 },
+            charge_percent: (profile == Profile::Go138).then_some(61),
+            remote: Remote { buttons: 1 << Button::L2 as u16 | 1 << Button::B as u16, sticks: [0.5, -1.0, 0.25, 0.0] },
+        }
+    }
+
+    #[test]
+    fn a_state_is_there_and_back_in_every_profile() {
+        for profile in Profile::ALL {
+            let mut bytes = vec![0xaa; profile.state_len()];
+            state(profile).encode(profile, &mut bytes);
+            let found = State::decode(profile, &bytes).expect("a state");
+            assert_eq!(found, state(profile), "{profile:?}");
+            assert!((found.yaw_rad() - 0.7).abs() < 1e-6 && found.remote.says_stop());
+            for other in Profile::ALL {
+                assert_eq!(State::decode(other, &bytes).is_ok(), other == profile, "{profile:?} read as {other:?}");
+            }
+            bytes[profile.state().velocity] ^= 1;
+            assert_eq!(State::decode(profile, &bytes), Err(WireError::Checksum));
+            let wild = State { velocity: Twist2 { vx_mps: f64::INFINITY, ..Twist2::default() }, ..state(profile) };
+            wild.encode(profile, &mut bytes);
+            assert_eq!(State::decode(profile, &bytes), Err(WireError::NotFinite));
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The real drivers against emulated devices: neither driver nor supervisor can tell.
+
+use std::f32::consts::FRAC_PI_2;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Stdio};
+use std::time::Instant;
+
+use guidedog_tests::{Came, Live, Place, WATCHDOG, Wire, service, signal};
+use serde_json::Value;
+
+/// An emulated lidar, plugged in until it is dropped.
+struct Plugged(Child);
+
+impl Plugged {
+    fn lidar(place: &Place, model: &str) -> Self {
+        let port = port(place);
+        let args = ["emulate", "rplidar", "--port", &port.to_string_lossy(), "--model", model];
+        let mut command = place.command(&args);
+        let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("guidedog starts");
+        let since = Instant::now();
+        while !port.exists() {
+            assert!(since.elapsed() < WATCHDOG, "no port came");
+            std::thread::yield_now();
+        }
+        Self(child)
+    }
+}
+
+impl Drop for Plugged {
+    fn drop(&mut self) {
+        // Pulled out: no farewell.
+        signal(self.0.id(), "KILL");
+        let _ = self.0.wait();
+    }
+}
+
+fn port(place: &Place) -> PathBuf {
+    place.path().join("rplidar")
+}
+
+/// A configuration with the lidar at that port.
+fn config(place: &Place, port: &Path, more: &str) -> String {
+    let config = place.path().join("device.toml");
+    let text = format!("[lidar]\nsource = \"device\"\n[lidar.rplidar]\nport = \"{}\"\n{more}\n", port.display());
+    std::fs::write(&config, text).expect("written");
+    config.to_string_lossy().into_owned()
+}
+
+/// The last scan is that of who stands at the corridor's start: walls 1.2 m to either side and 3 m behind; ahead, where
+/// the wall is farther than the lidar sees, nothing is known.
+fn sees_corridor(came: &Came) -> bool {
+    let Some((_, header, ranges_m)) = came.scans.last() else { return false };
+    let at = |angle_rad: f32| {
+        let beam = (f64::from(angle_rad) - header.angle_min_rad) / header.angle_increment_rad;
+        ranges_m[beam.round() as usize % ranges_m.len()]
+    };
+    let near = |range_m: f32, expected_m: f32| (range_m - expected_m).abs() < 0.12;
+    near(at(FRAC_PI_2), 1.2) && near(at(-FRAC_PI_2), 1.2) && near(at(2.0 * FRAC_PI_2), 3.0) && at(0.0).is_nan()
+}
+
+fn told(status: &Value, text: &str) -> bool {
+    status.to_string().contains(text)
+}
+
+#[test]
+fn every_lidar_is_read_at_its_speed() {
+    for (model, baud) in [
+        ("a1", 115_200),
+        ("a1-old", 115_200),
+        ("a2", 115_200),
+        ("a3", 256_000),
+        ("s1", 256_000),
+        ("s2", 1_000_000),
+        ("s3", 1_000_000),
+        ("c1", 460_800),
+    ] {
+        let place = Place::new();
+        let _lidar = Plugged::lidar(&place, model);
+        let config = config(&place, &port(&place), &format!("baud = {baud}"));
+        let mut run = Live::up(&place, "device", &["--config", &config]);
+        run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+        let wire = Wire::on(run.dir());
+        wire.wait(&format!("{model} sees the corridor"), sees_corridor);
+        wire.stop();
+        let (report, _) = run.end();
+        assert!(report.is_object(), "{model}");
+        place.assert_empty();
+    }
+}
+
+/// Pulled out and put back, by the driver that goes on and by one that finds nothing at first.
+#[test]
+fn an_unplugged_lidar_stops_the_robot_and_a_replugged_one_is_read_again() {
+    let place = Place::new();
+    let config = config(&place, &port(&place), "");
+    let mut run = Live::up(&place, "device", &["--config", &config]);
+    run.wait("it is told what is missing", |status| told(status, "is the device plugged in"));
+    for _ in 0..2 {
+        // The speed is found by itself.
+        let lidar = Plugged::lidar(&place, "s2");
+        run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+        drop(lidar);
+        run.wait("it is ready no more", |status| status["mode"]["ready_for_cue"] == false);
+    }
+    run.wait("the plug is told of", |status| told(status, "it was unplugged"));
+    let status = run.status();
+    assert_eq!(service(&status, "lidar")["restarts"], 0, "the driver needed no restart: {status:#}");
+    let _ = run.end();
+    place.assert_empty();
+}
+
+#[test]
+fn a_lidar_that_cannot_be_read_is_told_with_what_to_do() {
+    let place = Place::new();
+    let _lidar = Plugged::lidar(&place, "a1");
+    for (more, text) in [
+        ("baud = 256000", "nothing answers at 256000 baud"),
+        ("baud = 115200\nmode = \"Turbo\"", "has no mode \\\"Turbo\\\", only Standard, Express, Boost, Sensitivity"),
+    ] {
+        let config = config(&place, &port(&place), more);
+        let mut run = Live::up(&place, "device", &["--config", &config]);
+        run.wait(text, |status| told(status, text));
+        let _ = run.end();
+    }
+    let config = config(&place, &port(&place), "");
+    let stepped = place.guidedog(&["walk", "--speed", "0", "--config", &config]);
+    let said = String::from_utf8_lossy(&stepped.stderr).into_owned();
+    assert!(stepped.status.code() == Some(2) && said.contains("keeps its own time"), "{said}");
+}
