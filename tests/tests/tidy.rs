@@ -188,7 +188,7 @@ fn dependencies_point_one_way() {
         ("shared/rplidar", &["messages"][..]),
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
-        ("shared/emulators", &["rplidar", "serial", "world"][..]),
+        ("shared/emulators", &["messages", "rplidar", "serial", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),

@@ -1,16 +1,18 @@
 //! `emulate`: devices that are not there, as processes of their own.
 
+use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use emulators::EmulatedRplidar;
+use emulators::{EmulatedRplidar, EmulatedUnitree};
 use rplidar::Model;
 use serial::PseudoTerminal;
 use settings::{Millis, Settings};
 use transport::monotonic_ns;
+use unitree::{Profile, Silence};
 use world::{LidarConfig, Scenario, Scene};
 
-use crate::args::{Device, EmulateArgs, LidarModel};
+use crate::args::{Device, EmulateArgs, LidarModel, OnSilence, Robot};
 use crate::exit::Failure;
 use crate::launch::Signals;
 use crate::out::say;
@@ -26,6 +28,7 @@ const PAUSE: Duration = Duration::from_millis(1);
 pub fn emulate(args: &EmulateArgs) -> Result<(), Failure> {
     match &args.device {
         Device::Rplidar { port, model, scenario, duration } => rplidar(port, *model, scenario, *duration),
+        Device::Unitree { profile, listen, silence, duration } => robot(*profile, *listen, *silence, *duration),
     }
 }
 
@@ -54,11 +57,55 @@ fn rplidar(port: &Path, model: LidarModel, scenario: &str, duration: Option<Mill
     let mut lidar = EmulatedRplidar::new(terminal, model, config, 1).map_err(Failure::of_input)?;
     let scene = Scene { world: &world, world_from_robot: scenario.start, world_from_handler: None, walkers: &[] };
     lidar.look(&scene, 0);
-    let signals = Signals::of_this_process()?;
     say(format!("RPLIDAR {model:?} at {}, {} baud; Ctrl-C ends it", port.display(), model.baud()));
+    until_ended(duration, |now_ns| lidar.serve(now_ns))
+}
+
+impl From<Robot> for Profile {
+    fn from(robot: Robot) -> Self {
+        match robot {
+            Robot::AlienGo384 => Self::AlienGo384,
+            Robot::AlienGo331 => Self::AlienGo331,
+            Robot::Go138 => Self::Go138,
+        }
+    }
+}
+
+impl From<OnSilence> for Silence {
+    fn from(silence: OnSilence) -> Self {
+        match silence {
+            OnSilence::HoldsLast => Self::HoldsLast,
+            OnSilence::Stands => Self::Stands,
+        }
+    }
+}
+
+fn robot(profile: Robot, at: SocketAddr, silence: OnSilence, duration: Option<Millis>) -> Result<(), Failure> {
+    let socket =
+        UdpSocket::bind(at).map_err(|error| Failure::input(format!("no robot can listen at {at}: {error}")))?;
+    let at = socket.local_addr().map_err(Failure::of_run)?;
+    let profile = Profile::from(profile);
+    let mut robot = EmulatedUnitree::new(socket, profile, silence.into()).map_err(Failure::of_run)?;
+    say(format!("robot {} at {at}; Ctrl-C ends it", profile.name()));
+    let mut last = None;
+    until_ended(duration, |now_ns| {
+        robot.serve(now_ns)?;
+        let (mode, velocity) = robot.motion(now_ns);
+        if last != Some((mode, velocity)) {
+            let [x, y, turn] = [velocity.vx_mps, velocity.vy_mps, velocity.wz_radps];
+            say(format!("{mode:?}: {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s to the left"));
+            last = Some((mode, velocity));
+        }
+        Ok(())
+    })
+}
+
+/// Serves a device until Ctrl-C, or for so long.
+fn until_ended(duration: Option<Millis>, mut serve: impl FnMut(u64) -> std::io::Result<()>) -> Result<(), Failure> {
+    let signals = Signals::of_this_process()?;
     let (begun, lasts) = (Instant::now(), duration.map(|duration| Duration::from_nanos(duration.ns())));
     while !signals.came() && lasts.is_none_or(|lasts| begun.elapsed() < lasts) {
-        lidar.serve(monotonic_ns()).map_err(Failure::of_run)?;
+        serve(monotonic_ns()).map_err(Failure::of_run)?;
         std::thread::sleep(PAUSE);
     }
     Ok(())

@@ -1,6 +1,8 @@
 //! Devices that are not there, for programs that cannot tell: each speaks its device's language on a line of its own,
-//! and senses the simulated world.
+//! and senses the simulated world where it senses at all.
 
 mod rplidar;
+mod unitree;
 
 pub use rplidar::EmulatedRplidar;
+pub use unitree::EmulatedUnitree;

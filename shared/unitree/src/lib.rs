@@ -7,11 +7,15 @@
 
 mod command;
 mod crc;
+mod driver;
+mod emulated;
 mod profile;
 mod remote;
 mod state;
 
 pub use command::{Command, Gait, Mode};
+pub use driver::{DEAD_MAN_NS, Driver, STATE_MAX_AGE_NS};
+pub use emulated::{EmulatedRobot, SILENT_NS, Silence};
 pub use profile::Profile;
 pub use remote::{Button, Remote};
 pub use state::State;

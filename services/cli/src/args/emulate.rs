@@ -1,5 +1,6 @@
 //! `emulate`: devices that are not there.
 
+use std::net::SocketAddr;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
@@ -10,8 +11,9 @@ pub const HELP: &str = "\
 Examples:
   guidedog emulate rplidar --port /tmp/rplidar                 an A1 in the built-in corridor, until Ctrl-C
   guidedog emulate rplidar --port /tmp/s2 --model s2 --scenario left-at-tee
+  guidedog emulate unitree --profile go1-3.8 --listen 127.0.0.1:8082
 
-Whatever speaks to such a device may open the port: this project's own driver, the maker's library, a viewer.";
+Whatever speaks to such a device may do so: this project's own programs, the maker's\nlibrary, a viewer.";
 
 /// Which device.
 #[derive(Debug, Args)]
@@ -39,6 +41,44 @@ pub enum Device {
         #[arg(long, value_name = "TIME", value_parser = super::duration)]
         duration: Option<Millis>,
     },
+    /// A Unitree robot at a UDP port, on a floor without walls; tells when it begins or ends to walk
+    Unitree {
+        /// Which robot, by which version of its protocol
+        #[arg(long, value_enum, default_value_t = Robot::AlienGo384)]
+        profile: Robot,
+        /// Where it listens; it answers whoever spoke last
+        #[arg(long, value_name = "IP:PORT")]
+        listen: SocketAddr,
+        /// What it does where nothing more comes
+        #[arg(long, value_enum, default_value_t = OnSilence::HoldsLast)]
+        silence: OnSilence,
+        /// End after so long
+        #[arg(long, value_name = "TIME", value_parser = super::duration)]
+        duration: Option<Millis>,
+    },
+}
+
+/// Robots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Robot {
+    /// AlienGo, sport mode 1.0.20 and later
+    #[value(name = "aliengo-3.8.4")]
+    AlienGo384,
+    /// AlienGo before that
+    #[value(name = "aliengo-3.3.1")]
+    AlienGo331,
+    /// Go1
+    #[value(name = "go1-3.8")]
+    Go138,
+}
+
+/// What a robot does when its line goes quiet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum OnSilence {
+    /// It keeps its last command for ever: nobody knows that the real ones do not
+    HoldsLast,
+    /// It stands after half a second
+    Stands,
 }
 
 /// RPLIDARs.

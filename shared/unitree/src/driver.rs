@@ -1,0 +1,194 @@
+//! What is said to a robot, tick by tick: pure, for the thread that talks to it.
+//!
+//! A robot may keep its last command for ever when nothing more comes, so something always comes: zero where nobody
+//! has wished for anything lately, and then that it stand.
+
+use messages::Twist2;
+
+use crate::{Command, Mode, Profile, State};
+
+/// Who has not been heard for so long wishes for nothing any more, nanoseconds.
+pub const DEAD_MAN_NS: u64 = 200_000_000;
+/// After zero for so long the robot is told to stand, nanoseconds: its gait has come to rest by then.
+const STAND_AFTER_NS: u64 = 500_000_000;
+/// Triggers that take an AlienGo into sport mode, one a tick, as its maker's example sends them.
+const TRIGGERS: u32 = 45;
+/// A state that is older says nothing about now, nanoseconds.
+pub const STATE_MAX_AGE_NS: u64 = 100_000_000;
+
+/// Wishes in, commands out.
+#[derive(Debug, Clone)]
+pub struct Driver {
+    profile: Profile,
+    triggers: u32,
+    wish: Twist2,
+    wished_ns: Option<u64>,
+    /// When the robot was last commanded to move, nanoseconds.
+    moved_ns: Option<u64>,
+    state: Option<(State, u64)>,
+    remote_stop: bool,
+}
+
+impl Driver {
+    /// A driver that wishes for nothing.
+    #[must_use]
+    pub fn new(profile: Profile) -> Self {
+        let triggers = if profile == Profile::AlienGo384 { TRIGGERS } else { 0 };
+        Self { profile, triggers, wish: Twist2::ZERO, wished_ns: None, moved_ns: None, state: None, remote_stop: false }
+    }
+
+    /// Wishes for a velocity from now on, until it is old.
+    pub fn wish(&mut self, velocity: Twist2, now_ns: u64) {
+        (self.wish, self.wished_ns) = (velocity, Some(now_ns));
+    }
+
+    /// A state has come. A stop on the hand remote holds until [`Driver::forget_remote_stop`].
+    pub fn received(&mut self, state: State, now_ns: u64) {
+        self.remote_stop |= state.remote.says_stop();
+        self.state = Some((state, now_ns));
+    }
+
+    /// The newest state, while it is young enough.
+    #[must_use]
+    pub fn state(&self, now_ns: u64) -> Option<&State> {
+        let (state, came_ns) = self.state.as_ref()?;
+        (now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS).then_some(state)
+    }
+
+    /// Whether somebody has stopped the robot by its hand remote.
+    #[must_use]
+    pub fn remote_stop(&self) -> bool {
+        self.remote_stop
+    }
+
+    /// The operator has taken note of the stop on the hand remote.
+    pub fn forget_remote_stop(&mut self) {
+        self.remote_stop = false;
+    }
+
+    /// What to send now.
+    pub fn command(&mut self, now_ns: u64) -> Command {
+        if self.triggers > 0 {
+            self.triggers -= 1;
+            return Command { trigger: true, ..Command::default() };
+        }
+        let fresh = self.wished_ns.is_some_and(|wished_ns| now_ns.saturating_sub(wished_ns) <= DEAD_MAN_NS);
+        let allowed = fresh && !self.remote_stop && self.wish.is_finite();
+        let velocity = if allowed { self.wish } else { Twist2::ZERO };
+        if !velocity.is_zero() {
+            self.moved_ns = Some(now_ns);
+        }
+        let rests = self.moved_ns.is_none_or(|moved_ns| now_ns.saturating_sub(moved_ns) > STAND_AFTER_NS);
+        let mode = match (self.remote_stop, rests) {
+            // Who holds the remote has the robot: it is not told to stand where it was laid down.
+            (true, _) => Mode::Idle,
+            (false, true) => Mode::Stand,
+            (false, false) => Mode::Walk,
+        };
+        Command { mode, velocity, ..Command::default() }
+    }
+
+    /// The profile.
+    #[must_use]
+    pub fn profile(&self) -> Profile {
+        self.profile
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::Twist2;
+
+    use super::{Driver, TRIGGERS};
+    use crate::{Button, EmulatedRobot, Mode, Profile, Remote, Silence, State};
+
+    const MS: u64 = 1_000_000;
+    const AHEAD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.25 };
+
+    /// Driver and robot over a line, a tick of 2 ms at a time.
+    struct Rig {
+        now_ns: u64,
+        driver: Driver,
+        robot: EmulatedRobot,
+    }
+
+    impl Rig {
+        fn new(profile: Profile) -> Self {
+            let robot = EmulatedRobot::new(profile, Silence::HoldsLast);
+            Self { now_ns: 0, driver: Driver::new(profile), robot }
+        }
+
+        fn run(&mut self, for_ms: u64, wish: Option<Twist2>) -> Twist2 {
+            let mut velocity = Twist2::ZERO;
+            for _ in 0..for_ms / 2 {
+                self.now_ns += 2 * MS;
+                if let Some(wish) = wish {
+                    self.driver.wish(wish, self.now_ns);
+                }
+                let profile = self.driver.profile();
+                let mut command = vec![0; profile.command_len()];
+                self.driver.command(self.now_ns).encode(profile, &mut command);
+                self.robot.received(&command, self.now_ns).expect("a command");
+                velocity = self.robot.velocity(self.now_ns);
+                let mut state = vec![0; profile.state_len()];
+                self.robot.state(State { velocity, ..State::default() }).encode(profile, &mut state);
+                self.driver.received(State::decode(profile, &state).expect("a state"), self.now_ns);
+            }
+            velocity
+        }
+    }
+
+    #[test]
+    fn a_robot_walks_as_long_as_it_is_wished_and_then_stands() {
+        for profile in Profile::ALL {
+            let mut rig = Rig::new(profile);
+            assert_eq!(rig.run(200, None), Twist2::ZERO);
+            assert_eq!(rig.run(400, Some(AHEAD)), AHEAD, "{profile:?}");
+            assert_eq!(rig.driver.state(rig.now_ns).map(|state| state.velocity), Some(AHEAD));
+            assert_eq!(rig.run(2, Some(Twist2::ZERO)), Twist2::ZERO, "{profile:?}: zero is at once");
+            assert_eq!(rig.robot.mode(), Mode::Walk, "{profile:?}: its gait comes to rest");
+            rig.run(600, Some(Twist2::ZERO));
+            assert_eq!(rig.robot.mode(), Mode::Stand, "{profile:?}");
+            assert_eq!(rig.run(2, Some(AHEAD)), AHEAD, "{profile:?}: it walks again");
+        }
+    }
+
+    #[test]
+    fn who_wishes_for_nothing_any_more_lets_the_robot_stand() {
+        let mut rig = Rig::new(Profile::AlienGo384);
+        rig.run(400, Some(AHEAD));
+        assert_eq!(rig.run(198, None), AHEAD);
+        assert_eq!(rig.run(4, None), Twist2::ZERO);
+        assert_eq!(rig.run(2, Some(Twist2 { vx_mps: f64::NAN, ..AHEAD })), Twist2::ZERO, "no velocity at all");
+    }
+
+    #[test]
+    fn an_aliengo_is_triggered_first() {
+        let mut driver = Driver::new(Profile::AlienGo384);
+        driver.wish(AHEAD, 0);
+        let triggers = (0..100).filter(|_| driver.command(0).trigger).count();
+        assert_eq!(triggers, TRIGGERS as usize);
+        assert!(!Driver::new(Profile::Go138).command(0).trigger);
+    }
+
+    #[test]
+    fn a_stop_on_the_hand_remote_holds() {
+        let mut rig = Rig::new(Profile::Go138);
+        rig.run(200, Some(AHEAD));
+        rig.robot.press(Remote { buttons: 1 << Button::L2 as u16 | 1 << Button::B as u16, ..Remote::default() });
+        assert_eq!(rig.run(10, Some(AHEAD)), Twist2::ZERO);
+        rig.robot.press(Remote::default());
+        assert_eq!(rig.run(1000, Some(AHEAD)), Twist2::ZERO);
+        assert!(rig.driver.remote_stop());
+        rig.driver.forget_remote_stop();
+        assert_eq!(rig.run(10, Some(AHEAD)), Twist2::ZERO, "the robot itself lies limp");
+    }
+
+    #[test]
+    fn a_state_that_is_old_says_nothing() {
+        let mut rig = Rig::new(Profile::AlienGo331);
+        rig.run(100, None);
+        assert!(rig.driver.state(rig.now_ns + 100 * MS).is_some());
+        assert!(rig.driver.state(rig.now_ns + 101 * MS).is_none());
+    }
+}
