@@ -109,11 +109,16 @@ impl Row {
     }
 
     fn json(&self) -> Value {
+        let why = |outcome: &Outcome| {
+            let reasons: Vec<&str> = outcome.reasons.iter().map(|reason| reason.name()).collect();
+            outcome.unmet.as_ref().map(|why| json!({ "why": why, "stood_by": reasons }))
+        };
         json!({
             "target": self.cell.target.to_string(), "fault": self.cell.fault.name(),
             "expect": self.cell.expect.name(), "n": self.outcomes.len(), "met": self.is_met(),
             "stop_ms": self.figures(|o| o.stop_ms), "standstill_m": self.figures(|o| o.standstill_m),
             "recovery_ms": self.figures(|o| o.recovery_ms),
+            "unmet": self.outcomes.iter().filter_map(why).collect::<Vec<Value>>(),
         })
     }
 
