@@ -138,6 +138,18 @@ impl Rig {
         Ok(())
     }
 
+    /// Why a run is no more that nobody has ended; none while it goes on.
+    pub fn obituary(&mut self) -> Option<String> {
+        if self.live.is_none() || self.is_alive() {
+            return None;
+        }
+        let live = self.live.take()?;
+        // The listener was of this run.
+        let _ = live.tap.stop();
+        let ended = live.running.wait(|| {}).map(|_| "it came to its end".to_owned());
+        Some(ended.unwrap_or_else(|failure| failure.message))
+    }
+
     /// What was seen of the run; nothing where there is none.
     pub fn seen<T>(&self, look: impl FnOnce(&Seen) -> T) -> T {
         match &self.live {

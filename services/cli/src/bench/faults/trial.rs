@@ -92,6 +92,11 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
     outcome.reasons = rig.seen(|seen| seen.reasons.clone());
     let faulted = rig.seen(|seen| seen.modes.iter().any(|(_, mode)| mode.class != ModeClass::Run));
     outcome.unmet = judge(cell, &outcome, collided, faulted, slack);
+    if let (Some(unmet), false) = (&mut outcome.unmet, cell.ends_the_run())
+        && let Some(why) = rig.obituary()
+    {
+        *unmet = format!("{unmet}; the run has ended: {why}");
+    }
     if cell.needs_a_recorder() {
         rig.end_recording();
     }
