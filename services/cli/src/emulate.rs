@@ -12,7 +12,7 @@ use transport::monotonic_ns;
 use unitree::{Profile, Silence};
 use world::{LidarConfig, Scenario, Scene};
 
-use crate::args::{Device, EmulateArgs, LidarModel, OnSilence, Robot};
+use crate::args::{Device, EmulateArgs};
 use crate::exit::Failure;
 use crate::launch::Signals;
 use crate::out::say;
@@ -32,60 +32,24 @@ pub fn emulate(args: &EmulateArgs) -> Result<(), Failure> {
     }
 }
 
-impl From<LidarModel> for Model {
-    fn from(model: LidarModel) -> Self {
-        match model {
-            LidarModel::A1 => Self::A1,
-            LidarModel::A1Old => Self::A1Old,
-            LidarModel::A2 => Self::A2,
-            LidarModel::A3 => Self::A3,
-            LidarModel::S1 => Self::S1,
-            LidarModel::S2 => Self::S2,
-            LidarModel::S3 => Self::S3,
-            LidarModel::C1 => Self::C1,
-        }
-    }
-}
-
-fn rplidar(port: &Path, model: LidarModel, scenario: &str, duration: Option<Millis>) -> Result<(), Failure> {
+fn rplidar(port: &Path, model: Model, scenario: &str, duration: Option<Millis>) -> Result<(), Failure> {
     let scenario = Scenario::load(&scenario_file(scenario)?).map_err(Failure::of_input)?;
     let world = scenario.load_world().map_err(Failure::of_input)?;
-    let model = Model::from(model);
     let terminal = PseudoTerminal::open(port)
         .map_err(|error| Failure::input(format!("no port can be made at {}: {error}", port.display())))?;
     let config = LidarConfig::from(&Settings::default().lidar);
     let mut lidar = EmulatedRplidar::new(terminal, model, config, 1).map_err(Failure::of_input)?;
     let scene = Scene { world: &world, world_from_robot: scenario.start, world_from_handler: None, walkers: &[] };
     lidar.look(&scene, 0);
-    say(format!("RPLIDAR {model:?} at {}, {} baud; Ctrl-C ends it", port.display(), model.baud()));
+    say(format!("RPLIDAR {} at {}, {} baud; Ctrl-C ends it", model.name(), port.display(), model.baud()));
     until_ended(duration, |now_ns| lidar.serve(now_ns))
 }
 
-impl From<Robot> for Profile {
-    fn from(robot: Robot) -> Self {
-        match robot {
-            Robot::AlienGo384 => Self::AlienGo384,
-            Robot::AlienGo331 => Self::AlienGo331,
-            Robot::Go138 => Self::Go138,
-        }
-    }
-}
-
-impl From<OnSilence> for Silence {
-    fn from(silence: OnSilence) -> Self {
-        match silence {
-            OnSilence::HoldsLast => Self::HoldsLast,
-            OnSilence::Stands => Self::Stands,
-        }
-    }
-}
-
-fn robot(profile: Robot, at: SocketAddr, silence: OnSilence, duration: Option<Millis>) -> Result<(), Failure> {
+fn robot(profile: Profile, at: SocketAddr, silence: Silence, duration: Option<Millis>) -> Result<(), Failure> {
     let socket =
         UdpSocket::bind(at).map_err(|error| Failure::input(format!("no robot can listen at {at}: {error}")))?;
     let at = socket.local_addr().map_err(Failure::of_run)?;
-    let profile = Profile::from(profile);
-    let mut robot = EmulatedUnitree::new(socket, profile, silence.into()).map_err(Failure::of_run)?;
+    let mut robot = EmulatedUnitree::new(socket, profile, silence).map_err(Failure::of_run)?;
     say(format!("robot {} at {at}; Ctrl-C ends it", profile.name()));
     let mut last = None;
     until_ended(duration, |now_ns| {

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
-use settings::Settings;
+use settings::{Settings, Source};
 use transport::{RunDir, SupervisorArgs};
 
 use crate::control::{let_name_go, take_name};
@@ -73,6 +73,11 @@ impl Launch<'_> {
         let program = beside("guidedog-supervisor")?;
         if !program.is_file() {
             return Err(Failure::run(format!("{} is missing; build all with `cargo build`", program.display())));
+        }
+        if self.speed.is_some() && self.settings.lidar.source == Source::Device {
+            return Err(Failure::input(
+                "lidar.source is \"device\", and a device keeps its own time: no --speed with it",
+            ));
         }
         let depth = &self.settings.depth;
         crate::doctor::preflight((depth.width * depth.height) as usize)?;

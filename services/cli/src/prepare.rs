@@ -134,9 +134,6 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         let needed = "odometry.source must be \"simulated\" in a simulated walk, lidar.source that or \"device\"";
         return Err(Failure::input(needed));
     }
-    if settings.lidar.source == Source::Device && args.pace.speed.is_some() {
-        return Err(Failure::input("lidar.source is \"device\", and a device keeps its own time: no --speed with it"));
-    }
     if settings.replays() {
         return Err(Failure::input("a source is \"replayed\", and no recording is named: that is `guidedog replay`"));
     }

@@ -3,7 +3,7 @@
 //! A lidar that is not there is no reason to end: without scans nothing moves, and the operator is told once what is
 //! missing and what to do.
 
-use messages::{Header, LidarScan, NS_PER_S, ScanHeader};
+use messages::{LidarScan, NS_PER_S, ScanHeader};
 use rplidar::{Beams, Do, Found, Sample, Session, Turns, Wanted};
 use serial::{SerialError, SerialPort};
 use settings::LidarSettings;
@@ -52,20 +52,11 @@ impl RplidarSource {
     /// A source that opens its port when it is first asked.
     #[must_use]
     pub fn new(settings: &LidarSettings) -> Self {
-        let layout = LidarConfig::from(settings);
+        let header = LidarConfig::from(settings).scan_header();
         let beams = Beams {
-            count: layout.beams,
-            angle_min_rad: layout.angle_min_rad,
-            angle_increment_rad: layout.angle_increment_rad,
-        };
-        let header = ScanHeader {
-            header: Header::default(),
-            angle_min_rad: layout.angle_min_rad,
-            angle_increment_rad: layout.angle_increment_rad,
-            range_min_m: layout.range_min_m,
-            range_max_m: layout.range_max_m,
-            sigma_m: layout.sigma_m,
-            robot_from_lidar: layout.robot_from_lidar,
+            count: settings.beams as usize,
+            angle_min_rad: header.angle_min_rad,
+            angle_increment_rad: header.angle_increment_rad,
         };
         Self {
             settings: settings.clone(),

@@ -3,12 +3,12 @@
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
 
-use rplidar::{Emulated, Model};
+use rplidar::{Beams, Emulated, Model};
 use serial::PseudoTerminal;
 use world::{ConfigError, LidarConfig, LidarSensor, Scene};
 
 /// Beams of one look at the world: a tenth of a degree apart, far finer than any of these lidars samples.
-const BEAMS: usize = 3600;
+const LOOK: Beams = Beams { count: 3600, angle_min_rad: -PI, angle_increment_rad: TAU / 3600.0 };
 /// The most that is read at once, bytes: many requests.
 const READ_BYTES: usize = 512;
 /// What a wrong speed makes of a byte; any other value that is no byte's own would do as well.
@@ -33,10 +33,14 @@ impl EmulatedRplidar {
     /// # Errors
     /// Where the configuration is out of its bounds.
     pub fn new(terminal: PseudoTerminal, model: Model, config: LidarConfig, seed: u64) -> Result<Self, ConfigError> {
-        let config =
-            LidarConfig { beams: BEAMS, angle_min_rad: -PI, angle_increment_rad: TAU / BEAMS as f64, ..config };
+        let config = LidarConfig {
+            beams: LOOK.count,
+            angle_min_rad: LOOK.angle_min_rad,
+            angle_increment_rad: LOOK.angle_increment_rad,
+            ..config
+        };
         let sensor = LidarSensor::new(config, seed, 1)?;
-        let ranges_m = vec![f32::NAN; BEAMS];
+        let ranges_m = vec![f32::NAN; LOOK.count];
         Ok(Self { terminal, model, lidar: Emulated::new(model), sensor, ranges_m, out: Vec::new() })
     }
 
@@ -78,11 +82,9 @@ impl EmulatedRplidar {
         }
         let range_max_m = self.sensor.config().range_max_m as f32;
         let ranges_m = &self.ranges_m;
+        // Neither what gave no reading nor what is too far comes back.
         let measure = |clockwise_deg: f64, _| {
-            let beam =
-                ((PI - clockwise_deg.to_radians()).rem_euclid(TAU) / TAU * BEAMS as f64).round() as usize % BEAMS;
-            // Neither what gave no reading nor what is too far comes back.
-            Some(ranges_m[beam]).filter(|range_m| *range_m < range_max_m)
+            LOOK.at(clockwise_deg).map(|beam| ranges_m[beam]).filter(|range_m| *range_m < range_max_m)
         };
         self.lidar.advance(now_ns, measure, &mut self.out);
         if !right_speed {

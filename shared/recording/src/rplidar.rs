@@ -228,11 +228,7 @@ fn fan(whole_turn: usize, field_of_view_rad: f64) -> Beams {
 
 fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Record {
     let mut ranges_m = vec![f32::NAN; beams.count];
-    for node in nodes {
-        if let (Some(range_m), Some(beam)) = (node.range_m, beams.at(node.angle_deg)) {
-            ranges_m[beam] = ranges_m[beam].min(range_m);
-        }
-    }
+    nodes.iter().for_each(|node| beams.enter(node, &mut ranges_m));
     let header = ScanHeader {
         header,
         angle_min_rad: beams.angle_min_rad,

@@ -46,6 +46,21 @@ impl Model {
     /// All of them.
     pub const ALL: [Self; 8] = [Self::A1, Self::A1Old, Self::A2, Self::A3, Self::S1, Self::S2, Self::S3, Self::C1];
 
+    /// Its name on a command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::A1 => "a1",
+            Self::A1Old => "a1-old",
+            Self::A2 => "a2",
+            Self::A3 => "a3",
+            Self::S1 => "s1",
+            Self::S2 => "s2",
+            Self::S3 => "s3",
+            Self::C1 => "c1",
+        }
+    }
+
     /// Bits a second on its line.
     #[must_use]
     pub fn baud(self) -> u32 {

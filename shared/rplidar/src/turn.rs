@@ -25,6 +25,13 @@ impl Beams {
         let before_first = TAU - turned_rad < self.angle_increment_rad / 2.0;
         if before_first { Some(0) } else { (beam < self.count).then_some(beam) }
     }
+
+    /// Enters a sample into the ranges of its beams, of which the nearest reading counts; they begin as NaN.
+    pub fn enter(&self, sample: &Sample, ranges_m: &mut [f32]) {
+        if let (Some(range_m), Some(beam)) = (sample.range_m, self.at(sample.angle_deg)) {
+            ranges_m[beam] = ranges_m[beam].min(range_m);
+        }
+    }
 }
 
 /// Where more time than this is missing, what came before is no part of the same turn: a lidar of 20 turns a second
@@ -71,10 +78,8 @@ impl Gathered {
         self.samples = 0;
     }
 
-    fn take(&mut self, sample: &Sample, beam: Option<usize>) {
-        if let (Some(range_m), Some(beam)) = (sample.range_m, beam) {
-            self.ranges_m[beam] = self.ranges_m[beam].min(range_m);
-        }
+    fn take(&mut self, sample: &Sample, beams: &Beams) {
+        beams.enter(sample, &mut self.ranges_m);
         self.stamps_ns = Some((self.stamps_ns.map_or(sample.stamp_ns, |(first, _)| first), sample.stamp_ns));
         self.samples += 1;
     }
@@ -103,7 +108,7 @@ impl Turns {
             (self.whole, self.far_side) = (true, false);
         }
         self.far_side |= FAR_SIDE_DEG.contains(&sample.angle_deg);
-        self.here.take(sample, self.beams.at(sample.angle_deg));
+        self.here.take(sample, &self.beams);
         let Gathered { ranges_m, stamps_ns, samples } = &self.done;
         stamps_ns.filter(|_| whole).map(|stamps_ns| Turn { ranges_m, stamps_ns, samples: *samples })
     }

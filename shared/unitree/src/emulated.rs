@@ -13,6 +13,20 @@ pub enum Silence {
     Stands,
 }
 
+impl Silence {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::HoldsLast, Self::Stands];
+
+    /// Its name on a command line.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::HoldsLast => "holds-last",
+            Self::Stands => "stands",
+        }
+    }
+}
+
 /// A robot that stands by itself does so after this long, nanoseconds.
 pub const SILENT_NS: u64 = 500_000_000;
 

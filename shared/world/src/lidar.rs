@@ -53,6 +53,20 @@ impl Default for LidarConfig {
 }
 
 impl LidarConfig {
+    /// What stands beside the ranges; the header is left for the publisher.
+    #[must_use]
+    pub fn scan_header(&self) -> ScanHeader {
+        ScanHeader {
+            header: Header::default(),
+            angle_min_rad: self.angle_min_rad,
+            angle_increment_rad: self.angle_increment_rad,
+            range_min_m: self.range_min_m,
+            range_max_m: self.range_max_m,
+            sigma_m: self.sigma_m,
+            robot_from_lidar: self.robot_from_lidar,
+        }
+    }
+
     /// Refuses what no lidar is like.
     ///
     /// # Errors
@@ -107,15 +121,7 @@ impl LidarSensor {
     /// What stands beside the ranges; the header is left for the publisher.
     #[must_use]
     pub fn scan_header(&self) -> ScanHeader {
-        ScanHeader {
-            header: Header::default(),
-            angle_min_rad: self.config.angle_min_rad,
-            angle_increment_rad: self.config.angle_increment_rad,
-            range_min_m: self.config.range_min_m,
-            range_max_m: self.config.range_max_m,
-            sigma_m: self.config.sigma_m,
-            robot_from_lidar: self.config.robot_from_lidar,
-        }
+        self.config.scan_header()
     }
 
     /// Writes scan number `frame` in metres: one range for each beam, as many as `ranges` has room for. Infinite where

@@ -3,8 +3,11 @@
 use std::net::SocketAddr;
 use std::path::PathBuf;
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Subcommand};
+use rplidar::Model;
 use settings::Millis;
+use unitree::{Profile, Silence};
 
 /// Examples for `emulate`.
 pub const HELP: &str = "\
@@ -31,9 +34,9 @@ pub enum Device {
         /// Where its serial port is to be found: a link that is made, and removed at the end
         #[arg(long, value_name = "PATH")]
         port: PathBuf,
-        /// Which one
-        #[arg(long, value_enum, default_value_t = LidarModel::A1)]
-        model: LidarModel,
+        /// Which one; a1-old has firmware 1.16, which cannot be asked for its modes
+        #[arg(long, default_value = Model::A1.name(), value_parser = named(Model::ALL, Model::name))]
+        model: Model,
         /// A scenario by name or file; the robot stands at its start
         #[arg(long, value_name = "NAME|FILE.toml", default_value = crate::prepare::DEFAULT_SCENARIO)]
         scenario: String,
@@ -44,60 +47,25 @@ pub enum Device {
     /// A Unitree robot at a UDP port, on a floor without walls; tells when it begins or ends to walk
     Unitree {
         /// Which robot, by which version of its protocol
-        #[arg(long, value_enum, default_value_t = Robot::AlienGo384)]
-        profile: Robot,
+        #[arg(long, default_value = Profile::AlienGo384.name(), value_parser = named(Profile::ALL, Profile::name))]
+        profile: Profile,
         /// Where it listens; it answers whoever spoke last
         #[arg(long, value_name = "IP:PORT")]
         listen: SocketAddr,
-        /// What it does where nothing more comes
-        #[arg(long, value_enum, default_value_t = OnSilence::HoldsLast)]
-        silence: OnSilence,
+        /// What it does where nothing more comes: nobody knows that the real ones do not keep their last command
+        #[arg(long, default_value = Silence::HoldsLast.name(), value_parser = named(Silence::ALL, Silence::name))]
+        silence: Silence,
         /// End after so long
         #[arg(long, value_name = "TIME", value_parser = super::duration)]
         duration: Option<Millis>,
     },
 }
 
-/// Robots.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum Robot {
-    /// AlienGo, sport mode 1.0.20 and later
-    #[value(name = "aliengo-3.8.4")]
-    AlienGo384,
-    /// AlienGo before that
-    #[value(name = "aliengo-3.3.1")]
-    AlienGo331,
-    /// Go1
-    #[value(name = "go1-3.8")]
-    Go138,
-}
-
-/// What a robot does when its line goes quiet.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum OnSilence {
-    /// It keeps its last command for ever: nobody knows that the real ones do not
-    HoldsLast,
-    /// It stands after half a second
-    Stands,
-}
-
-/// RPLIDARs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-pub enum LidarModel {
-    /// A1M8, 115200 baud
-    A1,
-    /// A1 with firmware 1.16, which cannot be asked for its modes
-    A1Old,
-    /// A2M8, 115200 baud
-    A2,
-    /// A3M1, 256000 baud
-    A3,
-    /// S1, 256000 baud
-    S1,
-    /// S2, 1000000 baud
-    S2,
-    /// S3, 1000000 baud
-    S3,
-    /// C1, 460800 baud
-    C1,
+/// The one of these names; clap lists them.
+fn named<T: Copy + Send + Sync + 'static, const N: usize>(
+    all: [T; N],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T> {
+    PossibleValuesParser::new(all.map(name))
+        .try_map(move |given| all.into_iter().find(|one| name(*one) == given).ok_or("is none of them"))
 }
