@@ -93,7 +93,7 @@ fn a_plan_that_cannot_be_is_refused_before_anything_starts() {
     let place = Place::new();
     for (plan, what) in [
         (r#"verb = "inject", target = "lidar", fault = "rust""#, "there is no fault rust"),
-        (r#"verb = "inject", target = "walls", fault = "kill""#, "no service walls"),
+        (r#"verb = "inject", target = "walls", fault = "kill""#, "no line walls"),
         (r#"verb = "policy_swap""#, "neither an executable nor a model"),
         (r#"verb = "status""#, "status"),
     ] {

@@ -181,7 +181,7 @@ fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
         ("shared/guidance", &["messages"][..]),
-        ("shared/settings", &["messages", "guidance"][..]),
+        ("shared/settings", &["messages", "guidance", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
@@ -192,7 +192,7 @@ fn dependencies_point_one_way() {
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),
-        ("shared/links", &["messages", "settings", "transport"][..]),
+        ("shared/links", &["messages", "settings", "transport", "unitree"][..]),
     ]);
     for (name, dependencies) in dependencies() {
         for dependency in &dependencies {

@@ -37,7 +37,7 @@ impl Brake {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let factor = if io.domain.clock.is_stepped() { STEPPED_FACTOR } else { 1 };
         Ok(Self {
-            path: open_brake_path(settings.locomotion.link, io)?,
+            path: open_brake_path(&settings.locomotion, io)?,
             watch: Watch::new(settings.supervision.brake_limit.ns() * factor),
             line: None,
             pidfd: None,

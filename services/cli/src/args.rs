@@ -241,6 +241,9 @@ pub struct WorldArgs {
     /// What decides, in place of the configuration's
     #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy::policy_model())]
     pub policy: Option<PolicyModel>,
+    /// Real drivers and a real link, to devices emulated in the simulated world; real time only
+    #[arg(long, conflicts_with = "speed")]
+    pub emulated: bool,
     /// Pace and name.
     #[command(flatten)]
     pub pace: PaceArgs,

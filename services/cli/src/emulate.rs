@@ -4,7 +4,7 @@ use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use emulators::{EmulatedRplidar, EmulatedUnitree};
+use emulators::{EmulatedRplidar, EmulatedUnitree, OpenFloor};
 use rplidar::Model;
 use serial::PseudoTerminal;
 use settings::{Millis, Settings};
@@ -51,9 +51,9 @@ fn robot(profile: Profile, at: SocketAddr, silence: Silence, duration: Option<Mi
     let at = socket.local_addr().map_err(Failure::of_run)?;
     let mut robot = EmulatedUnitree::new(socket, profile, silence).map_err(Failure::of_run)?;
     say(format!("robot {} at {at}; Ctrl-C ends it", profile.name()));
-    let mut last = None;
+    let (mut floor, mut last) = (OpenFloor::default(), None);
     until_ended(duration, |now_ns| {
-        robot.serve(now_ns)?;
+        robot.serve(now_ns, floor.go_on(now_ns, robot.motion(now_ns).1))?;
         let (mode, velocity) = robot.motion(now_ns);
         if last != Some((mode, velocity)) {
             let [x, y, turn] = [velocity.vx_mps, velocity.vy_mps, velocity.wz_radps];

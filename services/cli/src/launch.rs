@@ -74,14 +74,21 @@ impl Launch<'_> {
         if !program.is_file() {
             return Err(Failure::run(format!("{} is missing; build all with `cargo build`", program.display())));
         }
-        if self.speed.is_some() && self.settings.lidar.source == Source::Device {
-            return Err(Failure::input(
-                "lidar.source is \"device\", and a device keeps its own time: no --speed with it",
-            ));
+        let settings = self.settings;
+        for (key, source) in [("lidar.source", settings.lidar.source), ("odometry.source", settings.odometry.source)] {
+            if self.speed.is_some() && source == Source::Device {
+                let why = "is \"device\", and a device keeps its own time: no --speed with it";
+                return Err(Failure::input(format!("{key} {why}")));
+            }
         }
         let depth = &self.settings.depth;
         crate::doctor::preflight((depth.width * depth.height) as usize)?;
-        let settings = toml::to_string(self.settings).map_err(Failure::of_input)?;
+        let mut settings = self.settings.clone();
+        if settings.simulation.emulated.on {
+            let dir = RunDir::open(&transport::runs_root().join(&self.name));
+            settings.place_emulated(dir.lidar_port(), dir.estop_port(), dir.robot_address());
+        }
+        let settings = toml::to_string(&settings).map_err(Failure::of_input)?;
         let mut command = Command::new(program);
         command.args(["--name", &self.name]).env(SupervisorArgs::SETTINGS, settings);
         if let Some(speed) = self.speed {

@@ -96,6 +96,8 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Bench(args) => match args.what {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
             Bench::Shield => done(bench::shield::bench(json)),
+            Bench::Decoders => done(bench::decoders::bench(json)),
+            Bench::Link { seconds } => done(bench::link::bench(seconds, json)),
             Bench::World => done(bench::world::bench(json)),
             Bench::Replay { recording, repeat, config } => {
                 bench::replay::bench(&recording, repeat, config.as_deref(), json)

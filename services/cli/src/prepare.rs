@@ -130,9 +130,12 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
 /// As [`walk`].
 pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
     let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
-    if settings.lidar.source == Source::Absent || settings.odometry.source != Source::Simulated {
-        let needed = "odometry.source must be \"simulated\" in a simulated walk, lidar.source that or \"device\"";
-        return Err(Failure::input(needed));
+    if args.emulated {
+        settings.emulate();
+        settings::check(&settings).map_err(Failure::input)?;
+    }
+    if settings.lidar.source == Source::Absent || settings.odometry.source == Source::Absent {
+        return Err(Failure::input("neither lidar.source nor odometry.source can be \"absent\" in a walk"));
     }
     if settings.replays() {
         return Err(Failure::input("a source is \"replayed\", and no recording is named: that is `guidedog replay`"));

@@ -175,6 +175,8 @@ impl Streams<'_> {
             settings.cue = settings::CueSettings { source: CueOrigin::Replayed, ..settings::CueSettings::default() };
         }
         settings.locomotion.link = LinkKind::Null;
+        settings.simulation.emulated.on = false;
+        settings.estop = settings::Estop::default();
         Ok(())
     }
 

@@ -62,7 +62,7 @@ impl RplidarSource {
             settings: settings.clone(),
             header,
             line: None,
-            turns: Turns::new(beams),
+            turns: Turns::new(beams, settings.sigma_m),
             samples: Vec::new(),
             reopen_ns: 0,
             tries: 0,

@@ -1,9 +1,10 @@
 //! The gate itself: pure, without clock and I/O. What it does not know to be allowed is zero.
 
 use messages::{
-    Cue, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason, TopicId, Twist2, age_ns,
+    Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopInput, StopKind, StopReason,
+    TopicId, Twist2, age_ns,
 };
-use settings::{LinkKind, Settings};
+use settings::{EstopSource, LinkKind, Settings};
 
 use crate::accord::Accord;
 
@@ -14,6 +15,8 @@ pub struct GateLimits {
     pub permit_life_ns: u64,
     /// Oldest mode, nanoseconds.
     pub mode_max_age_ns: u64,
+    /// Oldest word of the emergency stop, nanoseconds; none where there is no such stop.
+    pub estop_max_age_ns: Option<u64>,
     /// Oldest odometry, nanoseconds.
     pub odometry_max_age_ns: u64,
     /// Largest speed over ground, metres per second.
@@ -41,6 +44,7 @@ impl GateLimits {
             obeyed: settings.locomotion.link != LinkKind::Null,
             permit_life_ns: settings.locomotion.permit_life.ns(),
             mode_max_age_ns: settings.max_age.mode.ns(),
+            estop_max_age_ns: (settings.estop.source != EstopSource::Absent).then(|| settings.max_age.estop.ns()),
             odometry_max_age_ns: settings.max_age.odometry.ns(),
             speed_mps: limits.speed_mps.get(),
             turn_radps: limits.turn_radps.get(),
@@ -76,6 +80,8 @@ pub struct Gate {
     permit: Option<Permit>,
     odometry: Option<(u64, u32)>,
     accord: Accord,
+    /// The emergency stop's last word, and its stamp.
+    estop: (StopInput, u64),
     /// The place of the stop cue in force among the cues.
     stop_cue: Option<(u64, u32, u64)>,
     /// Motion needs an epoch greater than this.
@@ -83,6 +89,8 @@ pub struct Gate {
     /// Why it is latched.
     latch_reason: StopReason,
     lines: Vec<LineState>,
+    /// The epoch in which somebody stopped the robot by its hand remote.
+    remote_stop_epoch: Option<u64>,
     /// Set by the supervisor's own word or its loss; ends with a greater epoch.
     stopped_by: Option<StopReason>,
 }
@@ -97,10 +105,12 @@ impl Gate {
             permit: None,
             odometry: None,
             accord: Accord::default(),
+            estop: (StopInput::Unknown, 0),
             stop_cue: None,
             latched_epoch: None,
             latch_reason: StopReason::of(StopKind::Boot),
             lines: Vec::new(),
+            remote_stop_epoch: None,
             stopped_by: None,
         }
     }
@@ -161,6 +171,16 @@ impl Gate {
         if !cue.kind.is_moving() {
             self.stop_cue = Some(cue.header.order());
         }
+    }
+
+    /// The emergency stop's word has come: whether it stops the robot, until the epoch is greater.
+    pub fn take_estop(&mut self, stop: &EmergencyStop) -> bool {
+        self.estop = (stop.input, stop.header.stamp_ns);
+        let stops = stop.input.stops() && self.limits.estop_max_age_ns.is_some();
+        if stops {
+            self.latch_at(self.epoch(), StopReason::of(StopKind::EmergencyStop));
+        }
+        stops
     }
 
     /// That velocity is in force at the robot from now on.
@@ -233,6 +253,24 @@ impl Gate {
         self.latch_at(epoch.saturating_sub(1), reason);
     }
 
+    /// Somebody has stopped the robot itself: it stands until that is resumed, in whatever mode.
+    pub fn stopped_by_remote(&mut self) {
+        let reason = StopReason::of(StopKind::RemoteStop);
+        self.remote_stop_epoch.get_or_insert(self.epoch());
+        self.latch_at(self.epoch(), reason);
+    }
+
+    /// Whether the operator has resumed since: the mode is no lock, and of a greater epoch than that of the stop. Asked
+    /// once, after which the stop is over.
+    pub fn may_forget_remote_stop(&mut self) -> bool {
+        let resumed = |mode: &Mode, since| mode.class != ModeClass::Lock && mode.epoch > since;
+        let over = self.mode.is_some_and(|mode| self.remote_stop_epoch.is_some_and(|since| resumed(&mode, since)));
+        if over {
+            self.remote_stop_epoch = None;
+        }
+        over
+    }
+
     fn latch_at(&mut self, epoch: u64, reason: StopReason) {
         if self.latched_epoch.is_none_or(|latched| epoch > latched) {
             self.latched_epoch = Some(epoch);
@@ -271,6 +309,9 @@ impl Gate {
         if let Some(line) = self.lines.iter().find(|line| !line.open) {
             return sudden(StopReason::service(StopKind::LifelineClosed, line.service, line.incarnation));
         }
+        if let Some(reason) = self.estop_forbids(now_ns) {
+            return sudden(reason);
+        }
         if self.stop_cue.is_some() {
             return sudden(StopReason::of(StopKind::StopCue));
         }
@@ -278,6 +319,17 @@ impl Gate {
             return sudden(StopReason::of(StopKind::NoCue));
         }
         self.check_permit(now_ns, &mode)
+    }
+
+    /// Without a fresh word that it is released, nothing moves.
+    fn estop_forbids(&self, now_ns: u64) -> Option<StopReason> {
+        let limit_ns = self.limits.estop_max_age_ns?;
+        let (input, stamp_ns) = self.estop;
+        if input != StopInput::Released {
+            return Some(StopReason { topic: TopicId::Estop, ..StopReason::of(StopKind::InputUnusable) });
+        }
+        let age = age_ns(now_ns, stamp_ns);
+        (age > limit_ns).then(|| StopReason::stream(StopKind::InputUnusable, TopicId::Estop, age, limit_ns))
     }
 
     fn check_permit(&self, now_ns: u64, mode: &Mode) -> Result<Twist2, (StopReason, bool)> {

@@ -10,10 +10,10 @@ mod lines;
 
 use std::os::fd::OwnedFd;
 
-use links::{Link, open_link};
+use links::{Link, RobotReport, open_link};
 use messages::{
-    Cue, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId, StopKind, StopReason,
-    Twist2,
+    Cue, EmergencyStop, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId,
+    StopKind, StopReason, Twist2,
 };
 use settings::Settings;
 use transport::{ChildArgs, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
@@ -37,13 +37,14 @@ pub struct Locomotion {
     modes: Subscriber<Mode>,
     cues: Subscriber<Cue>,
     permits: Subscriber<Permit>,
+    estop: Subscriber<EmergencyStop>,
     odometry: Subscriber<Odometry>,
     states: Publisher<LocomotionState>,
     period_ns: u64,
     next_tick_ns: u64,
     applied: Twist2,
     limited_by: StopReason,
-    measured: Option<Twist2>,
+    robot: RobotReport,
     latency: LatencyHistogram,
     /// Set when the supervisor is gone: wall time by which the process ends.
     ends_by_ns: Option<u64>,
@@ -60,7 +61,7 @@ impl Locomotion {
     /// Where one of them cannot be opened, or the settings of the run are not readable.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let mut link = open_link(settings.locomotion.link, io)?;
+        let mut link = open_link(&settings.locomotion, io)?;
         // Before anything else: whatever the life before commanded last, the robot stands.
         link.write(Twist2::ZERO)?;
         Ok(Self {
@@ -71,13 +72,14 @@ impl Locomotion {
             modes: io.subscriber()?,
             cues: io.subscriber()?,
             permits: io.subscriber()?,
+            estop: io.subscriber()?,
             odometry: io.subscriber()?,
             states: io.publisher()?,
             period_ns: period_ns(&settings),
             next_tick_ns: 0,
             applied: Twist2::ZERO,
             limited_by: StopReason::of(StopKind::Boot),
-            measured: None,
+            robot: RobotReport::default(),
             latency: LatencyHistogram { what: Latency::PermitToCommand, ..LatencyHistogram::default() },
             ends_by_ns: None,
             written_ns: 0,
@@ -116,6 +118,7 @@ impl Locomotion {
             self.next_tick_ns = (now / self.period_ns + 1) * self.period_ns;
         }
         if tick || stops_now {
+            self.hear_robot(io)?;
             self.publish_state(now)?;
         }
         Ok(())
@@ -127,13 +130,34 @@ impl Locomotion {
         Ok(())
     }
 
+    /// What the robot says of itself; a stop by its hand remote stops it here as well.
+    fn hear_robot(&mut self, io: &Io) -> Result<(), TransportError> {
+        self.robot = self.link.report()?;
+        if self.robot.remote_stop {
+            self.gate.stopped_by_remote();
+            if !self.applied.is_zero() {
+                self.limited_by = StopReason::of(StopKind::RemoteStop);
+                self.write(Twist2::ZERO)?;
+            }
+        }
+        if let Some(text) = self.link.news() {
+            io.tell(&FromChild::Note { text });
+        }
+        Ok(())
+    }
+
     fn publish_state(&mut self, now: u64) -> Result<(), TransportError> {
-        self.measured = self.link.measured()?;
+        let own = self.robot.own_from_robot.map(|(pose, age_ns)| (pose, now.saturating_sub(age_ns)));
+        let (own_from_robot, own_stamp_ns) = own.unwrap_or_default();
         let state = LocomotionState {
             applied: self.applied,
             limited_by: if self.applied.is_zero() { self.limited_by } else { StopReason::default() },
-            measured: self.measured.unwrap_or_default(),
-            measured_valid: self.measured.is_some(),
+            measured: self.robot.velocity.unwrap_or_default(),
+            measured_valid: self.robot.velocity.is_some(),
+            own_from_robot,
+            own_stamp_ns,
+            charge_percent: self.robot.charge_percent.map_or(0, |percent| u32::from(percent.max(1))),
+            remote_stop: self.robot.remote_stop,
             permit_seq: self.gate.permit().map_or(0, |permit| permit.header.seq),
             decision: self.gate.permit().map_or(0, |permit| permit.decision),
             epoch: self.gate.epoch(),
@@ -143,7 +167,7 @@ impl Locomotion {
     }
 
     fn stands(&self) -> bool {
-        self.measured.is_some_and(|measured| measured.is_standing())
+        self.robot.velocity.is_some_and(|velocity| velocity.is_standing())
     }
 }
 
@@ -155,9 +179,19 @@ impl Service for Locomotion {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         while let Some(mode) = self.modes.take()? {
             self.gate.take_mode(&mode);
+            if self.robot.remote_stop && self.gate.may_forget_remote_stop() {
+                self.robot.remote_stop = false;
+                self.link.forget_remote_stop();
+            }
         }
         while let Some(cue) = self.cues.take()? {
             self.gate.take_cue(&cue);
+        }
+        while let Some(stop) = self.estop.take()? {
+            if self.gate.take_estop(&stop) && !self.applied.is_zero() {
+                // Before anything else that waits.
+                self.write(Twist2::ZERO)?;
+            }
         }
         while let Some(odometry) = self.odometry.take()? {
             self.gate.take_odometry(&odometry);
@@ -220,7 +254,7 @@ impl Service for Locomotion {
         }
         if self.ends_by_ns.is_some() {
             self.write(Twist2::ZERO)?;
-            self.measured = self.link.measured()?;
+            self.robot = self.link.report()?;
         }
         Ok(())
     }

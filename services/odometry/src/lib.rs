@@ -1,11 +1,13 @@
 //! The odometry driver: poses from a source. A new incarnation is a new odometry frame.
 
+mod robot;
 mod simulated;
 
 use messages::Odometry;
 use settings::Source;
 use transport::{Io, Publisher, Service, TransportError};
 
+pub use robot::RobotOdometry;
 pub use simulated::SimulatedOdometry;
 
 /// Where poses come from: the simulated world, or a device.
@@ -35,7 +37,8 @@ impl OdometryDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn PoseSource> = match settings.odometry.source {
             Source::Simulated => Box::new(SimulatedOdometry::open(&settings, io)?),
-            Source::Device | Source::Replayed | Source::Absent => {
+            Source::Device => Box::new(RobotOdometry::open(&settings, io)?),
+            Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));
             }
         };

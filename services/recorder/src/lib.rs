@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use messages::{
-    Cue, CueRequest, DepthFrame, Health, LidarScan, LocomotionState, Mode, Odometry, Permit, PolicyAction, PortRole,
-    TopicId, WorldTruth,
+    Cue, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode, Odometry, Permit,
+    PolicyAction, PortRole, TopicId, WorldTruth,
 };
 use recording::{About, Part, Record, RunAbout, Writer, life_path};
 use settings::{LinkKind, Settings, Source};
@@ -39,6 +39,7 @@ pub struct Recorder {
     permits: Subscriber<Permit>,
     modes: Subscriber<Mode>,
     states: Subscriber<LocomotionState>,
+    estop: Subscriber<EmergencyStop>,
     truths: Subscriber<WorldTruth>,
     small: Option<Queue>,
     depth: Option<Queue>,
@@ -91,6 +92,7 @@ impl Recorder {
             permits: io.quiet_subscriber()?,
             modes: io.quiet_subscriber()?,
             states: io.quiet_subscriber()?,
+            estop: io.quiet_subscriber()?,
             truths: io.quiet_subscriber()?,
             about,
             first_step: 0,
@@ -138,6 +140,7 @@ impl Recorder {
         take!(permits, |permit| Record::Permit(Box::new(permit)));
         take!(modes, |mode| Record::Mode(Box::new(mode)));
         take!(states, |state| Record::Locomotion(Box::new(state)));
+        take!(estop, Record::Estop);
         take!(truths, |truth| Record::Truth(Box::new(truth)));
         Ok(())
     }
@@ -163,6 +166,7 @@ fn about(settings: &Settings, path: &Path, with_depth: bool, io: &Io) -> About {
         source: format!("run {}", io.domain.info.name),
         robot: match settings.locomotion.link {
             LinkKind::Simulated => "simulated",
+            LinkKind::Unitree => settings.locomotion.unitree.profile.name(),
             LinkKind::Null => "none",
         }
         .to_owned(),

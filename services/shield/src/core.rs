@@ -13,7 +13,7 @@ use messages::{
     DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
     ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
-use settings::{Choice, Settings, Source};
+use settings::{Settings, Source};
 use surroundings::Surroundings;
 
 /// Without a scan for this long, the handler's estimate is worth nothing.
@@ -63,10 +63,7 @@ impl CoreConfig {
             limits: settings.handler_limits(),
             shield: settings.shield_config(),
             memory: settings.memory_config(),
-            draw: match settings.shield.choice {
-                Choice::ArgMax => Draw::ArgMax,
-                Choice::Draw => Draw::Seeded(settings.shield.seed),
-            },
+            draw: settings.shield.choice.seeded(settings.shield.seed),
             dt_ns: settings.policy.dt.ns(),
             scan_period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64,
             scan_max_age_ns: settings.max_age.scan.ns(),

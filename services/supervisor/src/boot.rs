@@ -20,6 +20,7 @@ use crate::plan::Plan;
 use crate::planned::PlannedRequests;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
+use crate::systemd::Systemd;
 use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
@@ -179,6 +180,7 @@ impl Supervisor {
             planned: PlannedRequests::of(settings),
             health,
             cues: io.subscriber()?,
+            estop: io.subscriber()?,
             locomotion: io.subscriber()?,
             decisions: io.quiet_subscriber()?,
             permits: io.quiet_subscriber()?,
@@ -197,6 +199,7 @@ impl Supervisor {
             janitor: Janitor::start(&io.domain)?,
             waiting: Vec::new(),
             signals,
+            systemd: Systemd::of_environment(),
             owner,
             failure: None,
             woken_ns: 0,

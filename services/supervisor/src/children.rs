@@ -145,6 +145,8 @@ impl Children {
             .arg("--run")
             .arg(&self.run)
             .args(["--incarnation", &incarnation.to_string()])
+            // Only the supervisor speaks to systemd.
+            .env_remove("NOTIFY_SOCKET")
             .env(ChildArgs::CONTROL_FD, control_child.as_fd().as_raw_fd().to_string())
             .stdin(Stdio::null())
             .stdout(log.try_clone().map_err(TransportError::service)?)
@@ -284,7 +286,7 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
     // well: it comes before that of all who die with the supervisor, whose ends keep the processor busy for long.
     let at_our_death = match service {
         service if service.stops_robot() => Some(Signal::HUP),
-        ServiceId::Simulator => None,
+        ServiceId::Simulator | ServiceId::Emulator => None,
         _ => Some(Signal::KILL),
     };
     let parent = rustix::process::getpid();

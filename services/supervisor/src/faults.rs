@@ -68,6 +68,7 @@ impl Supervisor {
         let done = match target {
             Target::Stream(..) => self.inject_stream(&injection, io),
             Target::Service(service) => self.inject_service(service, &injection, io),
+            Target::Line(_) => self.inject_line(&injection),
             Target::Host => self.inject_host(&injection, io),
         };
         // Whoever is down now is mended by that: the next life inherits nothing.
@@ -137,6 +138,14 @@ impl Supervisor {
         if in_force { Some(active) } else { lives().max() }
     }
 
+    fn inject_line(&mut self, injection: &Injection) -> Result<(), String> {
+        if !self.machine.is_ready(ServiceId::Emulator) {
+            return Err("no device is emulated in this run; start it with --emulated".to_owned());
+        }
+        self.children.tell(ServiceId::Emulator, &ToChild::Inject { injection: *injection });
+        Ok(())
+    }
+
     fn inject_host(&mut self, injection: &Injection, io: &Io) -> Result<(), String> {
         if matches!(injection.fault, Some(Fault::FullDisk)) {
             if !self.machine.is_ready(ServiceId::Recorder) {
@@ -167,7 +176,8 @@ impl Supervisor {
         for mended in over {
             // A service that is down has lost its fault with its life.
             let _ = match mended.target {
-                Target::Stream(..) => Ok(()),
+                // It knows its end.
+                Target::Stream(..) | Target::Line(_) => Ok(()),
                 Target::Service(service) => self.inject_service(service, &mended, io),
                 Target::Host => self.inject_host(&mended, io),
             };

@@ -20,11 +20,13 @@ mod recording;
 pub mod report;
 mod step_watch;
 pub mod stops;
+mod systemd;
 
 use std::collections::BTreeMap;
 
 use messages::{
-    ClockAck, Cue, CueRequest, Health, LocomotionState, Member, Mode, Permit, PolicyAction, ServiceId, WorldTruth,
+    ClockAck, Cue, CueRequest, EmergencyStop, Health, LocomotionState, Member, Mode, Permit, PolicyAction, ServiceId,
+    WorldTruth,
 };
 use serde_json::Value;
 use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
@@ -39,6 +41,7 @@ use machine::{Action, Event, Machine, Now, PolicySpec};
 use planned::PlannedRequests;
 use report::Figures;
 use step_watch::StepWatch;
+use systemd::Systemd;
 
 pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 
@@ -70,6 +73,7 @@ pub struct Supervisor {
     planned: PlannedRequests,
     health: Vec<Subscriber<Health>>,
     cues: Subscriber<Cue>,
+    estop: Subscriber<EmergencyStop>,
     locomotion: Subscriber<LocomotionState>,
     decisions: Subscriber<PolicyAction>,
     permits: Subscriber<Permit>,
@@ -89,6 +93,7 @@ pub struct Supervisor {
     /// Stepped time: what the members acknowledge.
     acks: Subscriber<ClockAck>,
     signals: std::os::fd::OwnedFd,
+    systemd: Systemd,
     owner: Option<std::os::fd::OwnedFd>,
     /// Why the run ended, where it was not as planned.
     failure: Option<String>,
@@ -229,6 +234,9 @@ impl Supervisor {
                 self.figures.beat(&health);
                 self.machine.handle(Event::Beat(&health), now);
             }
+        }
+        while let Some(stop) = self.estop.take()? {
+            self.machine.handle(Event::Estop(&stop), now);
         }
         while let Some(action) = self.decisions.take()? {
             self.machine.handle(Event::Decision(&action), now);
@@ -431,6 +439,7 @@ impl Service for Supervisor {
     fn on_wall_tick(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = Self::now(io);
         self.watch_steps(io, now)?;
+        self.systemd.tick(self.machine.has_begun(), self.ending.has_begun());
         self.machine.tick_starts(now);
         self.children.hand_out_lines();
         self.end_faults(io);

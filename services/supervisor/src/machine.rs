@@ -7,8 +7,8 @@ mod swap;
 mod watched;
 
 use messages::{
-    Cue, CueInForce, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction, ServiceId, StopKind,
-    StopReason, TopicId,
+    Cue, CueInForce, EmergencyStop, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction, ServiceId,
+    StopInput, StopKind, StopReason, TopicId,
 };
 
 use crate::plan::{Limits, Plan, ServicePlan};
@@ -16,6 +16,10 @@ use crate::stops::StopLog;
 pub use swap::{Policies, PolicySpec, SwapLimits, SwapRecord};
 use watched::Watched;
 pub use watched::{Phase, Role};
+
+/// So many states of locomotion in a row tell of an empty battery, half a second of them: one that is garbled tells of
+/// none.
+const LOW_STATES: u32 = 25;
 
 /// The two times that count.
 #[derive(Debug, Clone, Copy)]
@@ -60,6 +64,8 @@ pub enum Event<'a> {
     Decision(&'a PolicyAction),
     /// The shield's verdict.
     Permit(&'a Permit),
+    /// The emergency stop's word.
+    Estop(&'a EmergencyStop),
     /// What locomotion does.
     Locomotion(&'a LocomotionState),
     /// The operator's stop.
@@ -132,6 +138,11 @@ pub struct Machine {
     /// Run time of the last entry into fault or lock.
     stopped_at_ns: u64,
     stuck_states: u32,
+    /// States of locomotion in a row that tell of a battery nearly empty.
+    low_states: u32,
+    /// The emergency stop's last word; where there is none, it is released.
+    estop: StopInput,
+    warned_of_charge: bool,
     ending: bool,
     begun: bool,
     policies: Policies,
@@ -149,6 +160,7 @@ impl Machine {
         let policy = services.iter().find(|s| s.plan.service == ServiceId::Policy).map(|s| s.plan.clone());
         services.extend(policy.map(|plan| Watched::new(ServicePlan { on_demand: true, ..plan }, Role::Shadow)));
         let mut machine = Self {
+            estop: if plan.limits.estop { StopInput::Unknown } else { StopInput::Released },
             limits: plan.limits,
             services,
             mode: Mode::default(),
@@ -160,6 +172,8 @@ impl Machine {
             grace_until_ns: 0,
             stopped_at_ns: 0,
             stuck_states: 0,
+            low_states: 0,
+            warned_of_charge: false,
             ending: false,
             begun: false,
             policies: Policies::default(),
@@ -222,6 +236,7 @@ impl Machine {
             Event::Cue(cue) => self.on_cue(cue, now),
             Event::Decision(action) => self.on_decision(action, now),
             Event::Permit(permit) => self.on_permit(permit, now),
+            Event::Estop(stop) => self.on_estop(stop.input, now),
             Event::Locomotion(state) => self.on_locomotion(state, now),
             Event::OperatorStop => {
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now);
@@ -339,19 +354,58 @@ impl Machine {
 
     fn on_locomotion(&mut self, state: &LocomotionState, now: Now) {
         self.stops.locomotion(&self.mode, state, now.run_ns);
+        self.judge_robot(state, now);
         // Locomotion latched itself in the epoch in force: only a greater one lets it go on.
         let latched = state.limited_by.kind.is_latched();
         let stuck = self.mode.class == ModeClass::Run && state.epoch == self.mode.epoch && latched;
         self.stuck_states = if stuck { self.stuck_states + 1 } else { 0 };
         if self.stuck_states >= 3 {
             self.stuck_states = 0;
-            self.enter(ModeClass::Fault, state.limited_by, now);
+            let pressed = state.limited_by.kind == StopKind::EmergencyStop;
+            self.enter(if pressed { ModeClass::Lock } else { ModeClass::Fault }, state.limited_by, now);
         }
+    }
+
+    /// What the robot says of itself: that somebody stopped it by its hand remote, and its battery.
+    fn judge_robot(&mut self, state: &LocomotionState, now: Now) {
+        // A state of before the resume tells of the stop that was resumed.
+        let stopped = state.remote_stop && state.epoch == self.mode.epoch;
+        if stopped && self.mode.class != ModeClass::Lock {
+            self.enter(ModeClass::Lock, StopReason::of(StopKind::RemoteStop), now);
+        }
+        let [warn, stop] = self.limits.charge_percent.map(u32::from);
+        let low = (1..=stop).contains(&state.charge_percent);
+        self.low_states = if low { self.low_states.saturating_add(1) } else { 0 };
+        if self.battery_is_low() && self.mode.class == ModeClass::Run {
+            self.enter(ModeClass::Fault, StopReason::of(StopKind::BatteryLow), now);
+        }
+        let warns = (1..=warn).contains(&state.charge_percent);
+        if warns && !self.warned_of_charge {
+            let text = format!("the robot's battery is at {} %; it stops at {stop} %", state.charge_percent);
+            self.actions.push(Action::Note(text));
+        }
+        self.warned_of_charge |= warns;
+    }
+
+    fn on_estop(&mut self, input: StopInput, now: Now) {
+        self.estop = input;
+        if input.stops() && self.mode.class != ModeClass::Lock {
+            self.enter(ModeClass::Lock, StopReason::of(StopKind::EmergencyStop), now);
+        }
+    }
+
+    fn battery_is_low(&self) -> bool {
+        self.low_states >= LOW_STATES
     }
 
     fn on_resume(&mut self, now: Now) {
         if self.mode.class != ModeClass::Lock || self.ending {
             self.actions.push(Action::Note("resume refused: the run is not locked".to_owned()));
+            return;
+        }
+        if self.estop.stops() {
+            let text = format!("resume refused: the emergency stop is {}", self.estop.name());
+            self.actions.push(Action::Note(text));
             return;
         }
         for s in &mut self.services {

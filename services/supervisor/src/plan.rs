@@ -1,7 +1,7 @@
 //! Which services a run has, in which order they start, and what each is held to.
 
 use messages::{NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
-use settings::{CueOrigin, Settings, Source};
+use settings::{CueOrigin, EstopSource, Settings, Source};
 use transport::ClockKind;
 
 use crate::machine::SwapLimits;
@@ -98,6 +98,10 @@ pub struct Limits {
     pub mode_max_age_ns: u64,
     /// A cue must be younger to be accepted.
     pub cue_max_age_ns: u64,
+    /// Whether there is an emergency stop.
+    pub estop: bool,
+    /// The robot's charge at which the operator is warned, and at which it stops, percent.
+    pub charge_percent: [u8; 2],
     /// What a policy has to show to be swapped in.
     pub swap: SwapLimits,
 }
@@ -139,6 +143,8 @@ impl Plan {
                 .map(|mib| Allowance { private_bytes: u64::from(mib) << 20, files: supervision.open_files }),
             mode_max_age_ns: settings.max_age.mode.ns(),
             cue_max_age_ns: settings.max_age.cue.ns(),
+            estop: settings.estop.source != EstopSource::Absent,
+            charge_percent: [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent],
             swap: swap_limits(settings),
         };
         let mut services = vec![
@@ -148,8 +154,15 @@ impl Plan {
         if settings.has_world() {
             services.push(world(ServiceId::Simulator, vec![]));
         }
-        if settings.odometry.source == Source::Simulated {
-            services.push(plan(ServiceId::Odometry, 2, &limits, vec![odometry_stream(settings, true)]));
+        if settings.simulation.emulated.on {
+            services.push(ServicePlan { clock_master: false, ..world(ServiceId::Emulator, vec![]) });
+        }
+        if settings.estop.source != EstopSource::Absent {
+            services.push(plan(ServiceId::Estop, 2, &limits, vec![estop_stream(settings)]));
+        }
+        if let driven @ (Source::Simulated | Source::Device) = settings.odometry.source {
+            let stream = odometry_stream(settings, driven == Source::Simulated);
+            services.push(plan(ServiceId::Odometry, 2, &limits, vec![stream]));
         }
         if let driven @ (Source::Simulated | Source::Device) = settings.lidar.source {
             let stream = scan_stream(settings, driven == Source::Simulated);
@@ -278,6 +291,18 @@ fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
         hang_ns: 2 * max_age,
         max_age_ns: Some(max_age),
         rate: driven.then(|| rate(settings.odometry.rate_hz.get(), driven)),
+    }
+}
+
+fn estop_stream(settings: &Settings) -> StreamRule {
+    let max_age = settings.max_age.estop.ns();
+    StreamRule {
+        output: TopicId::Estop,
+        input: None,
+        inputs_per_output: 1,
+        hang_ns: 2 * max_age,
+        max_age_ns: Some(max_age),
+        rate: None,
     }
 }
 

@@ -1,14 +1,20 @@
 //! An RPLIDAR at a pseudo-terminal.
 
 use std::f64::consts::{PI, TAU};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use messages::Fault;
+use messages::fault::Dice;
 use rplidar::{Beams, Emulated, Model};
 use serial::PseudoTerminal;
 use world::{ConfigError, LidarConfig, LidarSensor, Scene};
 
+use crate::cable::flip;
+
 /// Beams of one look at the world: a tenth of a degree apart, far finer than any of these lidars samples.
 const LOOK: Beams = Beams { count: 3600, angle_min_rad: -PI, angle_increment_rad: TAU / 3600.0 };
+/// Farther than any of these lidars sees, metres: how far it does see is its mode's.
+const LOOK_M: f64 = 50.0;
 /// The most that is read at once, bytes: many requests.
 const READ_BYTES: usize = 512;
 /// What a wrong speed makes of a byte; any other value that is no byte's own would do as well.
@@ -17,8 +23,12 @@ const GARBLED: u8 = 0x6b;
 /// A lidar whose port is at a path.
 #[derive(Debug)]
 pub struct EmulatedRplidar {
-    terminal: PseudoTerminal,
+    /// None while it is unplugged.
+    terminal: Option<PseudoTerminal>,
+    port: PathBuf,
     model: Model,
+    fault: Option<Fault>,
+    dice: Dice,
     lidar: Emulated,
     sensor: LidarSensor,
     /// The last look, counter-clockwise from straight back, metres.
@@ -27,8 +37,8 @@ pub struct EmulatedRplidar {
 }
 
 impl EmulatedRplidar {
-    /// Plugs a lidar in: its port is found at `port`. Where it is on the robot, how far it sees and what its noise is,
-    /// is the configuration's; it looks all round.
+    /// Plugs a lidar in: its port is found at `port`. Where it is on the robot and what its noise is, is the
+    /// configuration's; it looks all round, and sees as far as its model does.
     ///
     /// # Errors
     /// Where the configuration is out of its bounds.
@@ -37,17 +47,40 @@ impl EmulatedRplidar {
             beams: LOOK.count,
             angle_min_rad: LOOK.angle_min_rad,
             angle_increment_rad: LOOK.angle_increment_rad,
+            range_max_m: LOOK_M,
             ..config
         };
         let sensor = LidarSensor::new(config, seed, 1)?;
         let ranges_m = vec![f32::NAN; LOOK.count];
-        Ok(Self { terminal, model, lidar: Emulated::new(model), sensor, ranges_m, out: Vec::new() })
+        let (port, lidar) = (terminal.path().to_owned(), Emulated::new(model));
+        let (fault, dice, terminal) = (None, Dice::default(), Some(terminal));
+        Ok(Self { terminal, port, model, fault, dice, lidar, sensor, ranges_m, out: Vec::new() })
     }
 
     /// Where its port is found.
     #[must_use]
     pub fn port(&self) -> &Path {
-        self.terminal.path()
+        &self.port
+    }
+
+    /// From now on that goes wrong with it or its line; by that seed, where it is random.
+    ///
+    /// # Errors
+    /// Where it is to be plugged in again, and its port cannot be made.
+    pub fn suffer(&mut self, fault: Option<(Fault, u64)>) -> std::io::Result<()> {
+        let (fault, seed) = fault.map_or((None, 0), |(fault, seed)| (Some(fault), seed));
+        if fault == self.fault {
+            return Ok(());
+        }
+        (self.fault, self.dice) = (fault, Dice::new(seed));
+        if fault == Some(Fault::Unplugged) {
+            self.terminal = None;
+            // It has its power from the line.
+            self.lidar = Emulated::new(self.model);
+        } else if self.terminal.is_none() {
+            self.terminal = Some(PseudoTerminal::open(&self.port)?);
+        }
+        Ok(())
     }
 
     /// Whether somebody has made it scan.
@@ -72,28 +105,33 @@ impl EmulatedRplidar {
     /// # Errors
     /// Where the pseudo-terminal fails.
     pub fn serve(&mut self, now_ns: u64) -> std::io::Result<()> {
+        let Some(terminal) = &self.terminal else { return Ok(()) };
         let mut heard = [0; READ_BYTES];
-        let count = self.terminal.read(&mut heard)?;
-        let right_speed = self.terminal.baud() == Some(self.model.baud());
+        let count = terminal.read(&mut heard)?;
+        let right_speed = self.fault != Some(Fault::WrongBaud) && terminal.baud() == Some(self.model.baud());
         self.out.clear();
         // At a wrong speed neither understands the other.
         if right_speed {
             self.lidar.received(now_ns, &heard[..count], &mut self.out);
         }
-        let range_max_m = self.sensor.config().range_max_m as f32;
         let ranges_m = &self.ranges_m;
-        // Neither what gave no reading nor what is too far comes back.
+        // What gave no reading, or is infinitely far, does not come back.
         let measure = |clockwise_deg: f64, _| {
-            LOOK.at(clockwise_deg).map(|beam| ranges_m[beam]).filter(|range_m| *range_m < range_max_m)
+            LOOK.at(clockwise_deg).map(|beam| ranges_m[beam]).filter(|range_m| *range_m < LOOK_M as f32)
         };
         self.lidar.advance(now_ns, measure, &mut self.out);
         if !right_speed {
             self.out.iter_mut().for_each(|byte| *byte ^= GARBLED);
         }
+        match self.fault {
+            Some(Fault::Noise) => flip(&mut self.dice, &mut self.out),
+            Some(Fault::Silent) => self.out.clear(),
+            _ => {}
+        }
         // What nobody reads is lost, as on any serial line.
         let mut rest = &self.out[..];
         while !rest.is_empty() {
-            match self.terminal.write(rest)? {
+            match terminal.write(rest)? {
                 0 => break,
                 sent => rest = &rest[sent..],
             }

@@ -1,18 +1,20 @@
-//! A Unitree robot at a UDP port, on a floor without walls.
+//! A Unitree robot at a UDP port.
 
 use std::net::{SocketAddr, UdpSocket};
+use std::os::fd::{AsFd, BorrowedFd};
 
-use messages::{Twist2, s_from_ns};
-use unitree::{EmulatedRobot, Mode, Profile, Silence, State};
+use messages::fault::LOW_CHARGE_PERCENT;
+use messages::{Fault, Twist2};
+use unitree::{Button, EmulatedRobot, Mode, Profile, Remote, Silence, State};
+
+use crate::cable::Cable;
 
 /// From one state to the next, nanoseconds: as the robots send them.
 const STATE_NS: u64 = 2_000_000;
 /// No message of any profile is longer.
 const MESSAGE_MAX: usize = 1200;
-/// Of those that tell it.
-const CHARGE_PERCENT: u8 = 80;
 
-/// A robot whose port is open.
+/// A robot whose port is open. Where it is, whoever moves it knows.
 #[derive(Debug)]
 pub struct EmulatedUnitree {
     socket: UdpSocket,
@@ -20,11 +22,11 @@ pub struct EmulatedUnitree {
     robot: EmulatedRobot,
     /// Whom it answers: who spoke last.
     peer: Option<SocketAddr>,
-    /// Forward and left, metres, and heading, radians, since it was switched on.
-    pose: [f64; 3],
-    moved_ns: Option<u64>,
     told_ns: u64,
     refused: u64,
+    fault: Option<Fault>,
+    heard: Cable,
+    said: Cable,
 }
 
 impl EmulatedUnitree {
@@ -39,10 +41,11 @@ impl EmulatedUnitree {
             profile,
             robot: EmulatedRobot::new(profile, silence),
             peer: None,
-            pose: [0.0; 3],
-            moved_ns: None,
             told_ns: 0,
             refused: 0,
+            fault: None,
+            heard: Cable::new(1),
+            said: Cable::new(2),
         })
     }
 
@@ -58,57 +61,87 @@ impl EmulatedUnitree {
         self.refused
     }
 
-    /// Listens, moves, and says how it is.
+    /// From now on that goes wrong with it or its line; by that seed, where it is random.
+    pub fn suffer(&mut self, fault: Option<(Fault, u64)>) {
+        let fault = match fault {
+            Some((fault, seed)) if self.fault != Some(fault) => {
+                (self.heard, self.said) = (Cable::new(seed), Cable::new(!seed));
+                Some(fault)
+            }
+            other => other.map(|(fault, _)| fault),
+        };
+        let stops = |fault| fault == Some(Fault::RemoteStop);
+        if stops(fault) != stops(self.fault) {
+            self.press_stop(stops(fault));
+        }
+        self.fault = fault;
+    }
+
+    /// Somebody stops it by its hand remote; or lets go, and makes it stand again.
+    fn press_stop(&mut self, pressed: bool) {
+        let buttons = 1 << Button::L2 as u16 | 1 << Button::B as u16;
+        self.robot.press(if pressed { Remote { buttons, ..Remote::default() } } else { Remote::default() });
+        if !pressed {
+            self.robot.recover();
+        }
+    }
+
+    /// Listens, obeys, and says how it is: `measured` is what its sensors know.
     ///
     /// # Errors
     /// Where the socket fails.
-    pub fn serve(&mut self, now_ns: u64) -> std::io::Result<()> {
-        self.go_on(now_ns);
+    pub fn serve(&mut self, now_ns: u64, measured: State) -> std::io::Result<()> {
+        self.hear(now_ns)?;
+        if now_ns.saturating_sub(self.told_ns) >= STATE_NS {
+            self.told_ns = now_ns;
+            self.tell(now_ns, measured);
+        }
+        Ok(())
+    }
+
+    /// Takes what has come.
+    ///
+    /// # Errors
+    /// Where the socket fails.
+    pub fn hear(&mut self, now_ns: u64) -> std::io::Result<()> {
         let mut bytes = [0; MESSAGE_MAX];
         loop {
             match self.socket.recv_from(&mut bytes) {
-                Ok((count, peer)) => match self.robot.received(&bytes[..count], now_ns) {
-                    Ok(()) => self.peer = Some(peer),
-                    Err(_) => self.refused += 1,
-                },
+                Ok((count, peer)) => {
+                    self.peer = Some(peer);
+                    self.heard.put(now_ns, &bytes[..count], self.fault);
+                }
                 Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => break,
                 // Nobody listens where the last state was sent: the next one goes out all the same.
                 Err(error) if error.kind() == std::io::ErrorKind::ConnectionRefused => {}
                 Err(error) => return Err(error),
             }
         }
-        if let Some(peer) = self.peer.filter(|_| now_ns.saturating_sub(self.told_ns) >= STATE_NS) {
-            self.told_ns = now_ns;
-            self.robot.state(self.measured(now_ns)).encode(self.profile, &mut bytes);
-            // A robot does not wait for who listens.
-            let _ = self.socket.send_to(&bytes[..self.profile.state_len()], peer);
+        while let Some(bytes) = self.heard.take(now_ns) {
+            self.refused += u64::from(self.robot.received(&bytes, now_ns).is_err());
         }
         Ok(())
     }
 
-    /// Moves on to now.
-    fn go_on(&mut self, now_ns: u64) {
-        let since_s = self.moved_ns.map_or(0.0, |moved_ns| s_from_ns(now_ns.saturating_sub(moved_ns)));
-        self.moved_ns = Some(now_ns);
-        let velocity = self.robot.velocity(now_ns);
-        let [x_m, y_m, yaw_rad] = self.pose;
-        let (sin, cos) = (yaw_rad + velocity.wz_radps * since_s / 2.0).sin_cos();
-        self.pose = [
-            x_m + (velocity.vx_mps * cos - velocity.vy_mps * sin) * since_s,
-            y_m + (velocity.vx_mps * sin + velocity.vy_mps * cos) * since_s,
-            yaw_rad + velocity.wz_radps * since_s,
-        ];
-    }
-
-    fn measured(&self, now_ns: u64) -> State {
-        let [x_m, y_m, yaw_rad] = self.pose;
-        let (sin, cos) = (yaw_rad / 2.0).sin_cos();
-        State {
-            quaternion: [cos as f32, 0.0, 0.0, sin as f32],
-            position_m: [x_m as f32, y_m as f32, 0.3],
-            velocity: self.robot.velocity(now_ns),
-            charge_percent: Some(CHARGE_PERCENT),
-            ..State::default()
+    fn tell(&mut self, now_ns: u64, measured: State) {
+        let Some(peer) = self.peer else { return };
+        let mut bytes = [0; MESSAGE_MAX];
+        let bytes = &mut bytes[..self.profile.state_len()];
+        let low = self.fault == Some(Fault::LowBattery);
+        let charge_percent = if low { Some(LOW_CHARGE_PERCENT) } else { measured.charge_percent };
+        self.robot.state(State { charge_percent, ..measured }).encode(self.profile, bytes);
+        if self.fault != Some(Fault::Silent) {
+            self.said.put(now_ns, bytes, self.fault);
         }
+        while let Some(bytes) = self.said.take(now_ns) {
+            // A robot does not wait for who listens.
+            let _ = self.socket.send_to(&bytes, peer);
+        }
+    }
+}
+
+impl AsFd for EmulatedUnitree {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.socket.as_fd()
     }
 }

@@ -118,6 +118,9 @@ pub enum Draw {
     ArgMax,
     /// By the probabilities, from a generator keyed by run seed and decision.
     Seeded(u64),
+    /// The most probable one; where that is to stop, by the probabilities: who stands sees the same again and again,
+    /// and would stand for good.
+    Surest(u64),
 }
 
 /// The shield. It keeps nothing but its scratch space.
@@ -230,15 +233,11 @@ pub fn suppress_in_place(probabilities: &mut [f64], is_unsafe: impl Fn(usize) ->
 #[must_use]
 pub fn choose(probabilities: &[f64], draw: Draw, decision: u64) -> usize {
     match draw {
-        Draw::ArgMax => {
-            let mut best = ActionTable::STOP;
-            for (i, p) in probabilities.iter().enumerate() {
-                if *p > probabilities[best] {
-                    best = i;
-                }
-            }
-            best
-        }
+        Draw::ArgMax => most_probable(probabilities),
+        Draw::Surest(seed) => match most_probable(probabilities) {
+            ActionTable::STOP => choose(probabilities, Draw::Seeded(seed), decision),
+            best => best,
+        },
         Draw::Seeded(seed) => {
             let mut left = uniform(seed, decision);
             for (i, p) in probabilities.iter().enumerate() {
@@ -250,6 +249,17 @@ pub fn choose(probabilities: &[f64], draw: Draw, decision: u64) -> usize {
             ActionTable::STOP
         }
     }
+}
+
+/// The first of equals; "stop" where there is none.
+fn most_probable(probabilities: &[f64]) -> usize {
+    let mut best = ActionTable::STOP;
+    for (i, p) in probabilities.iter().enumerate() {
+        if *p > probabilities[best] {
+            best = i;
+        }
+    }
+    best
 }
 
 /// A number in [0, 1) that depends on seed and counter alone, so that a restarted shield draws the same.

@@ -3,11 +3,13 @@
 
 mod null;
 mod simulated;
+mod unitree;
 
-use messages::Twist2;
-use settings::LinkKind;
+use messages::{Pose2, Twist2};
+use settings::{LinkKind, Locomotion};
 use transport::{Io, TransportError};
 
+pub use self::unitree::{PERIOD_NS as UNITREE_PERIOD_NS, UnitreeBrake, UnitreeLink};
 pub use null::{NullBrake, NullLink};
 pub use simulated::{BRAKE_MESSAGE_LEN, BrakeMessage, SimulatedBrake, SimulatedLink};
 
@@ -19,11 +21,32 @@ pub trait Link {
     /// Where the command cannot be handed to the robot.
     fn write(&mut self, velocity: Twist2) -> Result<(), TransportError>;
 
-    /// The velocity that the robot reports, where it does; the newest.
+    /// What the robot told last of itself, where it tells anything.
     ///
     /// # Errors
     /// Where the robot's report cannot be read.
-    fn measured(&mut self) -> Result<Option<Twist2>, TransportError>;
+    fn report(&mut self) -> Result<RobotReport, TransportError>;
+
+    /// The operator has resumed: a stop that came by the robot's hand remote is over, unless it comes again.
+    fn forget_remote_stop(&mut self) {}
+
+    /// What the operator is to know of the line to the robot, once; no news, no text.
+    fn news(&mut self) -> Option<String> {
+        None
+    }
+}
+
+/// What a robot tells of itself; what it does not tell, or has not told lately, is none.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct RobotReport {
+    /// Its velocity, robot frame.
+    pub velocity: Option<Twist2>,
+    /// Where it believes to be, in a frame of its own, and how long ago that was heard, nanoseconds.
+    pub own_from_robot: Option<(Pose2, u64)>,
+    /// Charge of its battery, percent.
+    pub charge_percent: Option<u8>,
+    /// Whether somebody has stopped it by its hand remote.
+    pub remote_stop: bool,
 }
 
 /// The brake's second way to the robot. No call blocks.
@@ -32,24 +55,30 @@ pub trait BrakePath {
     fn zero(&mut self, fenced: u32);
 }
 
-/// The link of that kind.
+/// The link of these settings.
 ///
 /// # Errors
 /// Where it cannot be opened.
-pub fn open_link(kind: LinkKind, io: &mut Io) -> Result<Box<dyn Link>, TransportError> {
-    Ok(match kind {
+pub fn open_link(settings: &Locomotion, io: &mut Io) -> Result<Box<dyn Link>, TransportError> {
+    Ok(match settings.link {
         LinkKind::Simulated => Box::new(SimulatedLink::open(io)?),
+        LinkKind::Unitree => {
+            let link = UnitreeLink::open(&settings.unitree)?;
+            link.speak_on_panic();
+            Box::new(link)
+        }
         LinkKind::Null => Box::new(NullLink::default()),
     })
 }
 
-/// The brake's path of that kind.
+/// The brake's path of these settings.
 ///
 /// # Errors
 /// Where it cannot be opened.
-pub fn open_brake_path(kind: LinkKind, io: &Io) -> Result<Box<dyn BrakePath>, TransportError> {
-    Ok(match kind {
+pub fn open_brake_path(settings: &Locomotion, io: &Io) -> Result<Box<dyn BrakePath>, TransportError> {
+    Ok(match settings.link {
         LinkKind::Simulated => Box::new(SimulatedBrake::open(io)?),
+        LinkKind::Unitree => Box::new(UnitreeBrake::open(&settings.unitree)?),
         LinkKind::Null => Box::new(NullBrake),
     })
 }

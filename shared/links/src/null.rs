@@ -3,7 +3,7 @@
 use messages::Twist2;
 use transport::TransportError;
 
-use crate::{BrakePath, Link};
+use crate::{BrakePath, Link, RobotReport};
 
 /// Takes commands and does nothing; reports the last one as the robot's velocity.
 #[derive(Debug, Default)]
@@ -17,8 +17,8 @@ impl Link for NullLink {
         Ok(())
     }
 
-    fn measured(&mut self) -> Result<Option<Twist2>, TransportError> {
-        Ok(Some(self.last))
+    fn report(&mut self) -> Result<RobotReport, TransportError> {
+        Ok(RobotReport { velocity: Some(self.last), ..RobotReport::default() })
     }
 }
 

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
 use transport::{Io, Publisher, Subscriber, TransportError};
 
-use crate::{BrakePath, Link};
+use crate::{BrakePath, Link, RobotReport};
 
 /// Commands the simulated robot over shared memory.
 #[derive(Debug)]
@@ -38,11 +38,11 @@ impl Link for SimulatedLink {
         self.commands.publish(self.clock.now_ns(), command).map(|_| ())
     }
 
-    fn measured(&mut self) -> Result<Option<Twist2>, TransportError> {
+    fn report(&mut self) -> Result<RobotReport, TransportError> {
         if let Some(truth) = self.truth.take_newest()? {
             self.measured = Some(truth.robot_twist);
         }
-        Ok(self.measured)
+        Ok(RobotReport { velocity: self.measured, ..RobotReport::default() })
     }
 }
 

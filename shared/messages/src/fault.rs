@@ -32,6 +32,12 @@ pub const SLOW_TURN_NS: u64 = 150_000_000;
 pub const LEAK_BYTES: usize = 512 << 10;
 /// And so much in all: the machine belongs to others too.
 pub const LEAK_MAX_BYTES: usize = 256 << 20;
+/// Three datagrams of so many are lost on a lossy line: for 2 ms between two of them, seldom more than 20 in a row.
+pub const LOSS_OF: u64 = 10;
+/// One bit of so many flips on a noisy line.
+pub const NOISE_BITS: u64 = 2_000;
+/// A battery that is nearly empty, percent.
+pub const LOW_CHARGE_PERCENT: u8 = 5;
 /// A process that exits on start does so this many times: the third life of it is well.
 pub const EXITS_ON_START: u32 = 2;
 
@@ -69,6 +75,51 @@ pub enum Fault {
     FullDisk,
     /// `/dev/shm` is full.
     FullShm,
+    /// The plug is pulled.
+    Unplugged,
+    /// Bits flip on the line.
+    Noise,
+    /// The device talks at another speed.
+    WrongBaud,
+    /// Datagrams are lost.
+    Loss,
+    /// Every datagram comes twice.
+    Duplicated,
+    /// The device hears, and says nothing.
+    Silent,
+    /// The robot's battery is nearly empty.
+    LowBattery,
+    /// Somebody stops the robot by its hand remote.
+    RemoteStop,
+    /// Somebody presses the emergency stop.
+    Pressed,
+}
+
+/// A device at the end of a line, where it is emulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Device {
+    /// The lidar at its serial line.
+    Lidar,
+    /// The robot at its network cable.
+    Robot,
+    /// The emergency stop at its serial line.
+    Estop,
+}
+
+impl Device {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Lidar, Self::Robot, Self::Estop];
+
+    /// Its name, behind `line/`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Lidar => "lidar",
+            Self::Robot => "robot",
+            Self::Estop => "estop",
+        }
+    }
 }
 
 /// What a fault is done to.
@@ -79,6 +130,8 @@ pub enum Target {
     Stream(TopicId, ServiceId),
     /// A process.
     Service(ServiceId),
+    /// An emulated device and its line.
+    Line(Device),
     /// The machine.
     Host,
 }
@@ -99,7 +152,7 @@ const fn row(fault: Fault, name: &'static str, what: &'static str) -> FaultSpec 
 }
 
 /// The table.
-pub const FAULTS: [FaultSpec; 15] = [
+pub const FAULTS: [FaultSpec; 24] = [
     row(Fault::Off, "off", "stream: nothing is published"),
     row(Fault::StuckSeq, "stuck_seq", "stream: the seq stays that of the last good message"),
     row(Fault::StuckStamp, "stuck_stamp", "stream: the stamp stays that of the last good message"),
@@ -107,7 +160,11 @@ pub const FAULTS: [FaultSpec; 15] = [
     row(Fault::Garbage, "garbage", "stream: random numbers, NaN, infinities and absurd sizes"),
     row(Fault::Wrong, "wrong", "stream: a plausible wrong value: lengths doubled, another action, another cue"),
     row(Fault::Slow, "slow", "stream: every 10th message only; process: each turn of its loop takes 150 ms longer"),
-    row(Fault::Delayed, "delayed", "stream: every message 400 ms late, with its old stamp"),
+    row(
+        Fault::Delayed,
+        "delayed",
+        "stream: every message 400 ms late, with its old stamp; line/robot: every datagram, either way",
+    ),
     row(Fault::Intermittent, "intermittent", "stream: silent for 300 to 600 ms, sending for 100 to 400 ms, by seed"),
     row(Fault::Kill, "kill", "process: SIGKILL"),
     row(Fault::Hang, "hang", "process: SIGSTOP"),
@@ -115,6 +172,19 @@ pub const FAULTS: [FaultSpec; 15] = [
     row(Fault::ExitOnStart, "exit_on_start", "process: killed, and its next two lives exit as they start"),
     row(Fault::FullDisk, "full_disk", "host: the recorder's disk is full"),
     row(Fault::FullShm, "full_shm", "host: /dev/shm is full"),
+    row(Fault::Unplugged, "unplugged", "line: the plug is pulled"),
+    row(Fault::Noise, "noise", "line: a bit in 2,000 flips"),
+    row(Fault::WrongBaud, "wrong_baud", "line/lidar: the device talks at another speed"),
+    row(Fault::Loss, "loss", "line/robot: three datagrams of ten are lost, either way"),
+    row(Fault::Duplicated, "duplicated", "line/robot: every datagram comes twice"),
+    row(Fault::Silent, "silent", "line: the device hears, obeys, and says nothing"),
+    row(Fault::LowBattery, "low_battery", "line/robot: its battery is at 5 %, where it tells of it"),
+    row(
+        Fault::RemoteStop,
+        "remote_stop",
+        "line/robot: somebody stops it by its hand remote, and lets it stand again at the end",
+    ),
+    row(Fault::Pressed, "pressed", "line/estop: somebody presses the emergency stop, and releases it at the end"),
 ];
 
 /// The streams that a fault can be injected into, health apart, which each service has one of. Those of the simulated
@@ -146,6 +216,21 @@ impl Fault {
     ];
     /// Every fault that a process can have.
     pub const OF_SERVICES: [Self; 5] = [Self::Kill, Self::Hang, Self::Slow, Self::Leak, Self::ExitOnStart];
+    /// Every fault that the lidar's line can have.
+    pub const OF_LIDAR_LINE: [Self; 4] = [Self::Unplugged, Self::Noise, Self::WrongBaud, Self::Silent];
+    /// Every fault that the robot and its line can have.
+    pub const OF_ROBOT_LINE: [Self; 8] = [
+        Self::Unplugged,
+        Self::Noise,
+        Self::Loss,
+        Self::Delayed,
+        Self::Duplicated,
+        Self::Silent,
+        Self::LowBattery,
+        Self::RemoteStop,
+    ];
+    /// Every fault that the emergency stop and its line can have.
+    pub const OF_ESTOP_LINE: [Self; 3] = [Self::Pressed, Self::Unplugged, Self::Silent];
     /// Every fault that the machine can have.
     pub const OF_HOST: [Self; 2] = [Self::FullDisk, Self::FullShm];
 
@@ -171,11 +256,15 @@ impl Target {
         match self {
             Self::Stream(..) => &Fault::OF_STREAMS,
             Self::Service(_) => &Fault::OF_SERVICES,
+            Self::Line(Device::Lidar) => &Fault::OF_LIDAR_LINE,
+            Self::Line(Device::Robot) => &Fault::OF_ROBOT_LINE,
+            Self::Line(Device::Estop) => &Fault::OF_ESTOP_LINE,
             Self::Host => &Fault::OF_HOST,
         }
     }
 
-    /// The target of that name: a stream of the topic table, `health/<service>`, a service, or `host`. `odometry` and
+    /// The target of that name: a stream of the topic table, `health/<service>`, a service, `line/lidar` and the
+    /// like, or `host`. `odometry` and
     /// `cue` name both a stream and a service: the fault says which is meant, and where both can have it, it is the
     /// stream; `service/<name>` is always the service.
     #[must_use]
@@ -185,6 +274,9 @@ impl Target {
         }
         if let Some(whose) = name.strip_prefix("health/") {
             return ServiceId::from_name(whose).map(|of| Self::Stream(TopicId::Health, of));
+        }
+        if let Some(line) = name.strip_prefix("line/") {
+            return Device::ALL.into_iter().find(|device| device.name() == line).map(Self::Line);
         }
         if let Some(service) = name.strip_prefix("service/") {
             return ServiceId::from_name(service).map(Self::Service);
@@ -202,6 +294,7 @@ impl Target {
         match self {
             Self::Stream(TopicId::Health, of) | Self::Service(of) => of.alone(),
             Self::Stream(topic, _) => topic.spec().map_or(&[], |spec| spec.publishers),
+            Self::Line(_) => ServiceId::Emulator.alone(),
             Self::Host => &[],
         }
     }
@@ -218,7 +311,7 @@ pub fn parse(target: &str, fault: &str) -> Result<(Target, Option<Fault>), Strin
         return Err(format!("there is no fault {fault}; known: {}, none", names(&FAULTS.map(|row| row.fault))));
     }
     let Some(found) = Target::from_name(target, kind) else {
-        return Err(format!("there is no stream and no service {target}"));
+        return Err(format!("there is no stream, no service and no line {target}"));
     };
     match kind.filter(|kind| !found.faults().contains(kind)) {
         Some(kind) => Err(format!("{found} can be {}, not {}", names(found.faults()), kind.name())),
@@ -234,6 +327,7 @@ impl core::fmt::Display for Target {
             // A stream of that name is meant by the bare word.
             Self::Service(service @ (ServiceId::Odometry | ServiceId::Cue)) => write!(f, "service/{service}"),
             Self::Service(service) => write!(f, "{service}"),
+            Self::Line(device) => write!(f, "line/{}", device.name()),
             Self::Host => f.write_str("host"),
         }
     }
@@ -264,7 +358,7 @@ impl Injection {
 
 #[cfg(test)]
 mod tests {
-    use super::{FAULTS, Fault, STREAMS, Target};
+    use super::{Device, FAULTS, Fault, STREAMS, Target};
     use crate::{ServiceId, TopicId};
 
     #[test]
@@ -283,7 +377,8 @@ mod tests {
         let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
         let health = ServiceId::ALL.into_iter().map(|of| Target::Stream(TopicId::Health, of));
         let services = ServiceId::ALL.into_iter().map(Target::Service);
-        for target in streams.chain(health).chain(services) {
+        let lines = Device::ALL.into_iter().map(Target::Line);
+        for target in streams.chain(health).chain(services).chain(lines) {
             for fault in target.faults() {
                 assert_eq!(Target::from_name(&target.to_string(), Some(*fault)), Some(target), "{target}");
             }

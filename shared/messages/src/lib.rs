@@ -5,6 +5,7 @@
 //! clock; with the feature `ipc` its types can live in iceoryx2's shared memory.
 
 mod clock;
+mod estop;
 pub mod fault;
 mod guidance;
 mod header;
@@ -18,7 +19,8 @@ pub mod topic;
 mod world;
 
 pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
-pub use fault::{Fault, Injection, Target};
+pub use estop::{EmergencyStop, StopInput};
+pub use fault::{Device, Fault, Injection, Target};
 pub use guidance::{
     Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause, PolicyAction, UnsafeCause,
 };

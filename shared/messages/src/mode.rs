@@ -1,7 +1,7 @@
 //! Run, fault or lock, why, and what the robot does about it.
 
 use crate::header::message;
-use crate::{Cue, Header, ServiceId, TopicId, Twist2};
+use crate::{Cue, Header, Pose2, ServiceId, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -112,6 +112,12 @@ pub enum StopKind {
     /// Hold, until the epoch is greater: odometry contradicts what the robot was commanded. Odometry is frozen or out
     /// of scale, or the robot does not obey (blocked, slipping, pushed): look which, and give a new cue.
     OdometryContradicts,
+    /// Lock: somebody stopped the robot itself, by its hand remote. Whoever holds the remote has the robot.
+    RemoteStop,
+    /// Fault: the robot's battery is nearly empty, and it may lie down where it is.
+    BatteryLow,
+    /// Lock: the emergency stop was pressed, unplugged, or fell silent.
+    EmergencyStop,
 }
 
 impl StopKind {
@@ -141,7 +147,10 @@ impl StopKind {
     /// Whether locomotion holds until the epoch is greater, so that only a fault and a new cue let it go on.
     #[must_use]
     pub const fn is_latched(self) -> bool {
-        matches!(self, Self::ModeStale | Self::LifelineClosed | Self::Boot | Self::OdometryContradicts)
+        matches!(
+            self,
+            Self::ModeStale | Self::LifelineClosed | Self::Boot | Self::OdometryContradicts | Self::EmergencyStop
+        )
     }
 
     /// The name, as in reports: snake case.
@@ -181,6 +190,9 @@ impl StopKind {
             Self::StreamStuck => "stream_stuck",
             Self::ScanContradicts => "scan_contradicts",
             Self::OdometryContradicts => "odometry_contradicts",
+            Self::RemoteStop => "remote_stop",
+            Self::BatteryLow => "battery_low",
+            Self::EmergencyStop => "emergency_stop",
         }
     }
 }
@@ -318,7 +330,7 @@ const EPOCHS_AT_ONCE: u64 = 100;
 /// What locomotion does.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/2"))]
 #[repr(C)]
 pub struct LocomotionState {
     /// Stamp, seq, incarnation.
@@ -337,6 +349,14 @@ pub struct LocomotionState {
     pub decision: u64,
     /// The epoch in force at locomotion.
     pub epoch: u64,
+    /// Where the robot itself believes to be, in a frame of its own.
+    pub own_from_robot: Pose2,
+    /// Run time at which the robot told so, nanoseconds; 0 where it tells nothing, or nothing lately.
+    pub own_stamp_ns: u64,
+    /// Charge of its battery, percent; 0 where it does not tell (one that is empty counts as 1).
+    pub charge_percent: u32,
+    /// Whether somebody has stopped the robot by its hand remote, and nobody has resumed since.
+    pub remote_stop: bool,
 }
 
 message!(Mode => Mode, LocomotionState => LocomotionState);

@@ -39,16 +39,22 @@ pub enum ServiceId {
     Recorder,
     /// Recorded frames in, in the drivers' place.
     Replay,
+    /// Devices that are not there, in the simulated world.
+    Emulator,
+    /// The emergency stop input.
+    Estop,
 }
 
 impl ServiceId {
     /// Every service, in the order of start: what stops the robot comes first.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 14] = [
         Self::Supervisor,
         Self::Locomotion,
         Self::Brake,
         Self::Simulator,
+        Self::Emulator,
         Self::Replay,
+        Self::Estop,
         Self::Odometry,
         Self::Lidar,
         Self::Depth,
@@ -75,6 +81,8 @@ impl ServiceId {
             Self::Simulator => "simulator",
             Self::Recorder => "recorder",
             Self::Replay => "replay",
+            Self::Emulator => "emulator",
+            Self::Estop => "estop",
         }
     }
 

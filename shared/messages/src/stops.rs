@@ -23,7 +23,7 @@ const CUE: &str = "give a cue once the robot is ready";
 const LOG: &str = "its log in the run directory says why; it is restarted: give a cue once the robot is ready";
 
 /// Every kind of stop.
-pub const STOPS: [StopInfo; 32] = [
+pub const STOPS: [StopInfo; 35] = [
     row(StopKind::Boot, "fault", "the run has just begun", CUE),
     row(StopKind::ServiceDied, "fault", "a process that motion needs is dead", LOG),
     row(StopKind::ServiceHung, "fault", "a process takes input and gives nothing back, or no longer takes part", LOG),
@@ -101,6 +101,24 @@ pub const STOPS: [StopInfo; 32] = [
         "odometry contradicts what the robot was commanded",
         "look which is wrong: odometry, or a robot that is blocked or slips; then a cue",
     ),
+    row(
+        StopKind::RemoteStop,
+        "lock",
+        "somebody stopped the robot by its hand remote",
+        "make it stand by the remote and let go of it; guidedog resume, then a cue",
+    ),
+    row(
+        StopKind::BatteryLow,
+        "fault",
+        "the robot's battery is nearly empty: it may lie down where it is",
+        "charge it; where it has to go on, lower locomotion.charge_stop_percent",
+    ),
+    row(
+        StopKind::EmergencyStop,
+        "lock",
+        "the emergency stop was pressed, unplugged, or fell silent",
+        "look why; release it, or plug it in; guidedog resume, then a cue",
+    ),
 ];
 
 #[cfg(test)]
@@ -114,6 +132,6 @@ mod tests {
             assert_eq!(info.kind as usize, i + 1, "{}", info.kind.name());
             assert!(["hold", "fault", "lock"].contains(&info.class) && !info.advice.is_empty());
         }
-        assert_eq!(STOPS.last().map(|info| info.kind), Some(StopKind::OdometryContradicts), "the last kind there is");
+        assert_eq!(STOPS.last().map(|info| info.kind), Some(StopKind::EmergencyStop), "the last kind there is");
     }
 }

@@ -7,7 +7,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::ServiceId;
 use crate::ServiceId::{
-    Brake, Cue, Depth, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Supervisor,
+    Brake, Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator,
+    Supervisor,
 };
 use zerocopy::TryFromBytes;
 
@@ -49,6 +50,8 @@ pub enum TopicId {
     ClockStep,
     /// `clock/ack`
     ClockAck,
+    /// `estop`
+    Estop,
 }
 
 /// How a topic is laid out in shared memory.
@@ -109,7 +112,7 @@ const MEMBERS: &[ServiceId] =
     &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
 
 /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
-pub const TOPICS: [TopicSpec; 14] = [
+pub const TOPICS: [TopicSpec; 15] = [
     TopicSpec {
         id: TopicId::LidarScan,
         name: "lidar/scan",
@@ -224,7 +227,7 @@ pub const TOPICS: [TopicSpec; 14] = [
         id: TopicId::WorldTruth,
         name: "world/truth",
         publishers: &[Simulator],
-        subscribers: &[Lidar, Depth, Odometry, Cue, Locomotion, Supervisor, Recorder],
+        subscribers: &[Lidar, Depth, Odometry, Emulator, Cue, Locomotion, Supervisor, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -234,7 +237,7 @@ pub const TOPICS: [TopicSpec; 14] = [
     TopicSpec {
         id: TopicId::WorldCommand,
         name: "world/command",
-        publishers: &[Locomotion],
+        publishers: &[Locomotion, Emulator],
         subscribers: &[Simulator, Recorder],
         buffer: 4,
         borrowed: 2,
@@ -263,6 +266,17 @@ pub const TOPICS: [TopicSpec; 14] = [
         loans: 2,
         wakes: true,
         why: "one a step and member, and rosters between",
+    },
+    TopicSpec {
+        id: TopicId::Estop,
+        name: "estop",
+        publishers: &[Estop],
+        subscribers: &[Locomotion, Supervisor, Recorder],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        why: "a press and a release may come at once, and neither may be lost; 50 Hz besides",
     },
 ];
 

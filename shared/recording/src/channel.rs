@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use messages::{
-    Cue, CueRequest, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit, PolicyAction, Pose2, ScanHeader, TopicId,
-    Twist2, WorldTruth,
+    Cue, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit, PolicyAction, Pose2,
+    ScanHeader, TopicId, Twist2, WorldTruth,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
@@ -50,7 +50,7 @@ const fn own(
 }
 
 /// Every channel.
-pub const CHANNELS: [Channel; 10] = [
+pub const CHANNELS: [Channel; 11] = [
     own(TopicId::LidarScan, "foxglove.LaserScan", || file(include_str!("../schemas/laser_scan.json")), decode_scan),
     own(
         TopicId::Odometry,
@@ -70,6 +70,7 @@ pub const CHANNELS: [Channel; 10] = [
     own(TopicId::LocomotionState, "guidedog.LocomotionState", schema::<LocomotionState>, |json| {
         back(json).map(|state| Record::Locomotion(Box::new(state)))
     }),
+    own(TopicId::Estop, "guidedog.EmergencyStop", schema::<EmergencyStop>, |json| back(json).map(Record::Estop)),
     own(TopicId::WorldTruth, "guidedog.WorldTruth", schema::<WorldTruth>, |json| {
         back(json).map(|truth| Record::Truth(Box::new(truth)))
     }),
@@ -122,6 +123,7 @@ pub fn encode(record: &Record, bytes: &mut Vec<u8>) -> Result<(), String> {
         Record::Permit(permit) => serde_json::to_writer(bytes, &permit.mirror()),
         Record::Mode(mode) => serde_json::to_writer(bytes, &mode.mirror()),
         Record::Locomotion(state) => serde_json::to_writer(bytes, &state.mirror()),
+        Record::Estop(stop) => serde_json::to_writer(bytes, &stop.mirror()),
         Record::Truth(truth) => serde_json::to_writer(bytes, &truth.mirror()),
     };
     written.map_err(|error| error.to_string())

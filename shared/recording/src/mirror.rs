@@ -1,9 +1,9 @@
 //! Our own messages as JSON: every type has a mirror whose numbers come back to the bit, and tells its JSON schema.
 
 use messages::{
-    Cue, CueInForce, CueKind, CueRequest, CueSource, Header, LocomotionState, Mode, ModeClass, Outcome, Permit,
-    PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Walker,
-    WorldTruth,
+    Cue, CueInForce, CueKind, CueRequest, CueSource, EmergencyStop, Header, LocomotionState, Mode, ModeClass, Outcome,
+    Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopInput, StopKind, StopReason, TopicId, Twist2,
+    UnsafeCause, Walker, WorldTruth,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -43,7 +43,7 @@ macro_rules! plain {
 plain!({ "type": "integer", "minimum": 0 }: u32, u64);
 plain!({ "type": "boolean" }: bool);
 plain!({ "type": "string" }: CueKind, CueSource, ModeClass, Outcome, PermitCause, ServiceId, StopKind, TopicId);
-plain!({ "type": "string" }: UnsafeCause);
+plain!({ "type": "string" }: StopInput, UnsafeCause);
 
 /// Numbers that may be NaN or infinite.
 macro_rules! number {
@@ -157,8 +157,10 @@ mirror! {
     }
     LocomotionStateMirror = LocomotionState {
         header: Header, applied: Twist2, limited_by: StopReason, measured: Twist2, measured_valid: bool,
-        permit_seq: u64, decision: u64, epoch: u64,
+        permit_seq: u64, decision: u64, epoch: u64, own_from_robot: Pose2, own_stamp_ns: u64, charge_percent: u32,
+        remote_stop: bool,
     }
+    EmergencyStopMirror = EmergencyStop { header: Header, input: StopInput }
     WorldTruthMirror = WorldTruth {
         header: Header, world_from_robot: Pose2, robot_twist: Twist2, command: Twist2, command_since_ns: u64,
         world_from_handler: Pose2, distance_m: f64,

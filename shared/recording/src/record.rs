@@ -1,8 +1,8 @@
 //! One recorded message.
 
 use messages::{
-    Cue, CueRequest, DepthHeader, Header, LocomotionState, Mode, Odometry, Permit, PolicyAction, ScanHeader, TopicId,
-    WorldTruth,
+    Cue, CueRequest, DepthHeader, EmergencyStop, Header, LocomotionState, Mode, Odometry, Permit, PolicyAction,
+    ScanHeader, TopicId, WorldTruth,
 };
 
 /// One recorded message, of one topic.
@@ -37,6 +37,8 @@ pub enum Record {
     Mode(Box<Mode>),
     /// Of `locomotion/state`.
     Locomotion(Box<LocomotionState>),
+    /// Of `estop`.
+    Estop(EmergencyStop),
     /// Of `world/truth`.
     Truth(Box<WorldTruth>),
 }
@@ -58,6 +60,7 @@ impl Record {
             Self::Permit(_) => TopicId::ShieldPermit,
             Self::Mode(_) => TopicId::Mode,
             Self::Locomotion(_) => TopicId::LocomotionState,
+            Self::Estop(_) => TopicId::Estop,
             Self::Truth(_) => TopicId::WorldTruth,
         }
     }
@@ -75,6 +78,7 @@ impl Record {
             Self::Permit(permit) => &permit.header,
             Self::Mode(mode) => &mode.header,
             Self::Locomotion(state) => &state.header,
+            Self::Estop(stop) => &stop.header,
             Self::Truth(truth) => &truth.header,
         }
     }

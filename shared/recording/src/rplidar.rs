@@ -16,7 +16,7 @@ use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use messages::{Header, MAX_BEAMS, NS_PER_S, ScanHeader, s_from_ns};
-use rplidar::{Beams, Decoder, Descriptor, Format, Sample, Timing};
+use rplidar::{Beams, Decoder, Descriptor, Fan, Format, Sample, Timing};
 use serde::Serialize;
 
 use crate::{About, Existing, Record, WriteError, Writer};
@@ -227,8 +227,9 @@ fn fan(whole_turn: usize, field_of_view_rad: f64) -> Beams {
 }
 
 fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Record {
-    let mut ranges_m = vec![f32::NAN; beams.count];
-    nodes.iter().for_each(|node| beams.enter(node, &mut ranges_m));
+    let mut fan = Fan::new(*beams, SIGMA_M);
+    nodes.iter().for_each(|node| fan.enter(node));
+    let ranges_m = fan.ranges_m().to_vec();
     let header = ScanHeader {
         header,
         angle_min_rad: beams.angle_min_rad,

@@ -122,6 +122,7 @@ impl Part {
                 TopicId::ShieldPermit,
                 TopicId::Mode,
                 TopicId::LocomotionState,
+                TopicId::Estop,
                 TopicId::WorldTruth,
             ],
             Self::Depth => &[TopicId::DepthFrame],

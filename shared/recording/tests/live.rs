@@ -85,6 +85,7 @@ fn every_topic() -> (Vec<Record>, Record) {
         Record::Permit(Box::new(permit(7))),
         Record::Mode(Box::new(mode)),
         Record::Locomotion(Box::new(state)),
+        Record::Estop(messages::EmergencyStop { header: header(11), input: messages::StopInput::Pressed }),
         Record::Truth(Box::new(truth)),
     ];
     let camera = Pose3 { x_m: 0.1, y_m: 0.2, z_m: 0.3, yaw_rad: -0.0, pitch_rad: 0.7 };
@@ -166,7 +167,7 @@ fn our_schemas_name_every_member() {
         check(&described, &value, &schema.name);
         seen += usize::from(schema.name.starts_with("guidedog."));
     }
-    assert_eq!(seen, 7);
+    assert_eq!(seen, 8);
 }
 
 /// As far as our schemas go: types, members, items.

@@ -3,13 +3,15 @@
 //! Pure as the session: what came and when goes in, what is to be sent comes out.
 
 use messages::NS_PER_S;
+use serde::{Deserialize, Serialize};
 
 use crate::request::answer;
 use crate::{Conf, Descriptor, FirstOfFrame, Format, Health, Heard, Info, Request, Requests, Sample, SampleRate};
 use crate::{angle_ahead_deg, session::Motor, session::motor_of};
 
 /// What kind of lidar.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Model {
     /// RPLIDAR A1M8.
     A1,

@@ -1,4 +1,4 @@
-//! Samples to whole turns: as many beams as wanted, counter-clockwise, each the nearest reading that fell into it.
+//! Samples to whole turns: as many beams as wanted, counter-clockwise, each the nearest surface that it met.
 
 use std::f64::consts::TAU;
 
@@ -25,12 +25,69 @@ impl Beams {
         let before_first = TAU - turned_rad < self.angle_increment_rad / 2.0;
         if before_first { Some(0) } else { (beam < self.count).then_some(beam) }
     }
+}
 
-    /// Enters a sample into the ranges of its beams, of which the nearest reading counts; they begin as NaN.
-    pub fn enter(&self, sample: &Sample, ranges_m: &mut [f32]) {
-        if let (Some(range_m), Some(beam)) = (sample.range_m, self.at(sample.angle_deg)) {
-            ranges_m[beam] = ranges_m[beam].min(range_m);
+/// The readings of a turn, sorted into beams.
+///
+/// A lidar takes more readings than there are beams. Of a beam's readings the nearest surface counts: the mean of
+/// those that can be of the same surface as the nearest one. The nearest alone would be too near wherever many fall
+/// into a beam: of nine with Gaussian noise it is 1.5 standard deviations, and now and then it would stand out before a
+/// handler or a wall as if something were there.
+#[derive(Debug, Clone)]
+pub struct Fan {
+    beams: Beams,
+    sigma_m: f32,
+    /// Beam and metres.
+    readings: Vec<(usize, f32)>,
+    /// For each beam, the sum of the readings of its nearest surface, and how many they are.
+    sums: Vec<(f32, u32)>,
+    ranges_m: Vec<f32>,
+}
+
+/// Readings are of the nearest surface up to so many standard deviations behind the nearest one.
+const SURFACE_SIGMAS: f32 = 3.0;
+/// The mean is taken for no farther than so many standard deviations behind the nearest reading, which is what noise
+/// does to the nearest of nine: where a thing stands close before another, it is not averaged away.
+const NEAREST_SIGMAS: f32 = 1.5;
+
+impl Fan {
+    /// No readings yet, of which one standard deviation is `sigma_m`.
+    #[must_use]
+    pub fn new(beams: Beams, sigma_m: f64) -> Self {
+        let (sums, ranges_m) = (vec![(0.0, 0); beams.count], vec![f32::NAN; beams.count]);
+        Self { beams, sigma_m: sigma_m as f32, readings: Vec::new(), sums, ranges_m }
+    }
+
+    /// Takes a sample; one without a reading, or of where no beam looks, is none.
+    pub fn enter(&mut self, sample: &Sample) {
+        if let (Some(range_m), Some(beam)) = (sample.range_m, self.beams.at(sample.angle_deg)) {
+            self.readings.push((beam, range_m));
         }
+    }
+
+    /// Forgets all readings.
+    pub fn clear(&mut self) {
+        self.readings.clear();
+    }
+
+    /// What each beam measured, metres; NaN where nothing is known.
+    pub fn ranges_m(&mut self) -> &[f32] {
+        self.ranges_m.fill(f32::NAN);
+        self.sums.fill((0.0, 0));
+        for (beam, range_m) in &self.readings {
+            self.ranges_m[*beam] = self.ranges_m[*beam].min(*range_m);
+        }
+        for (beam, range_m) in &self.readings {
+            if *range_m <= self.ranges_m[*beam] + SURFACE_SIGMAS * self.sigma_m {
+                let (sum_m, count) = &mut self.sums[*beam];
+                (*sum_m, *count) = (*sum_m + range_m, *count + 1);
+            }
+        }
+        let farthest_m = NEAREST_SIGMAS * self.sigma_m;
+        for (range_m, (sum_m, count)) in self.ranges_m.iter_mut().zip(&self.sums).filter(|(_, (_, count))| *count > 1) {
+            *range_m = (sum_m / *count as f32).min(*range_m + farthest_m);
+        }
+        &self.ranges_m
     }
 }
 
@@ -56,7 +113,6 @@ pub struct Turn<'a> {
 /// Gathers turns.
 #[derive(Debug, Clone)]
 pub struct Turns {
-    beams: Beams,
     here: Gathered,
     done: Gathered,
     /// From the beginning of the turn: where samples are missing before, it is none.
@@ -66,31 +122,31 @@ pub struct Turns {
 
 #[derive(Debug, Clone)]
 struct Gathered {
-    ranges_m: Vec<f32>,
+    fan: Fan,
     stamps_ns: Option<(u64, u64)>,
     samples: usize,
 }
 
 impl Gathered {
     fn clear(&mut self) {
-        self.ranges_m.fill(f32::NAN);
+        self.fan.clear();
         self.stamps_ns = None;
         self.samples = 0;
     }
 
-    fn take(&mut self, sample: &Sample, beams: &Beams) {
-        beams.enter(sample, &mut self.ranges_m);
+    fn take(&mut self, sample: &Sample) {
+        self.fan.enter(sample);
         self.stamps_ns = Some((self.stamps_ns.map_or(sample.stamp_ns, |(first, _)| first), sample.stamp_ns));
         self.samples += 1;
     }
 }
 
 impl Turns {
-    /// Turns of such beams.
+    /// Turns of such beams, of whose readings one standard deviation is `sigma_m`.
     #[must_use]
-    pub fn new(beams: Beams) -> Self {
-        let empty = Gathered { ranges_m: vec![f32::NAN; beams.count], stamps_ns: None, samples: 0 };
-        Self { beams, here: empty.clone(), done: empty, whole: false, far_side: false }
+    pub fn new(beams: Beams, sigma_m: f64) -> Self {
+        let empty = Gathered { fan: Fan::new(beams, sigma_m), stamps_ns: None, samples: 0 };
+        Self { here: empty.clone(), done: empty, whole: false, far_side: false }
     }
 
     /// Takes a sample; gives the turn that it ends, being the first of the next.
@@ -108,18 +164,19 @@ impl Turns {
             (self.whole, self.far_side) = (true, false);
         }
         self.far_side |= FAR_SIDE_DEG.contains(&sample.angle_deg);
-        self.here.take(sample, &self.beams);
-        let Gathered { ranges_m, stamps_ns, samples } = &self.done;
-        stamps_ns.filter(|_| whole).map(|stamps_ns| Turn { ranges_m, stamps_ns, samples: *samples })
+        self.here.take(sample);
+        let Gathered { fan, stamps_ns, samples } = &mut self.done;
+        stamps_ns.filter(|_| whole).map(|stamps_ns| Turn { ranges_m: fan.ranges_m(), stamps_ns, samples: *samples })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Beams, Turns};
+    use super::{Beams, Fan, Turns};
     use crate::Sample;
     use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+    const SIGMA_M: f64 = 0.02;
     /// A whole turn from straight back.
     const ROUND: Beams = Beams { count: 36, angle_min_rad: -PI, angle_increment_rad: TAU / 36.0 };
 
@@ -132,7 +189,7 @@ mod tests {
 
     #[test]
     fn a_turn_is_counter_clockwise_and_what_gave_nothing_is_unknown() {
-        let mut turns = Turns::new(ROUND);
+        let mut turns = Turns::new(ROUND, SIGMA_M);
         let mut seen = Vec::new();
         for i in 100..1300 {
             if let Some(turn) = turns.push(&sample(i)) {
@@ -156,8 +213,25 @@ mod tests {
     }
 
     #[test]
+    fn a_beam_measures_the_nearest_surface_and_not_its_nearest_reading() {
+        let measure = |readings: &[f32]| {
+            let mut fan = Fan::new(ROUND, SIGMA_M);
+            for range_m in readings {
+                fan.enter(&Sample { angle_deg: 0.0, range_m: Some(*range_m), ..Sample::default() });
+            }
+            fan.ranges_m()[18]
+        };
+        let near = |found: f32, expected: f32| (found - expected).abs() < 1e-4;
+        assert!(near(measure(&[2.0]), 2.0));
+        assert!(near(measure(&[2.01, 1.98, 2.02, 1.99, 2.0]), 2.0), "noise is averaged");
+        assert!(near(measure(&[3.0, 1.5, 3.0, 3.01, 2.99]), 1.5), "one reading of a pole before a wall");
+        assert!(near(measure(&[2.0, 2.058, 2.058, 2.058]), 2.03), "a step as high as noise may be is cut off");
+        assert!(measure(&[]).is_nan());
+    }
+
+    #[test]
     fn readings_that_wobble_about_straight_ahead_begin_one_turn() {
-        let mut turns = Turns::new(ROUND);
+        let mut turns = Turns::new(ROUND, SIGMA_M);
         let mut count = 0;
         for i in 0..4000_u64 {
             let moved = if i % 2 == 0 { 0.0 } else { 8.0 };
@@ -169,7 +243,7 @@ mod tests {
 
     #[test]
     fn what_was_lost_for_long_ends_the_turn_for_short_leaves_beams_unknown() {
-        let (mut turns, mut seen) = (Turns::new(ROUND), Vec::new());
+        let (mut turns, mut seen) = (Turns::new(ROUND, SIGMA_M), Vec::new());
         // Of the second turn an eighth is missing, of the third a half.
         for i in (0..3000).filter(|i| !(500..550).contains(i) && !(900..1100).contains(i)) {
             seen.extend(turns.push(&sample(i)).map(|turn| (turn.samples, turn.ranges_m[5].is_nan())));

@@ -54,7 +54,7 @@ fn every_lidar_scans_a_second_after_it_was_met() {
         assert!(found.sample_ns > 10_000, "{model:?}: {found:?}");
         rig.samples.clear();
         rig.run(S);
-        let mut turns = Turns::new(ROUND);
+        let mut turns = Turns::new(ROUND, 0.02);
         let mut seen = Vec::new();
         for sample in &rig.samples {
             if let Some(turn) = turns.push(sample) {

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::sections::{LinkKind, Settings, Source};
+use crate::sections::{EstopSource, LinkKind, Settings, Source};
 
 /// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -183,11 +183,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if !(0.0..=0.5).contains(&settings.shield.margin_m) {
         return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
     }
-    for (key, source) in [("depth.source", depth.source), ("odometry.source", settings.odometry.source)] {
-        if source == Source::Device {
-            return Err(format!("{key} = \"device\": only the lidar can be a device in this version"));
-        }
-    }
+    check_devices(settings)?;
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
@@ -199,6 +195,42 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     crate::planned::check(settings)?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+/// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
+fn check_devices(settings: &Settings) -> Result<(), String> {
+    let (lidar, depth, odometry) = (settings.lidar.source, settings.depth.source, settings.odometry.source);
+    let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
+    if depth == Source::Device {
+        return Err("depth.source = \"device\": no camera has a driver in this version".to_owned());
+    }
+    if odometry == Source::Device && settings.locomotion.link != LinkKind::Unitree {
+        return Err("odometry.source = \"device\" is the robot's own: locomotion.link has to be \"unitree\"".to_owned());
+    }
+    if settings.commands_robot() {
+        for (key, source) in [("lidar.source", lidar), ("depth.source", depth), ("odometry.source", odometry)] {
+            if source != Source::Device {
+                return Err(format!(
+                    "{key} is no device, and locomotion.link commands a real robot: it would walk blind"
+                ));
+            }
+        }
+    }
+    if emulated && (lidar, odometry, settings.locomotion.link) != (Source::Device, Source::Device, LinkKind::Unitree) {
+        let needed = "lidar.source and odometry.source \"device\" and locomotion.link \"unitree\"";
+        return Err(format!("simulation.emulated.on needs {needed}"));
+    }
+    if emulated && robot.robot.is_some_and(|robot| !robot.ip().is_loopback()) {
+        return Err("locomotion.unitree.robot is no emulated robot's address: it is not this machine".to_owned());
+    }
+    if emulated && settings.estop.source == EstopSource::Input {
+        return Err("estop.source = \"input\": only a serial box is emulated".to_owned());
+    }
+    let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
+    if stop > warn || warn > 100 {
+        return Err(format!("locomotion.charge_stop_percent = {stop} is not in 0..charge_warn_percent = {warn}..100"));
     }
     Ok(())
 }
@@ -266,6 +298,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
         ("max_age.depth", age.depth, if null { 2000 } else { 300 }),
         ("max_age.odometry", age.odometry, if null { 2000 } else { 150 }),
         ("max_age.mode", age.mode, 300),
+        ("max_age.estop", age.estop, 150),
         ("max_age.cue", age.cue, 5000),
         ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
         ("supervision.beat_limit", supervision.beat_limit, 200),
@@ -329,6 +362,43 @@ mod tests {
         ] {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_real_robot_walks_by_real_sensors_and_an_emulated_one_is_at_this_machine() {
+        let real = "[locomotion]\nlink = \"unitree\"\n[odometry]\nsource = \"device\"\n";
+        let emulated = format!("{real}[lidar]\nsource = \"device\"\n[simulation.emulated]\non = true\n");
+        let elsewhere = format!("{emulated}[locomotion.unitree]\nrobot = \"192.168.123.220:8082\"\n");
+        for (text, key) in [
+            (real, "lidar.source"),
+            (&format!("{real}[lidar]\nsource = \"device\"\n"), "depth.source"),
+            ("[odometry]\nsource = \"device\"\n", "odometry.source"),
+            ("[simulation.emulated]\non = true\n", "simulation.emulated.on"),
+            (&elsewhere, "locomotion.unitree.robot"),
+            ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),
+            (&format!("{emulated}[estop]\nsource = \"input\"\n"), "estop.source"),
+            ("[max_age]\nestop = \"1s\"\n", "max_age.estop"),
+        ] {
+            let settings: Settings = toml::from_str(text).expect("each key by itself is right");
+            let why = check(&settings).expect_err(text);
+            assert!(why.starts_with(key), "{text}: {why}");
+        }
+        let settings: Settings = toml::from_str(&emulated).expect("it is right");
+        assert_eq!(check(&settings), Ok(()));
+        let mut by_flag = Settings::default();
+        by_flag.emulate();
+        assert_eq!(check(&by_flag), Ok(()));
+    }
+
+    #[test]
+    fn an_unknown_robot_and_lidar_are_named() {
+        for (text, what) in [
+            ("[locomotion.unitree]\nprofile = \"go9\"\n", "aliengo-3.8.4, aliengo-3.3.1, go1-3.8"),
+            ("[simulation.emulated]\nrplidar = \"a9\"\n", "a1-old"),
+        ] {
+            let error = parse(Path::new("x.toml"), text).expect_err("it is wrong").to_string();
+            assert!(error.contains("line 2") && error.contains(what), "{error}");
         }
     }
 

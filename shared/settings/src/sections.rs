@@ -1,9 +1,12 @@
 //! The sections of the configuration file and their defaults.
 
+mod estop;
 mod lidar;
+mod locomotion;
 mod policy;
 mod shield;
 
+use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
 
 use guidance::{
@@ -11,13 +14,17 @@ use guidance::{
     ShieldConfig,
 };
 use messages::{NS_PER_S, Pose2, Pose3, TopicId};
+use rplidar::Model;
 use serde::{Deserialize, Serialize};
+use unitree::Silence;
 
 use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
+pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
+pub use locomotion::{Limits, LinkKind, Locomotion, UnitreeSettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 
@@ -46,6 +53,8 @@ pub struct Settings {
     pub shield: ShieldSettings,
     /// The last gate.
     pub locomotion: Locomotion,
+    /// The emergency stop.
+    pub estop: Estop,
     /// How old an input may be for motion.
     pub max_age: MaxAge,
     /// The supervisor.
@@ -68,10 +77,38 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Whether the run has a simulated world: one of its sensors looks at it.
+    /// Whether the run has a simulated world: one of its sensors looks at it, or emulated devices do.
     #[must_use]
     pub fn has_world(&self) -> bool {
-        [self.lidar.source, self.depth.source, self.odometry.source].contains(&Source::Simulated)
+        self.simulation.emulated.on
+            || [self.lidar.source, self.depth.source, self.odometry.source].contains(&Source::Simulated)
+    }
+
+    /// Puts emulated devices in the place of what is simulated, where there is a driver for real ones (lidar, odometry
+    /// and robot), and an emergency stop beside them.
+    pub fn emulate(&mut self) {
+        self.simulation.emulated.on = true;
+        (self.lidar.source, self.odometry.source) = (Source::Device, Source::Device);
+        self.locomotion.link = LinkKind::Unitree;
+        self.estop.source = EstopSource::Serial;
+    }
+
+    /// Where the emulated devices are found: the lidar's port, that of the emergency stop, and the robot's address,
+    /// which is this machine's.
+    pub fn place_emulated(&mut self, lidar_port: PathBuf, estop_port: PathBuf, robot: Ipv4Addr) {
+        self.estop.serial.port = estop_port;
+        let lidar = &mut self.lidar.rplidar;
+        lidar.port = lidar_port;
+        lidar.baud.get_or_insert(self.simulation.emulated.rplidar.baud());
+        let link = &mut self.locomotion.unitree;
+        link.robot = Some(SocketAddrV4::new(robot, link.profile.robot().port()));
+        link.local = Some(SocketAddrV4::new(robot, link.profile.local_port()));
+    }
+
+    /// Whether a real robot is commanded.
+    #[must_use]
+    pub fn commands_robot(&self) -> bool {
+        self.locomotion.link == LinkKind::Unitree && !self.simulation.emulated.on
     }
 
     /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
@@ -297,66 +334,6 @@ pub struct CueSettings {
     pub forward_when_ready: bool,
 }
 
-/// The way to the robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum LinkKind {
-    /// The simulated robot; it keeps the last command when the line goes quiet.
-    Simulated,
-    /// Nothing: for replayed frames.
-    Null,
-}
-
-/// Largest velocities.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Limits {
-    /// Over ground, metres per second.
-    pub speed_mps: Positive,
-    /// Turning, radians per second.
-    pub turn_radps: Positive,
-    /// Planned changes of speed, metres per second squared.
-    pub acceleration_mps2: Positive,
-    /// Planned changes of turning, radians per second squared.
-    pub acceleration_radps2: Positive,
-}
-
-impl Default for Limits {
-    fn default() -> Self {
-        Self {
-            speed_mps: Positive::of(0.8),
-            turn_radps: Positive::of(1.2),
-            acceleration_mps2: Positive::of(4.0),
-            acceleration_radps2: Positive::of(12.0),
-        }
-    }
-}
-
-/// The last gate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Locomotion {
-    /// The way to the robot.
-    pub link: LinkKind,
-    /// Commands a second.
-    pub rate_hz: Positive,
-    /// Longest time from a verdict to its expiry.
-    pub permit_life: Millis,
-    /// Bounds.
-    pub limits: Limits,
-}
-
-impl Default for Locomotion {
-    fn default() -> Self {
-        Self {
-            link: LinkKind::Simulated,
-            rate_hz: Positive::of(50.0),
-            permit_life: Millis::of_ms(200),
-            limits: Limits::default(),
-        }
-    }
-}
-
 /// How old an input may be for motion.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -371,6 +348,8 @@ pub struct MaxAge {
     pub cue: Millis,
     /// `mode`
     pub mode: Millis,
+    /// `estop`, where there is one
+    pub estop: Millis,
 }
 
 impl Default for MaxAge {
@@ -381,6 +360,7 @@ impl Default for MaxAge {
             odometry: Millis::of_ms(100),
             cue: Millis::of_ms(1000),
             mode: Millis::of_ms(200),
+            estop: Millis::of_ms(100),
         }
     }
 }
@@ -458,11 +438,31 @@ pub struct Simulation {
     pub seed: u64,
     /// Sway of the simulated handler, metres.
     pub handler_sway_m: f64,
+    /// Devices in the simulated world, for the real drivers.
+    pub emulated: Emulated,
+}
+
+/// Devices that are emulated in the simulated world, for the drivers and the link that speak to real ones.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Emulated {
+    /// Whether there are any.
+    pub on: bool,
+    /// Which RPLIDAR.
+    pub rplidar: Model,
+    /// What the robot of `[locomotion.unitree]` does when nothing more comes.
+    pub silence: Silence,
+}
+
+impl Default for Emulated {
+    fn default() -> Self {
+        Self { on: false, rplidar: Model::S2, silence: Silence::HoldsLast }
+    }
 }
 
 impl Default for Simulation {
     fn default() -> Self {
-        Self { seed: 1, handler_sway_m: 0.01 }
+        Self { seed: 1, handler_sway_m: 0.01, emulated: Emulated::default() }
     }
 }
 

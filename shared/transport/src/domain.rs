@@ -113,6 +113,7 @@ impl Domain {
                 TopicId::WorldCommand => self.create::<messages::RobotCommand>(&mut topics)?,
                 TopicId::ClockStep => self.create::<messages::ClockStep>(&mut topics)?,
                 TopicId::ClockAck => self.create::<messages::ClockAck>(&mut topics)?,
+                TopicId::Estop => self.create::<messages::EmergencyStop>(&mut topics)?,
                 TopicId::Health => {
                     for of in ServiceId::ALL {
                         topics.push(Box::new(self.messages::<messages::Health>(of, true)?));
@@ -252,6 +253,7 @@ pub fn pool_sizes(depth_pixels: usize) -> Vec<PoolSize> {
         TopicId::WorldCommand => size_of::<messages::RobotCommand>(),
         TopicId::ClockStep => size_of::<messages::ClockStep>(),
         TopicId::ClockAck => size_of::<messages::ClockAck>(),
+        TopicId::Estop => size_of::<messages::EmergencyStop>(),
         TopicId::None => 0,
     };
     TOPICS

@@ -4,8 +4,8 @@
 use std::cell::{Cell, RefCell};
 
 use messages::fault::{
-    DELAY_NS, Dice, Fault, Injection, LEAK_BYTES, LEAK_MAX_BYTES, SENDING_NS, SILENT_NS, SLOW_EVERY, SLOW_TURN_NS,
-    Target,
+    DELAY_NS, Device, Dice, Fault, Injection, LEAK_BYTES, LEAK_MAX_BYTES, SENDING_NS, SILENT_NS, SLOW_EVERY,
+    SLOW_TURN_NS, Target,
 };
 use messages::{Header, ServiceId, TopicId};
 use rustix::event::{Timespec, poll};
@@ -38,6 +38,7 @@ struct Late {
 #[derive(Default)]
 pub(crate) struct Faults {
     streams: RefCell<Vec<StreamFault>>,
+    lines: RefCell<Vec<Injection>>,
     late: RefCell<Vec<Late>>,
     slow_until_ns: Cell<u64>,
     leak_until_ns: Cell<u64>,
@@ -64,6 +65,11 @@ impl Faults {
                 let (seed, since_ns) = (injection.seed, injection.since_ns);
                 let active = fault.map(|fault| StreamFault { topic, of, fault, seed, since_ns, until_ns, number });
                 self.streams.borrow_mut().extend(active);
+            }
+            (Target::Line(_), _) => {
+                let mut lines = self.lines.borrow_mut();
+                lines.retain(|one| one.target != injection.target);
+                lines.extend(injection.fault.is_some().then_some(*injection));
             }
             (Target::Service(_), Some(Fault::Slow)) => self.slow_until_ns.set(until_ns),
             (Target::Service(_), Some(Fault::Leak)) => self.leak_until_ns.set(until_ns),
@@ -112,6 +118,13 @@ impl Faults {
             }
         }
         Ok(())
+    }
+
+    /// The fault of an emulated device's line now, if it has one.
+    pub fn of_line(&self, device: Device, now_ns: u64) -> Option<(Fault, u64)> {
+        let lines = self.lines.borrow();
+        let line = lines.iter().find(|one| one.target == Target::Line(device) && now_ns < one.until_ns())?;
+        Some((line.fault?, line.seed))
     }
 
     /// Whether the disk counts as full.

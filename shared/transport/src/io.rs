@@ -6,7 +6,8 @@ use std::rc::Rc;
 
 use iceoryx2::port::listener::Listener;
 use iceoryx2::prelude::*;
-use messages::{Frame, Health, Injection, Message, PortCounters, ServiceId, TopicId};
+use messages::fault::Device;
+use messages::{Fault, Frame, Health, Injection, Message, PortCounters, ServiceId, TopicId};
 use nix::sys::signalfd::SignalFd;
 use rustix::event::{Timespec, epoll};
 
@@ -160,6 +161,12 @@ impl Io {
     #[must_use]
     pub fn disk_is_full(&self) -> bool {
         self.shared.faults.disk_is_full()
+    }
+
+    /// What an emulated device suffers now, and the seed of what is random about it: an injected fault.
+    #[must_use]
+    pub fn line_fault(&self, device: Device) -> Option<(Fault, u64)> {
+        self.shared.faults.of_line(device, self.now_ns())
     }
 
     /// What this process suffers.

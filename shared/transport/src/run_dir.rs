@@ -9,6 +9,7 @@
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
 use std::io::Write;
+use std::net::Ipv4Addr;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
 use std::os::unix::net::UnixStream;
@@ -25,13 +26,15 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 11] = [
+const OURS: [&str; 13] = [
     "lock",
     "recording.json",
     "run.json",
     "settings.toml",
     "control.sock",
     "robot.sock",
+    "rplidar",
+    "estop",
     "handler.json",
     "handler.new",
     "logs",
@@ -259,6 +262,26 @@ impl RunDir {
         self.path.join("robot.sock")
     }
 
+    /// The port of an emulated lidar.
+    #[must_use]
+    pub fn lidar_port(&self) -> PathBuf {
+        self.path.join("rplidar")
+    }
+
+    /// The port of an emulated emergency stop.
+    #[must_use]
+    pub fn estop_port(&self) -> PathBuf {
+        self.path.join("estop")
+    }
+
+    /// The address of an emulated robot: all of 127.0.0.0/8 is this machine, and hardly another run has this one.
+    #[must_use]
+    pub fn robot_address(&self) -> Ipv4Addr {
+        let [a, b, c, ..] = digest_of(&self.path).to_be_bytes();
+        // Neither the usual one nor the network's own.
+        Ipv4Addr::new(127, a, b, c.clamp(2, 254))
+    }
+
     /// Where iceoryx2 keeps its files.
     #[must_use]
     pub fn iceoryx2_root(&self) -> PathBuf {
@@ -340,12 +363,17 @@ fn take_lock(dir: &Path, to_own: bool) -> Result<Option<File>, TransportError> {
     }
 }
 
-/// A prefix of its own for each run directory (FNV-1a of its path).
+/// FNV-1a of a run directory's path.
+fn digest_of(path: &Path) -> u64 {
+    path.as_os_str()
+        .as_encoded_bytes()
+        .iter()
+        .fold(0xcbf2_9ce4_8422_2325, |digest, byte| (digest ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3))
+}
+
+/// A prefix of its own for each run directory.
 fn prefix_of(path: &Path) -> String {
-    let digest = path.as_os_str().as_encoded_bytes().iter().fold(0xcbf2_9ce4_8422_2325_u64, |digest, byte| {
-        (digest ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3)
-    });
-    format!("gd{digest:016x}_")
+    format!("gd{:016x}_", digest_of(path))
 }
 
 /// The files of a run's shared memory.

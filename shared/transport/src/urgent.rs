@@ -22,7 +22,7 @@ pub(crate) fn hurry(service: ServiceId) {
     let sched_priority = match service {
         ServiceId::Locomotion => LOCOMOTION_PRIORITY,
         ServiceId::Brake => BRAKE_PRIORITY,
-        ServiceId::Simulator => SIMULATOR_PRIORITY,
+        ServiceId::Simulator | ServiceId::Emulator => SIMULATOR_PRIORITY,
         _ => return,
     };
     let priority = libc::sched_param { sched_priority };

@@ -13,6 +13,8 @@ pub const DEAD_MAN_NS: u64 = 200_000_000;
 const STAND_AFTER_NS: u64 = 500_000_000;
 /// Triggers that take an AlienGo into sport mode, one a tick, as its maker's example sends them.
 const TRIGGERS: u32 = 45;
+/// A robot that said nothing for so long may have been switched off and on since, nanoseconds.
+const AWAY_NS: u64 = 1_000_000_000;
 /// A state that is older says nothing about now, nanoseconds.
 pub const STATE_MAX_AGE_NS: u64 = 100_000_000;
 
@@ -33,8 +35,15 @@ impl Driver {
     /// A driver that wishes for nothing.
     #[must_use]
     pub fn new(profile: Profile) -> Self {
-        let triggers = if profile == Profile::AlienGo384 { TRIGGERS } else { 0 };
-        Self { profile, triggers, wish: Twist2::ZERO, wished_ns: None, moved_ns: None, state: None, remote_stop: false }
+        Self {
+            profile,
+            triggers: 0,
+            wish: Twist2::ZERO,
+            wished_ns: None,
+            moved_ns: None,
+            state: None,
+            remote_stop: false,
+        }
     }
 
     /// Wishes for a velocity from now on, until it is old.
@@ -42,17 +51,21 @@ impl Driver {
         (self.wish, self.wished_ns) = (velocity, Some(now_ns));
     }
 
-    /// A state has come. A stop on the hand remote holds until [`Driver::forget_remote_stop`].
+    /// A state has come. A robot that was not there before is taken into sport mode first. A stop on the hand remote
+    /// holds until [`Driver::forget_remote_stop`].
     pub fn received(&mut self, state: State, now_ns: u64) {
+        let there = self.state.is_some_and(|(_, came_ns)| now_ns.saturating_sub(came_ns) <= AWAY_NS);
+        if !there && self.profile == Profile::AlienGo384 {
+            self.triggers = TRIGGERS;
+        }
         self.remote_stop |= state.remote.says_stop();
         self.state = Some((state, now_ns));
     }
 
-    /// The newest state, while it is young enough.
+    /// The newest state and when it came, while it is young enough.
     #[must_use]
-    pub fn state(&self, now_ns: u64) -> Option<&State> {
-        let (state, came_ns) = self.state.as_ref()?;
-        (now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS).then_some(state)
+    pub fn state(&self, now_ns: u64) -> Option<(State, u64)> {
+        self.state.filter(|(_, came_ns)| now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS)
     }
 
     /// Whether somebody has stopped the robot by its hand remote.
@@ -144,7 +157,7 @@ mod tests {
             let mut rig = Rig::new(profile);
             assert_eq!(rig.run(200, None), Twist2::ZERO);
             assert_eq!(rig.run(400, Some(AHEAD)), AHEAD, "{profile:?}");
-            assert_eq!(rig.driver.state(rig.now_ns).map(|state| state.velocity), Some(AHEAD));
+            assert_eq!(rig.driver.state(rig.now_ns).map(|(state, _)| state.velocity), Some(AHEAD));
             assert_eq!(rig.run(2, Some(Twist2::ZERO)), Twist2::ZERO, "{profile:?}: zero is at once");
             assert_eq!(rig.robot.mode(), Mode::Walk, "{profile:?}: its gait comes to rest");
             rig.run(600, Some(Twist2::ZERO));
@@ -163,12 +176,18 @@ mod tests {
     }
 
     #[test]
-    fn an_aliengo_is_triggered_first() {
+    fn an_aliengo_that_is_switched_on_is_triggered_first() {
+        let triggers = |driver: &mut Driver, now_ns| (0..100).filter(|_| driver.command(now_ns).trigger).count();
         let mut driver = Driver::new(Profile::AlienGo384);
         driver.wish(AHEAD, 0);
-        let triggers = (0..100).filter(|_| driver.command(0).trigger).count();
-        assert_eq!(triggers, TRIGGERS as usize);
-        assert!(!Driver::new(Profile::Go138).command(0).trigger);
+        assert_eq!(triggers(&mut driver, 0), 0, "nobody hears them yet");
+        for (came_ms, expected) in [(500, TRIGGERS), (600, 0), (1600, 0), (2601, TRIGGERS)] {
+            driver.received(State::default(), came_ms * MS);
+            assert_eq!(triggers(&mut driver, came_ms * MS), expected as usize, "at {came_ms} ms");
+        }
+        let mut other = Driver::new(Profile::Go138);
+        other.received(State::default(), 0);
+        assert_eq!(triggers(&mut other, 0), 0);
     }
 
     #[test]

@@ -1,11 +1,13 @@
 //! A robot's side: what it makes of its commands, and what it says of itself.
 
 use messages::Twist2;
+use serde::{Deserialize, Serialize};
 
 use crate::{Command, Mode, Profile, Remote, State, WireError};
 
 /// What a robot does when nothing more comes. No document says which of them the real ones are.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Silence {
     /// It keeps its last command for ever.
     HoldsLast,
@@ -75,6 +77,11 @@ impl EmulatedRobot {
     pub fn press(&mut self, remote: Remote) {
         self.remote = remote;
         self.limp |= remote.says_stop();
+    }
+
+    /// Whoever holds its hand remote makes it stand again after a stop.
+    pub fn recover(&mut self) {
+        self.limp = false;
     }
 
     /// What it does with its legs.

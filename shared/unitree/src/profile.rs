@@ -2,8 +2,11 @@
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
+use serde::{Deserialize, Serialize};
+
 /// A robot and the version of its protocol.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(try_from = "String", into = "&'static str")]
 pub enum Profile {
     /// AlienGo, sport mode 1.0.20 and later.
     AlienGo384,
@@ -11,6 +14,23 @@ pub enum Profile {
     AlienGo331,
     /// Go1.
     Go138,
+}
+
+impl From<Profile> for &'static str {
+    fn from(profile: Profile) -> Self {
+        profile.name()
+    }
+}
+
+impl TryFrom<String> for Profile {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        Self::ALL
+            .into_iter()
+            .find(|profile| profile.name() == name)
+            .ok_or_else(|| format!("there is no robot {name}; known: {}", Self::ALL.map(Self::name).join(", ")))
+    }
 }
 
 /// Offsets in a command, bytes.

@@ -5,6 +5,9 @@ use messages::Twist2;
 use crate::field::{get_f32, get_f32s, put_f32, put_f32s};
 use crate::{Profile, Remote, WireError, crc, remote};
 
+/// Of a robot that stands.
+const BODY_HEIGHT_M: f32 = 0.3;
+
 /// A state. It has neither a number nor a time: how old it is, only its arrival tells.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct State {
@@ -23,6 +26,21 @@ pub struct State {
 }
 
 impl State {
+    /// The state of a robot that stands or walks on level ground: forward and left, metres, and heading, radians, since
+    /// it was switched on.
+    #[must_use]
+    pub fn level(pose: [f64; 3], velocity: Twist2, charge_percent: Option<u8>) -> Self {
+        let [x_m, y_m, yaw_rad] = pose;
+        let (sin, cos) = (yaw_rad / 2.0).sin_cos();
+        Self {
+            quaternion: [cos as f32, 0.0, 0.0, sin as f32],
+            position_m: [x_m as f32, y_m as f32, BODY_HEIGHT_M],
+            velocity,
+            charge_percent,
+            ..Self::default()
+        }
+    }
+
     /// Yaw of the attitude, radians, counter-clockwise from where the robot looked when it was switched on.
     #[must_use]
     pub fn yaw_rad(&self) -> f64 {

@@ -26,6 +26,14 @@ pub enum Bench {
     },
     /// The shield beside the paper's pseudo-code, one core
     Shield,
+    /// Decoding of lidar samples, of every packing, beside the fastest line, one core
+    Decoders,
+    /// How evenly the link to a robot sends, with and without real-time priority, quiet and busy
+    Link {
+        /// Each of the four measurements lasts so long
+        #[arg(long, default_value_t = 10, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+        seconds: u32,
+    },
     /// Decisions of simulated episodes a second, all cores: what training and evaluation are made of
     World,
     /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use settings::PolicyModel;
+use settings::{Choice, PolicyModel};
 
 use super::policy::policy_model;
 
@@ -35,9 +35,9 @@ pub struct EvaluateArgs {
     /// What is asked
     #[arg(long, value_enum, default_value_t = TasksArg::Mixed)]
     pub tasks: TasksArg,
-    /// How an action is chosen among those that are left
-    #[arg(long, value_enum, default_value_t = ChoiceArg::Draw)]
-    pub choice: ChoiceArg,
+    /// How an action is chosen among those that are left, in place of the configuration's
+    #[arg(long, value_enum)]
+    pub choice: Option<ChoiceArg>,
     /// Worlds, handlers, noise and draws follow from it
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -96,10 +96,22 @@ pub enum TasksArg {
 /// How an action is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ChoiceArg {
+    /// The most probable one; where that is to stop, one by their probabilities
+    Surest,
     /// One by their probabilities
     Draw,
     /// The most probable one
     ArgMax,
+}
+
+impl From<ChoiceArg> for Choice {
+    fn from(given: ChoiceArg) -> Self {
+        match given {
+            ChoiceArg::Surest => Self::Surest,
+            ChoiceArg::Draw => Self::Draw,
+            ChoiceArg::ArgMax => Self::ArgMax,
+        }
+    }
 }
 
 /// Examples of `guidedog evaluate --help`.

@@ -36,7 +36,15 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     writeln!(route, "# No cues, no goal: the robot stands.").map_err(Failure::of_run)?;
     let pace = PaceArgs::default();
     let scenario = Some(prepare::DEFAULT_SCENARIO.to_owned());
-    let world = WorldArgs { scenario, map: None, start: None, cues: Some(route.path().to_owned()), policy: None, pace };
+    let world = WorldArgs {
+        scenario,
+        map: None,
+        start: None,
+        cues: Some(route.path().to_owned()),
+        policy: None,
+        emulated: false,
+        pace,
+    };
     let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;
     // Ended by us, long before.
     prepared.settings.walk.time_limit = settings::Millis::try_from("1h".to_owned()).ok();

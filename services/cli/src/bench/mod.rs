@@ -1,7 +1,9 @@
 //! `bench`: figures of this machine.
 
+pub mod decoders;
 pub mod faults;
 pub mod idle;
+pub mod link;
 mod plain;
 pub mod receiver;
 pub mod replay;

@@ -14,10 +14,10 @@ use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
-use settings::{HandlerModel, Profile, Settings};
+use settings::{Choice, HandlerModel, Profile, Settings};
 use world::{FloorPlan, GeneratorConfig};
 
-use crate::args::evaluate::{ChoiceArg, EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
+use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
 use crate::exit::Failure;
 use crate::out::{self, say};
 use outcome::{Outcome, Way, walk};
@@ -49,7 +49,7 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         "harness": word(&args.harness),
         "handlers": word(&args.handlers),
         "tasks": word(&args.tasks),
-        "choice": word(&args.choice),
+        "choice": evaluation.choice,
         "seed": args.seed,
     });
     figures::add(&mut report, &outcomes);
@@ -118,6 +118,7 @@ fn word(choice: &impl clap::ValueEnum) -> Option<String> {
 
 /// What all episodes have in common.
 struct Evaluation {
+    choice: Choice,
     settings: Settings,
     config: Arc<Config>,
     model: Option<Model>,
@@ -127,7 +128,8 @@ impl Evaluation {
     fn of(args: &EvaluateArgs, settings: Settings) -> Result<Self, Failure> {
         let model = crate::prepare::model(&args.policy, &settings)?;
         let config = Arc::new(config(args, &settings)?);
-        Ok(Self { settings, config, model })
+        let choice = args.choice.map_or(settings.shield.choice, Into::into);
+        Ok(Self { choice, settings, config, model })
     }
 
     fn pilot(&self) -> Result<Pilot, Failure> {
@@ -147,7 +149,7 @@ impl Evaluation {
         let count = args.episodes as usize;
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count);
-        let way = Way { beta, draws: args.choice == ChoiceArg::Draw, traced: false };
+        let way = Way { beta, choice: self.choice, traced: false };
         let pilots = (0..workers).map(|_| self.pilot()).collect::<Result<Vec<_>, _>>()?;
         let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
         let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
@@ -187,7 +189,7 @@ impl Evaluation {
             report.collisions > 0 || !report.success
         };
         let (mut episode, mut pilot) = (self.episode()?, self.pilot()?);
-        let way = Way { beta: args.beta_test, draws: args.choice == ChoiceArg::Draw, traced: true };
+        let way = Way { beta: args.beta_test, choice: self.choice, traced: true };
         let numbers = 0..outcomes.len();
         let first = numbers.clone().take(PICTURES).map(|number| ("first", number));
         let wrong = numbers.filter(is_wrong).take(PICTURES).map(|number| ("wrong", number));

@@ -3,11 +3,12 @@
 use std::time::Instant;
 
 use episodes::{Config, Episode, Report};
+use guidance::ActionTable;
 use guidance::se2::Point;
 use guidance::shield::{choose, suppress};
-use guidance::{ActionTable, Draw};
 use messages::CueKind;
 use policies::{Pilot, Situation};
+use settings::Choice;
 use world::Site;
 
 use crate::exit::Failure;
@@ -67,8 +68,8 @@ fn decide(episode: &Episode, pilot: &mut Pilot) -> Result<policies::Probabilitie
 pub struct Way {
     /// The shield's suppression factor.
     pub beta: f64,
-    /// Actions are drawn by their probabilities; otherwise the most probable one is taken.
-    pub draws: bool,
+    /// How an action is chosen among those that are left.
+    pub choice: Choice,
     /// Where it goes is kept.
     pub traced: bool,
 }
@@ -85,7 +86,7 @@ pub fn walk(
     way: Way,
 ) -> Result<Outcome, Failure> {
     episode.begin(seed);
-    let draw = if way.draws { Draw::Seeded(seed) } else { Draw::ArgMax };
+    let draw = way.choice.seeded(seed);
     let count = config.table.len();
     let choose = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {
         let probabilities: Vec<f64> = probabilities[..count].iter().map(|p| f64::from(*p)).collect();

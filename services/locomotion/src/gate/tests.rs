@@ -1,7 +1,7 @@
 use super::{Gate, GateLimits};
 use messages::{
-    Cue, CueInForce, CueKind, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopKind, StopReason,
-    Twist2,
+    Cue, CueInForce, CueKind, EmergencyStop, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopInput,
+    StopKind, StopReason, Twist2,
 };
 use settings::Settings;
 
@@ -353,4 +353,52 @@ fn an_epoch_that_falls_unmasks_the_one_before_and_motion_needs_a_greater_one() {
     gate.take_mode(&seq(6, mode(ModeClass::Run, 4, 1030)));
     gate.take_permit(&Permit { epoch: 4, ..permit(1000, 1100) });
     assert_eq!(kind(&mut gate, 1030), StopKind::SupervisorLost, "a stop for good is for good");
+}
+
+#[test]
+fn a_stop_by_the_hand_remote_holds_until_the_operator_resumes_and_a_cue_comes() {
+    let mut gate = moving();
+    assert!(!gate.may_forget_remote_stop(), "there is none");
+    gate.stopped_by_remote();
+    assert_eq!(kind(&mut gate, 1000), StopKind::RemoteStop);
+    let resumed = |epoch| mode(ModeClass::Fault, epoch, 1000);
+    gate.take_mode(&mode(ModeClass::Lock, 3, 1000));
+    assert!(!gate.may_forget_remote_stop(), "the run is locked");
+    gate.take_mode(&resumed(4));
+    assert!(gate.may_forget_remote_stop());
+    assert!(!gate.may_forget_remote_stop(), "once");
+    // Pressed again, or still: it is forgotten by the next resume only.
+    gate.stopped_by_remote();
+    gate.take_mode(&mode(ModeClass::Lock, 5, 1000));
+    assert!(!gate.may_forget_remote_stop(), "the run is locked again");
+    gate.take_mode(&resumed(6));
+    assert!(gate.may_forget_remote_stop());
+    gate.take_mode(&mode(ModeClass::Run, 6, 1000));
+    gate.take_permit(&Permit { epoch: 6, ..permit(1000, 1100) });
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn where_there_is_an_emergency_stop_its_fresh_word_is_needed_and_a_press_latches() {
+    let word = |ms, input| EmergencyStop { header: header(ms, 1, 1), input };
+    let mut gate = moving();
+    assert!(!gate.take_estop(&word(1000, StopInput::Pressed)), "this run has none");
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    gate.limits.estop_max_age_ns = Some(100 * MS);
+    gate.take_estop(&word(950, StopInput::Unknown));
+    assert_eq!(kind(&mut gate, 1000), StopKind::InputUnusable);
+    gate.take_estop(&word(950, StopInput::Released));
+    assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    gate.take_odometry(&Odometry { header: header(1040, 6, 1), ..Odometry::default() });
+    assert_eq!((kind(&mut gate, 1050), kind(&mut gate, 1051)), (StopKind::None, StopKind::InputUnusable));
+    for input in [StopInput::Pressed, StopInput::Lost] {
+        let mut gate = moving();
+        gate.limits.estop_max_age_ns = Some(100 * MS);
+        assert!(gate.take_estop(&word(1000, input)));
+        gate.take_estop(&word(1000, StopInput::Released));
+        assert_eq!(kind(&mut gate, 1000), StopKind::EmergencyStop, "{input:?}: a tap is as good");
+        gate.take_mode(&mode(ModeClass::Run, 3, 1000));
+        gate.take_permit(&Permit { epoch: 3, ..permit(1000, 1100) });
+        assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    }
 }

@@ -1,6 +1,6 @@
 //! Cues: which are accepted, and whether one would be.
 
-use messages::{Cue, CueInForce, CueKind, CueSource, ModeClass, StopReason, age_ns};
+use messages::{Cue, CueInForce, CueKind, CueSource, ModeClass, StopInput, StopKind, StopReason, age_ns};
 
 use super::watched::Phase;
 use super::{Action, Machine, Now};
@@ -72,6 +72,12 @@ impl Machine {
         let stepped = self.limits.stepped;
         if self.mode.class == ModeClass::Lock {
             return Some(format!("the run is locked: {}", self.mode.reason));
+        }
+        if self.estop != StopInput::Released {
+            return Some(format!("the emergency stop is {}", self.estop.name()));
+        }
+        if self.battery_is_low() {
+            return Some(StopReason::of(StopKind::BatteryLow).to_string());
         }
         for s in self.services.iter().filter(|s| s.is_critical()) {
             if s.phase != Phase::Ready || (stepped && !s.joined) {

@@ -1,8 +1,8 @@
 use super::{Action, Event, Machine, Now, Phase};
 use crate::plan::Plan;
 use messages::{
-    Cue, CueKind, CueSource, Header, Health, LocomotionState, Member, ModeClass, PortCounters, PortRole, ServiceId,
-    StopKind, StopReason, TopicId,
+    Cue, CueKind, CueSource, EmergencyStop, Header, Health, LocomotionState, Member, ModeClass, PortCounters, PortRole,
+    ServiceId, StopInput, StopKind, StopReason, TopicId,
 };
 use settings::Settings;
 use transport::ClockKind;
@@ -583,4 +583,85 @@ fn a_service_that_does_not_leave_in_time_is_killed() {
     assert!(bench.actions.contains(&Action::Kill(ServiceId::Recorder, 1)));
     let recorder = bench.machine.status(0).into_iter().find(|s| s.service == ServiceId::Recorder);
     assert_eq!(recorder.map(|s| s.phase), Some(Phase::Off));
+}
+
+#[test]
+fn a_stop_by_the_robots_hand_remote_locks_until_resume() {
+    let mut bench = Bench::running();
+    let state = |bench: &Bench, remote_stop| LocomotionState {
+        epoch: bench.machine.mode().epoch,
+        remote_stop,
+        ..LocomotionState::default()
+    };
+    let stopped = state(&bench, true);
+    bench.handle(Event::Locomotion(&stopped));
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::RemoteStop));
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Lock);
+    bench.handle(Event::OperatorResume);
+    // What was on its way before locomotion read of it.
+    bench.handle(Event::Locomotion(&stopped));
+    assert_eq!(bench.class(), ModeClass::Fault);
+    let still = state(&bench, true);
+    bench.handle(Event::Locomotion(&still));
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::RemoteStop));
+    bench.handle(Event::OperatorResume);
+    let over = state(&bench, false);
+    bench.handle(Event::Locomotion(&over));
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+}
+
+#[test]
+fn a_battery_that_is_nearly_empty_warns_stops_and_starts_nothing() {
+    let mut bench = Bench::running();
+    let tell = |bench: &mut Bench, charge_percent| {
+        let epoch = bench.machine.mode().epoch;
+        for _ in 0..25 {
+            let state = LocomotionState { epoch, charge_percent, ..LocomotionState::default() };
+            bench.handle(Event::Locomotion(&state));
+        }
+    };
+    for (charge_percent, warned) in [(0, false), (21, false), (20, true), (9, true)] {
+        tell(&mut bench, charge_percent);
+        assert_eq!((bench.class(), bench.noted("battery is at")), (ModeClass::Run, warned), "{charge_percent} %");
+    }
+    tell(&mut bench, 8);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Fault, StopKind::BatteryLow));
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert!(bench.class() == ModeClass::Fault && bench.noted("not ready: battery_low"));
+    tell(&mut bench, 9);
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+}
+
+#[test]
+fn an_emergency_stop_locks_until_it_is_released_and_resumed() {
+    let mut bench = Bench::running();
+    bench.machine.limits.estop = true;
+    let word = |bench: &mut Bench, input| {
+        bench.handle(Event::Estop(&EmergencyStop { input, ..EmergencyStop::default() }));
+    };
+    word(&mut bench, StopInput::Released);
+    assert_eq!(bench.class(), ModeClass::Run);
+    word(&mut bench, StopInput::Pressed);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::EmergencyStop));
+    bench.handle(Event::OperatorResume);
+    assert!(bench.class() == ModeClass::Lock && bench.noted("resume refused: the emergency stop is pressed"));
+    word(&mut bench, StopInput::Released);
+    assert_eq!(bench.class(), ModeClass::Lock, "it is latched");
+    bench.handle(Event::OperatorResume);
+    word(&mut bench, StopInput::Unknown);
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert!(bench.class() == ModeClass::Fault && bench.noted("not ready: the emergency stop is unknown"));
+    word(&mut bench, StopInput::Released);
+    bench.pass(20);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(bench.class(), ModeClass::Run);
+    word(&mut bench, StopInput::Lost);
+    assert_eq!((bench.class(), bench.reason()), (ModeClass::Lock, StopKind::EmergencyStop));
 }

@@ -244,6 +244,12 @@ fn the_remainder_goes_on_with_robot_and_handler() {
 fn of_equals_the_first_is_taken_and_draws_are_those_of_splitmix64() {
     assert_eq!(choose(&[0.2, 0.4, 0.4], Draw::ArgMax, 0), 1);
     assert_eq!(choose(&[0.4, 0.2, 0.4], Draw::ArgMax, 0), 0);
+    // The surest is drawn only where it is to stop.
+    assert!((0..1000).all(|n| choose(&[0.3, 0.3, 0.4], Draw::Surest(7), n) == 2));
+    assert!((0..1000).all(|n| choose(&[1.0, 0.0, 0.0], Draw::Surest(7), n) == 0));
+    let stops = [0.4, 0.3, 0.3];
+    assert!((0..1000).all(|n| choose(&stops, Draw::Surest(7), n) == choose(&stops, Draw::Seeded(7), n)));
+    assert!((0..20).any(|n| choose(&stops, Draw::Surest(7), n) != 0), "stands for good");
     // The first outputs of the published generator with seed 0, as shares of 2^64.
     for (n, output) in [(1u64, 0xe220_a839_7b1d_cdaf_u64), (2, 0x6e78_9e6a_a1b9_65f4), (3, 0x06c4_5d18_8009_454f)] {
         let share = output as f64 / 2f64.powi(64);

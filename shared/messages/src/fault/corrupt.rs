@@ -203,6 +203,8 @@ impl Corrupt for LocomotionState {
     fn garble(&mut self, dice: &mut Dice) {
         (self.applied, self.measured) = (dice.twist(), dice.twist());
         (self.permit_seq, self.decision, self.epoch) = (dice.count(), dice.count(), dice.count());
+        (self.own_from_robot, self.own_stamp_ns) = (dice.pose(), dice.count());
+        self.charge_percent = dice.bits() as u32;
     }
 
     fn falsify(&mut self, _first: &Self) {

@@ -1,18 +1,32 @@
 //! The shield's section.
 
-use guidance::MemoryConfig;
+use guidance::{Draw, MemoryConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::units::{Millis, Positive, Share};
 
-/// How the shield draws.
+/// How an action is chosen among the safe ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
-    /// The most probable safe action.
-    ArgMax,
-    /// One of the safe actions, by their probabilities.
+    /// The most probable one; where that is to stop, one by their probabilities.
+    Surest,
+    /// One by their probabilities.
     Draw,
+    /// The most probable one. Where that is to stop, the robot stands until what it sees changes.
+    ArgMax,
+}
+
+impl Choice {
+    /// How the shield draws with a seed.
+    #[must_use]
+    pub const fn seeded(self, seed: u64) -> Draw {
+        match self {
+            Self::Surest => Draw::Surest(seed),
+            Self::Draw => Draw::Seeded(seed),
+            Self::ArgMax => Draw::ArgMax,
+        }
+    }
 }
 
 /// The action shield.
@@ -79,7 +93,7 @@ impl MemorySettings {
 impl Default for ShieldSettings {
     fn default() -> Self {
         Self {
-            choice: Choice::ArgMax,
+            choice: Choice::Surest,
             seed: 1,
             margin_m: 0.04,
             unknown_gap_m: Positive::of(0.10),

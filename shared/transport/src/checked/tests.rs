@@ -6,8 +6,9 @@ use std::os::unix::fs::FileExt;
 use std::rc::Rc;
 
 use messages::{
-    ClockAck, ClockStep, Cue, CueKind, CueRequest, DepthFrame, DepthHeader, Health, LidarScan, LocomotionState, Member,
-    Message, Mode, Odometry, Permit, PolicyAction, PortCounters, RobotCommand, ScanHeader, ServiceId, WorldTruth,
+    ClockAck, ClockStep, Cue, CueKind, CueRequest, DepthFrame, DepthHeader, EmergencyStop, Health, LidarScan,
+    LocomotionState, Member, Message, Mode, Odometry, Permit, PolicyAction, PortCounters, RobotCommand, ScanHeader,
+    ServiceId, WorldTruth,
 };
 
 use crate::domain::{Domain, Holder};
@@ -52,7 +53,7 @@ const TOPICS: u32 = messages::topic::TOPICS.len() as u32 + 1;
 
 fn stop_reason(at: usize) -> [(usize, u32); 3] {
     use messages::StopReason;
-    let last = messages::StopKind::OdometryContradicts as u32;
+    let last = messages::StopKind::EmergencyStop as u32;
     [
         (at + offset_of!(StopReason, kind), last + 1),
         (at + offset_of!(StopReason, service), SERVICES),
@@ -77,9 +78,11 @@ fn bytes_that_are_no_message_become_none() {
     let valid = offset_of!(Mode, cue) + offset_of!(messages::CueInForce, valid);
     only_values::<Mode>(&mode, &[offset_of!(Mode, ready_for_cue), valid]);
     let limited = stop_reason(offset_of!(LocomotionState, limited_by));
-    only_values::<LocomotionState>(&limited, &[offset_of!(LocomotionState, measured_valid)]);
+    let flags = [offset_of!(LocomotionState, measured_valid), offset_of!(LocomotionState, remote_stop)];
+    only_values::<LocomotionState>(&limited, &flags);
     only_values::<RobotCommand>(&[(offset_of!(RobotCommand, source), SERVICES)], &[]);
     only_values::<WorldTruth>(&[(offset_of!(WorldTruth, walker_count), 17)], &[]);
+    only_values::<EmergencyStop>(&[(offset_of!(EmergencyStop, input), 4)], &[]);
     only_values::<Odometry>(&[], &[]);
     only_values::<ScanHeader>(&[], &[]);
     only_values::<DepthHeader>(&[], &[]);

@@ -8,7 +8,7 @@ mod trial;
 
 use std::time::{Duration, Instant};
 
-use messages::fault::{Dice, Fault, Target};
+use messages::fault::{Device, Dice, Fault, Target};
 use messages::{ServiceId, StopKind};
 use serde_json::{Value, json};
 
@@ -19,6 +19,7 @@ use machine::Pauses;
 use rig::Rig;
 use table::{Cell, Expect, cells};
 use trial::Outcome;
+use unitree::Silence;
 
 /// Services whose memory lets them die later than the small ones.
 const LARGE: [ServiceId; 2] = [ServiceId::Depth, ServiceId::Policy];
@@ -39,10 +40,10 @@ const TRIES: u32 = 3;
 pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     let mut rows: Vec<Row> =
         cells(args.cells.as_deref())?.into_iter().map(|cell| Row { cell, outcomes: Vec::new() }).collect();
-    let mut rig = Rig::new()?;
+    let mut rigs = Rigs::default();
     let pauses = Pauses::watch();
-    let done = all_trials(&mut rig, &mut rows, pauses.as_ref(), args);
-    rig.end();
+    let done = all_trials(&mut rigs, &mut rows, pauses.as_ref(), args);
+    rigs.end();
     // Whatever ended the trials, those that were done were done.
     let mut report = report(&rows);
     report["machine"] = json!(pauses.map(|pauses| pauses.json()));
@@ -56,8 +57,47 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     Ok(if met { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 
+/// The run that the next trial is done in: another where the cell wants one of another kind.
+#[derive(Default)]
+struct Rigs(Option<(Kind, Rig)>);
+
+/// What kind of run.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Simulated,
+    /// With emulated devices, whose robot does that when nothing more comes.
+    Emulated(Silence),
+}
+
+impl Rigs {
+    fn of(&mut self, cell: &Cell) -> Result<&mut Rig, Failure> {
+        let kind = match (cell.target, cell.fault) {
+            // No word reaches it: what it does then is its own affair.
+            (Target::Line(Device::Robot), Fault::Unplugged) => Kind::Emulated(Silence::Stands),
+            (Target::Line(_), _) => Kind::Emulated(Silence::HoldsLast),
+            _ => Kind::Simulated,
+        };
+        if self.0.as_ref().is_none_or(|(other, _)| *other != kind) {
+            self.end();
+            let rig = match kind {
+                Kind::Simulated => Rig::new()?,
+                Kind::Emulated(silence) => Rig::emulated(silence)?,
+            };
+            self.0 = Some((kind, rig));
+        }
+        // It is there by now.
+        self.0.as_mut().map(|(_, rig)| rig).ok_or_else(|| Failure::run("there is no run"))
+    }
+
+    fn end(&mut self) {
+        if let Some((_, mut rig)) = self.0.take() {
+            rig.end();
+        }
+    }
+}
+
 /// Every cell once, then every cell again, so that a budget that runs out has met all of them alike.
-fn all_trials(rig: &mut Rig, rows: &mut [Row], pauses: Option<&Pauses>, args: &FaultsArgs) -> Result<(), Failure> {
+fn all_trials(rigs: &mut Rigs, rows: &mut [Row], pauses: Option<&Pauses>, args: &FaultsArgs) -> Result<(), Failure> {
     let until = args.budget_s.map(|seconds| Instant::now() + Duration::from_secs(seconds));
     let mut dice = Dice::new(args.seed);
     for round in 0..args.repeat {
@@ -65,6 +105,7 @@ fn all_trials(rig: &mut Rig, rows: &mut [Row], pauses: Option<&Pauses>, args: &F
             if until.is_some_and(|until| Instant::now() >= until) {
                 return Ok(());
             }
+            let rig = rigs.of(&row.cell)?;
             let mut outcome = trial::run(rig, &row.cell, &mut dice, args.slack)?;
             for _ in 1..TRIES {
                 if !is_tried_again(&row.cell, &outcome, args.slack) {

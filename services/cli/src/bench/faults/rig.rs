@@ -9,6 +9,7 @@ use serde_json::{Value, json};
 use settings::Millis;
 use tempfile::TempDir;
 use transport::runs_root;
+use unitree::{Profile, Silence};
 
 use super::tap::{Seen, Tap};
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
@@ -78,7 +79,7 @@ fn settings_at(place: &TempDir) -> Result<settings::Settings, Failure> {
     let cues = Some(write("silent.toml", "# Nobody but the bench gives cues.\n")?);
     let pace = PaceArgs { faults: true, ..PaceArgs::default() };
     let start = Some(messages::Pose2::new(3.0, 0.0, 0.0));
-    let world = WorldArgs { scenario: None, map, start, cues, policy: None, pace };
+    let world = WorldArgs { scenario: None, map, start, cues, policy: None, emulated: false, pace };
     let mut settings = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?.settings;
     let time = |text: &str| Millis::try_from(text.to_owned()).map_err(Failure::input);
     // The longest there is; then another run begins.
@@ -96,6 +97,19 @@ impl Rig {
     /// Where no temporary file can be written.
     pub fn new() -> Result<Self, Failure> {
         Self::with(|_| {})
+    }
+
+    /// The same with devices emulated in the simulated world, for the real drivers and link: a robot that tells of its
+    /// battery, and that does that when nothing more comes.
+    ///
+    /// # Errors
+    /// As [`Rig::new`].
+    pub fn emulated(silence: Silence) -> Result<Self, Failure> {
+        Self::with(|settings| {
+            settings.emulate();
+            settings.simulation.emulated.silence = silence;
+            settings.locomotion.unitree.profile = Profile::Go138;
+        })
     }
 
     /// The same with other settings.

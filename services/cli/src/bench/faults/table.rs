@@ -1,6 +1,6 @@
 //! The fault matrix as it is checked in: what must come of every fault of every target, within what limit, and why.
 
-use messages::fault::{Fault, STREAMS, Target};
+use messages::fault::{Device, Fault, STREAMS, Target};
 use messages::{ServiceId, TopicId};
 use serde::Deserialize;
 
@@ -92,7 +92,8 @@ fn all() -> impl Iterator<Item = (Target, Fault)> {
     let health = told.map(|of| Target::Stream(TopicId::Health, of));
     let services = services().map(Target::Service);
     let cells = |target: Target| target.faults().iter().map(move |fault| (target, *fault));
-    let cells = services.chain(streams).chain(health).chain([Target::Host]).flat_map(cells);
+    let lines = Device::ALL.into_iter().map(Target::Line);
+    let cells = services.chain(streams).chain(health).chain(lines).chain([Target::Host]).flat_map(cells);
     cells.filter(|cell| *cell != (Target::Service(ServiceId::Supervisor), Fault::ExitOnStart))
 }
 

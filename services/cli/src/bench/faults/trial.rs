@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use messages::fault::{Dice, Fault, Target};
+use messages::fault::{Device, Dice, Fault, Target};
 use messages::{ModeClass, ServiceId, StopKind, TopicId};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::json;
@@ -150,6 +150,11 @@ impl Cell {
         self.target == Target::Service(ServiceId::Recorder) || self.fault == Fault::FullDisk
     }
 
+    /// Whether the operator has to resume after it.
+    fn locks(&self) -> bool {
+        self.fault == Fault::RemoteStop || self.target == Target::Line(Device::Estop)
+    }
+
     /// Whether it touches cues, which come only when somebody gives one.
     fn is_of_cues(&self) -> bool {
         matches!(self.target, Target::Stream(TopicId::Cue | TopicId::CueRequest, _))
@@ -229,6 +234,11 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
     } else {
         // A service that is being restarted has lost its fault already.
         rig.ask(&json!({ "verb": "inject", "target": cell.target.to_string(), "fault": "none" }));
+    }
+    if cell.locks() {
+        // Whoever pressed it lets go of it first.
+        std::thread::sleep(UNDISTURBED);
+        rig.ask(&json!({ "verb": "resume" }));
     }
     if cell.is_of_cues() {
         // The handler says again what was lost or misheard.

@@ -1,0 +1,164 @@
+//! Devices that are not there, in the simulated world: an RPLIDAR and an emergency stop at pseudo-terminals and a
+//! Unitree robot at a UDP port, for the drivers and the link that speak to real ones.
+//!
+//! Its robot keeps the last command when the line goes quiet, as a real one may. It stands for what is outside, like
+//! the simulator: nothing restarts it, and its end ends the run.
+
+use std::net::UdpSocket;
+use std::path::Path;
+
+use emulators::{EmulatedEstop, EmulatedRplidar, EmulatedUnitree};
+use messages::fault::Device;
+use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
+use serial::PseudoTerminal;
+use settings::Settings;
+use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
+use unitree::State;
+use world::{LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
+
+/// Between two looks at the lines, nanoseconds: a frame of the fastest lidar, half the robot's own period.
+const PERIOD_NS: u64 = 1_000_000;
+/// Without a supervisor it ends after this long: after locomotion and brake have stopped the robot.
+const LOST_LIMIT_NS: u64 = 700_000_000;
+/// Of a robot that tells it, percent.
+const CHARGE_PERCENT: u8 = 80;
+const TOKEN_ROBOT: u64 = 1;
+
+/// The service.
+pub struct Emulator {
+    world: World,
+    lidar: EmulatedRplidar,
+    robot: EmulatedUnitree,
+    estop: EmulatedEstop,
+    odometry: OdometrySensor,
+    /// What the robot's sensors know.
+    measured: State,
+    truths: Subscriber<WorldTruth>,
+    commands: Publisher<RobotCommand>,
+    commanded: Twist2,
+    next_ns: u64,
+    ends_by_wall_ns: Option<u64>,
+}
+
+impl Emulator {
+    /// Plugs lidar and robot in.
+    ///
+    /// # Errors
+    /// Where the world cannot be read, the lidar's port or the robot's socket not be made, or a topic not be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let world = world::scenario_of(&settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
+        let (seed, incarnation) = (settings.simulation.seed, io.identity().incarnation);
+        let odometry = OdometrySensor::new(OdometryConfig::from(&settings.odometry), seed, incarnation);
+        let robot = robot(&settings)?;
+        io.watch(&robot, TOKEN_ROBOT)?;
+        Ok(Self {
+            world,
+            lidar: lidar(&settings)?,
+            estop: EmulatedEstop::new(terminal(&settings.estop.serial.port)?),
+            robot,
+            odometry: odometry.map_err(TransportError::service)?,
+            measured: State::level([0.0; 3], Twist2::ZERO, Some(CHARGE_PERCENT)),
+            truths: io.subscriber()?,
+            commands: io.publisher()?,
+            commanded: Twist2::ZERO,
+            next_ns: 0,
+            ends_by_wall_ns: None,
+        })
+    }
+
+    /// The world has gone on: what the devices sense of it from now on. The simulator hears the command again.
+    fn sense(&mut self, truth: &WorldTruth, newest: bool) {
+        let seq = truth.header.seq;
+        let reading = self.odometry.update(seq, truth.world_from_robot, truth.robot_twist);
+        let pose = reading.odom_from_robot;
+        self.measured = State::level([pose.x_m, pose.y_m, pose.yaw_rad], reading.twist, Some(CHARGE_PERCENT));
+        if newest {
+            self.lidar.look(&Scene::from_truth(&self.world, truth), seq);
+        }
+    }
+
+    /// What the robot does now, to whoever moves it: at once where it is new, and otherwise where `again`.
+    fn command(&mut self, now_ns: u64, again: bool) -> Result<(), TransportError> {
+        let (_, velocity) = self.robot.motion(now_ns);
+        if again || velocity != self.commanded {
+            self.commanded = velocity;
+            let command = RobotCommand { source: ServiceId::Emulator, velocity, ..RobotCommand::default() };
+            self.commands.publish(now_ns, command)?;
+        }
+        Ok(())
+    }
+
+    fn suffer(&mut self, io: &Io) -> Result<(), TransportError> {
+        self.robot.suffer(io.line_fault(Device::Robot));
+        self.estop.suffer(io.line_fault(Device::Estop).map(|(fault, _)| fault)).map_err(TransportError::service)?;
+        self.lidar.suffer(io.line_fault(Device::Lidar)).map_err(TransportError::service)
+    }
+
+    fn serve(&mut self, now_ns: u64) -> Result<(), TransportError> {
+        self.robot.serve(now_ns, self.measured).map_err(TransportError::service)?;
+        self.estop.serve(now_ns).map_err(TransportError::service)?;
+        self.lidar.serve(now_ns).map_err(TransportError::service)
+    }
+}
+
+fn terminal(port: &Path) -> Result<PseudoTerminal, TransportError> {
+    PseudoTerminal::open(port).map_err(|error| {
+        TransportError::service(format!("no port of an emulated device can be made at {}: {error}", port.display()))
+    })
+}
+
+fn lidar(settings: &Settings) -> Result<EmulatedRplidar, TransportError> {
+    let terminal = terminal(&settings.lidar.rplidar.port)?;
+    let (emulated, seed) = (&settings.simulation.emulated, settings.simulation.seed);
+    let config = LidarConfig::from(&settings.lidar);
+    EmulatedRplidar::new(terminal, emulated.rplidar, config, seed).map_err(TransportError::service)
+}
+
+fn robot(settings: &Settings) -> Result<EmulatedUnitree, TransportError> {
+    let (robot, emulated) = (&settings.locomotion.unitree, &settings.simulation.emulated);
+    let at = robot.robot();
+    let socket = UdpSocket::bind(at)
+        .map_err(|error| TransportError::service(format!("no emulated robot can listen at {at}: {error}")))?;
+    EmulatedUnitree::new(socket, robot.profile, emulated.silence).map_err(TransportError::service)
+}
+
+impl Service for Emulator {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.suffer(io)?;
+        let mut told = false;
+        let mut next = self.truths.take()?;
+        while let Some(truth) = next {
+            next = self.truths.take()?;
+            self.sense(&truth, next.is_none());
+            told = true;
+        }
+        let now_ns = io.now_ns();
+        self.serve(now_ns)?;
+        self.next_ns = now_ns + PERIOD_NS;
+        self.command(now_ns, told)
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.next_ns)
+    }
+
+    fn on_fd(&mut self, io: &mut Io, _token: u64) -> Result<(), TransportError> {
+        let now_ns = io.now_ns();
+        self.robot.hear(now_ns).map_err(TransportError::service)?;
+        self.command(now_ns, false)
+    }
+
+    fn wants_wall_ticks(&self) -> bool {
+        self.ends_by_wall_ns.is_some()
+    }
+
+    fn on_supervisor_lost(&mut self, _io: &mut Io) -> bool {
+        self.ends_by_wall_ns = Some(monotonic_ns() + LOST_LIMIT_NS);
+        false
+    }
+
+    fn is_done(&self) -> bool {
+        self.ends_by_wall_ns.is_some_and(|by| monotonic_ns() >= by)
+    }
+}

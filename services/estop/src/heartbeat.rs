@@ -1,0 +1,110 @@
+//! A box at a serial line, with a heartbeat.
+
+use std::os::fd::{AsFd, BorrowedFd};
+
+use messages::StopInput;
+use serial::SerialPort;
+use settings::EstopSerial;
+
+use crate::Input;
+
+/// A box that is silent for so long is lost, nanoseconds: three beats of the slowest that is allowed.
+const SILENT_NS: u64 = 300_000_000;
+const RELEASED: u8 = b'r';
+const PRESSED: u8 = b'p';
+
+/// What a box's bytes say, and for how long: pure.
+#[derive(Debug, Clone, Copy)]
+pub struct Heartbeat {
+    last: StopInput,
+    beat_ns: u64,
+}
+
+impl Heartbeat {
+    /// A box that was plugged in just now, of which nothing is known.
+    #[must_use]
+    pub fn new(now_ns: u64) -> Self {
+        Self { last: StopInput::Unknown, beat_ns: now_ns }
+    }
+
+    /// Takes what has come: pressed, where it was for as long as one byte. What is no word of such a box is none.
+    pub fn take(&mut self, bytes: &[u8], now_ns: u64) -> StopInput {
+        let mut pressed = false;
+        for byte in bytes {
+            self.last = match *byte {
+                RELEASED => StopInput::Released,
+                PRESSED => StopInput::Pressed,
+                _ => continue,
+            };
+            self.beat_ns = now_ns;
+            pressed |= self.last == StopInput::Pressed;
+        }
+        let silent = now_ns.saturating_sub(self.beat_ns) > SILENT_NS;
+        match (pressed, silent) {
+            (true, _) => StopInput::Pressed,
+            (false, true) => StopInput::Lost,
+            (false, false) => self.last,
+        }
+    }
+}
+
+/// The box.
+#[derive(Debug)]
+pub struct SerialBox {
+    port: SerialPort,
+    heartbeat: Heartbeat,
+}
+
+impl SerialBox {
+    /// Opens its port.
+    ///
+    /// # Errors
+    /// Where that cannot be opened; the reason says what to do.
+    pub fn open(settings: &EstopSerial, now_ns: u64) -> Result<Self, String> {
+        let port = SerialPort::open(&settings.port, settings.baud).map_err(|error| error.to_string())?;
+        Ok(Self { port, heartbeat: Heartbeat::new(now_ns) })
+    }
+}
+
+impl Input for SerialBox {
+    fn fd(&self) -> BorrowedFd<'_> {
+        self.port.as_fd()
+    }
+
+    fn read(&mut self, now_ns: u64) -> Result<StopInput, String> {
+        let mut bytes = [0; 256];
+        let count = self.port.read(&mut bytes).map_err(|error| error.to_string())?;
+        Ok(self.heartbeat.take(&bytes[..count], now_ns))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Heartbeat;
+    use messages::StopInput::{Lost, Pressed, Released, Unknown};
+
+    const MS: u64 = 1_000_000;
+
+    #[test]
+    fn a_box_has_to_say_again_and_again_that_it_is_released() {
+        let mut heartbeat = Heartbeat::new(0);
+        let said: &[(u64, &[u8], _)] = &[
+            (10, b"", Unknown),
+            (20, b"\xff\x00", Unknown),
+            (100, b"r", Released),
+            (400, b"", Released),
+            (401, b"", Lost),
+            (402, b"xyz", Lost),
+            (500, b"rrr", Released),
+            (600, b"rpr", Pressed),
+            (601, b"", Released),
+            (700, b"p", Pressed),
+            (800, b"", Pressed),
+            (1001, b"", Lost),
+        ];
+        for (ms, bytes, expected) in said {
+            assert_eq!(heartbeat.take(bytes, ms * MS), *expected, "at {ms} ms");
+        }
+        assert_eq!(Heartbeat::new(0).take(b"", 301 * MS), Lost, "one that never spoke");
+    }
+}

@@ -1,0 +1,133 @@
+//! A Linux input device.
+
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd};
+use std::os::unix::fs::OpenOptionsExt;
+
+use messages::StopInput;
+use nix::libc;
+use settings::EstopInput;
+
+use crate::Input;
+use crate::keys::{EVENT_LEN, Keys};
+
+/// Events that are read at once.
+const EVENTS: usize = 64;
+/// Bytes of a bit for each key.
+const KEY_BYTES: usize = 96;
+
+nix::ioctl_read_buf!(
+    /// `EVIOCGKEY`: which keys are down.
+    keys_down,
+    b'E',
+    0x18,
+    u8
+);
+
+/// An input device that is open.
+#[derive(Debug)]
+pub struct InputDevice {
+    file: File,
+    name: String,
+    keys: Keys,
+}
+
+impl InputDevice {
+    /// Opens it, and asks what is down. What cannot be asked counts as unknown until its key's own event comes.
+    ///
+    /// # Errors
+    /// Where it cannot be opened; the reason says what to do.
+    pub fn open(settings: &EstopInput) -> Result<Self, String> {
+        let name = settings.device.display().to_string();
+        let mut options = OpenOptions::new();
+        options.read(true).custom_flags(libc::O_NONBLOCK | libc::O_CLOEXEC);
+        let file = options.open(&settings.device).map_err(|error| match error.kind() {
+            ErrorKind::NotFound => format!("there is no {name}: is the emergency stop plugged in, is its name right?"),
+            ErrorKind::PermissionDenied => format!(
+                "{name} may not be read by this user: add the user to its group (sudo usermod -aG input $USER, then \
+                 log in again)"
+            ),
+            _ => format!("{name} cannot be opened: {error}"),
+        })?;
+        let mut device = Self { file, name, keys: Keys::new(settings.key, settings.held) };
+        device.ask();
+        Ok(device)
+    }
+
+    fn ask(&mut self) {
+        let mut bits = [0; KEY_BYTES];
+        // SAFETY: the kernel writes at most as many bytes as the buffer has, whose length goes with the request.
+        if unsafe { keys_down(self.file.as_raw_fd(), &mut bits) }.is_ok() {
+            self.keys.ask(&bits);
+        }
+    }
+}
+
+impl Input for InputDevice {
+    fn fd(&self) -> BorrowedFd<'_> {
+        self.file.as_fd()
+    }
+
+    fn read(&mut self, _now_ns: u64) -> Result<StopInput, String> {
+        let mut bytes = [0; EVENT_LEN * EVENTS];
+        let state = match self.file.read(&mut bytes) {
+            Ok(0) => return Err(format!("{} has come to its end: it is no input device, or was unplugged", self.name)),
+            Ok(count) => self.keys.take(&bytes[..count]),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => self.keys.take(&[]),
+            Err(error) => return Err(format!("{} is gone: it was unplugged ({error})", self.name)),
+        };
+        if !self.keys.is_known() {
+            self.ask();
+        }
+        Ok(state)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::Write;
+    use std::path::Path;
+
+    use super::InputDevice;
+    use crate::Input;
+    use messages::StopInput::{Pressed, Released, Unknown};
+    use settings::EstopInput;
+
+    /// A pipe in a device's place: it cannot be asked what is down.
+    fn pipe(dir: &Path) -> (EstopInput, std::fs::File) {
+        let device = dir.join("event0");
+        nix::unistd::mkfifo(&device, nix::sys::stat::Mode::from_bits_truncate(0o600)).expect("made");
+        let writer = std::fs::OpenOptions::new().read(true).write(true).open(&device).expect("opened");
+        (EstopInput { device, key: Some(304), held: false }, writer)
+    }
+
+    fn event(value: i32) -> Vec<u8> {
+        let mut bytes = vec![0; 16];
+        bytes.extend(1_u16.to_le_bytes());
+        bytes.extend(304_u16.to_le_bytes());
+        bytes.extend(value.to_le_bytes());
+        bytes
+    }
+
+    #[test]
+    fn what_cannot_be_asked_is_unknown_until_its_key_tells() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let (settings, mut writer) = pipe(dir.path());
+        let mut device = InputDevice::open(&settings).expect("opened");
+        assert_eq!(device.read(0), Ok(Unknown));
+        writer.write_all(&event(0)).expect("written");
+        assert_eq!(device.read(0), Ok(Released));
+        writer.write_all(&[event(1), event(0)].concat()).expect("written");
+        assert_eq!((device.read(0), device.read(0)), (Ok(Pressed), Ok(Released)));
+        drop(writer);
+        assert!(device.read(0).is_err_and(|why| why.contains("was unplugged")));
+    }
+
+    #[test]
+    fn what_is_not_there_is_told_with_what_to_do() {
+        let settings = EstopInput { device: "/dev/input/none".into(), ..EstopInput::default() };
+        let why = InputDevice::open(&settings).map(|_| ()).expect_err("there is none");
+        assert!(why.contains("there is no /dev/input/none: is the emergency stop plugged in"), "{why}");
+    }
+}

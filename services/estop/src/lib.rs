@@ -1,0 +1,145 @@
+//! The emergency stop: a button, a gamepad, a dead man's switch, or a box at a serial line.
+//!
+//! Its word has to keep arriving to let the robot move. Pressed, unplugged or silent are all the same: a stop, which
+//! locks the run until the operator resumes. It never replaces the power cut or the robot's own hand remote.
+
+mod heartbeat;
+mod input;
+mod keys;
+
+use std::os::fd::BorrowedFd;
+
+use messages::{EmergencyStop, StopInput};
+use settings::EstopSource;
+use transport::{FromChild, Io, Publisher, Rhythm, Service, TransportError};
+
+pub use heartbeat::{Heartbeat, SerialBox};
+pub use input::InputDevice;
+pub use keys::{EVENT_LEN, Keys};
+
+/// Words a second, besides every change.
+const RATE_HZ: f64 = 50.0;
+/// Between two tries to open what is not there, nanoseconds.
+const REOPEN_NS: u64 = 200_000_000;
+/// As long as this after its start nothing is lost yet, only unknown, nanoseconds: nobody has to resume a run that has
+/// only just begun.
+const GRACE_NS: u64 = 1_000_000_000;
+const TOKEN: u64 = 0;
+
+/// An emergency stop that is plugged in.
+pub trait Input {
+    /// What becomes readable when there is news.
+    fn fd(&self) -> BorrowedFd<'_>;
+
+    /// What has become of it: the worst since it was last asked, so that no press is too short.
+    ///
+    /// # Errors
+    /// Where it is gone; the reason says what to do.
+    fn read(&mut self, now_ns: u64) -> Result<StopInput, String>;
+}
+
+/// Opens it; the reason says what to do.
+type Opens = Box<dyn Fn(u64) -> Result<Box<dyn Input>, String>>;
+
+/// The service.
+pub struct EstopDriver {
+    opens: Opens,
+    input: Option<Box<dyn Input>>,
+    words: Publisher<EmergencyStop>,
+    rhythm: Rhythm,
+    reopen_ns: u64,
+    begun_ns: u64,
+    last: StopInput,
+    /// The last thing told, which is not told again.
+    told: String,
+}
+
+impl EstopDriver {
+    /// An emergency stop as the settings name it, which is opened when the service first wakes.
+    ///
+    /// # Errors
+    /// Where the settings name none, or the port cannot be opened.
+    pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?.estop;
+        let opens: Opens = match settings.source {
+            EstopSource::Input => Box::new(move |_| Ok(Box::new(InputDevice::open(&settings.input)?))),
+            EstopSource::Serial => Box::new(move |now_ns| Ok(Box::new(SerialBox::open(&settings.serial, now_ns)?))),
+            EstopSource::Absent => {
+                return Err(TransportError::Service("estop.source names no emergency stop".to_owned()));
+            }
+        };
+        Ok(Self {
+            opens,
+            input: None,
+            words: io.publisher()?,
+            rhythm: Rhythm::at_hz(RATE_HZ),
+            reopen_ns: 0,
+            begun_ns: io.now_ns(),
+            last: StopInput::Unknown,
+            told: String::new(),
+        })
+    }
+
+    /// What is known now; what is gone is opened again.
+    fn look(&mut self, io: &Io) -> Result<StopInput, TransportError> {
+        let now_ns = io.now_ns();
+        if self.input.is_none() && now_ns >= self.reopen_ns {
+            match (self.opens)(now_ns) {
+                Ok(input) => {
+                    io.watch(input.fd(), TOKEN)?;
+                    self.input = Some(input);
+                }
+                Err(why) => self.lose(io, why),
+            }
+        }
+        let Some(input) = &mut self.input else { return Ok(self.nothing(now_ns)) };
+        match input.read(now_ns) {
+            Ok(StopInput::Unknown) => Ok(self.nothing(now_ns)),
+            Ok(known) => {
+                self.told.clear();
+                Ok(known)
+            }
+            Err(why) => {
+                self.lose(io, why);
+                Ok(self.nothing(now_ns))
+            }
+        }
+    }
+
+    fn nothing(&self, now_ns: u64) -> StopInput {
+        let young = self.last == StopInput::Unknown && now_ns.saturating_sub(self.begun_ns) < GRACE_NS;
+        if young { StopInput::Unknown } else { StopInput::Lost }
+    }
+
+    fn lose(&mut self, io: &Io, why: String) {
+        if let Some(input) = self.input.take() {
+            io.unwatch(input.fd());
+        }
+        self.reopen_ns = io.now_ns() + REOPEN_NS;
+        if self.told != why {
+            io.tell(&FromChild::Note { text: why.clone() });
+            self.told = why;
+        }
+    }
+
+    fn say(&mut self, input: StopInput, now_ns: u64) -> Result<(), TransportError> {
+        self.last = input;
+        self.words.publish(now_ns, EmergencyStop { input, ..EmergencyStop::default() }).map(|_| ())
+    }
+}
+
+impl Service for EstopDriver {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        let (input, now_ns) = (self.look(io)?, io.now_ns());
+        let due = self.rhythm.due(now_ns).is_some();
+        if due || input != self.last { self.say(input, now_ns) } else { Ok(()) }
+    }
+
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.rhythm.next_ns())
+    }
+
+    fn on_fd(&mut self, io: &mut Io, _token: u64) -> Result<(), TransportError> {
+        self.on_wake(io)
+    }
+}

@@ -1,0 +1,71 @@
+//! The robot's own odometry, as its link passes it on.
+
+use messages::{LocomotionState, Odometry, Twist2};
+use settings::Settings;
+use transport::{Io, Rhythm, Subscriber, TransportError};
+
+use crate::PoseSource;
+
+/// Poses that the robot tells.
+#[derive(Debug)]
+pub struct RobotOdometry {
+    states: Subscriber<LocomotionState>,
+    rhythm: Rhythm,
+    /// Stamp of the last pose published, nanoseconds.
+    told_ns: u64,
+    /// Way and turning since the first pose: metres, radians.
+    travelled: (f64, f64),
+    last: Option<Odometry>,
+}
+
+/// The link tells at whole periods; asked so much later, its word is there, nanoseconds.
+const BEHIND_NS: u64 = 3_000_000;
+/// Legs slip: one standard deviation of the place after 1 m of way, metres.
+const PLACE_SIGMA: f64 = 0.02;
+/// One standard deviation of the heading after 1 m of way, and after a turn of 1 rad; radians.
+const YAW_SIGMA: [f64; 2] = [0.01, 0.01];
+
+impl RobotOdometry {
+    /// Hears the link from now on.
+    ///
+    /// # Errors
+    /// Where the topic cannot be opened.
+    pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let rhythm = Rhythm::at_hz(settings.odometry.rate_hz.get());
+        Ok(Self { states: io.quiet_subscriber()?, rhythm, told_ns: 0, travelled: (0.0, 0.0), last: None })
+    }
+
+    fn pose(&mut self, state: &LocomotionState) -> Odometry {
+        let pose = state.own_from_robot;
+        if let Some(last) = &self.last {
+            let before = last.odom_from_robot;
+            self.travelled.0 += (pose.x_m - before.x_m).hypot(pose.y_m - before.y_m);
+            self.travelled.1 += (pose.yaw_rad - before.yaw_rad).sin().abs();
+        }
+        let (way_m, turn_rad) = self.travelled;
+        let twist = if state.measured_valid { state.measured } else { Twist2::ZERO };
+        let yaw = YAW_SIGMA[0] * way_m.sqrt() + YAW_SIGMA[1] * turn_rad.sqrt();
+        let sigma = [PLACE_SIGMA * way_m, PLACE_SIGMA * way_m, yaw];
+        let odometry = Odometry { odom_from_robot: pose, twist, sigma, ..Odometry::default() };
+        self.last = Some(odometry);
+        odometry
+    }
+}
+
+impl PoseSource for RobotOdometry {
+    fn next_timer_ns(&self) -> Option<u64> {
+        Some(self.rhythm.next_ns() + BEHIND_NS)
+    }
+
+    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError> {
+        if self.rhythm.due(now_ns.saturating_sub(BEHIND_NS)).is_none() {
+            return Ok(None);
+        }
+        // A state without a pose, or with one that was told already, is no news: the stream grows old, and that stops.
+        let newest = self.states.take_newest()?.filter(|state| state.own_stamp_ns > self.told_ns);
+        Ok(newest.map(|state| {
+            self.told_ns = state.own_stamp_ns;
+            (state.own_stamp_ns, self.pose(&state))
+        }))
+    }
+}

@@ -1,0 +1,331 @@
+//! Unitree's AlienGo and Go1, over UDP.
+//!
+//! A thread of its own talks to the robot at a fixed rate, so that something always comes, and is a dead man's switch
+//! for the loop that wishes: see [`Driver`]. Nothing is shared with it but two numbers that are swapped as a
+//! whole. A change to zero does not wait for it: it is sent by whoever wishes it; the thread is a tick late at most.
+
+use std::net::{SocketAddrV4, UdpSocket};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use ::unitree::{Command, Driver, Mode, Profile, State};
+use messages::{NS_PER_S, Pose2, Twist2};
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::Timespec;
+use settings::UnitreeSettings;
+use transport::{TransportError, hurry_this_thread, monotonic_ns};
+
+use crate::{BrakePath, Link, RobotReport};
+
+/// From one command to the next, nanoseconds: the makers' libraries send at 500 Hz.
+pub const PERIOD_NS: u64 = 2_000_000;
+/// The longest message of any profile, and some more: one that is longer is seen to be.
+const MESSAGE_MAX: usize = 1200;
+/// Zero, so often, where nobody is left to go on: a datagram may be lost.
+const LAST_WORDS: usize = 10;
+/// A robot that says nothing for so long does not answer, nanoseconds.
+const SILENT_NS: u64 = NS_PER_S;
+/// Where the kernel gives no real-time priority.
+const NO_HURRY: &str = "the robot's line has no real-time priority: commands may be late on a loaded machine; give the \
+                        process CAP_SYS_NICE, or raise `ulimit -r`";
+/// How often at most the states that wait are read at one tick.
+const READS_MAX: usize = 16;
+
+/// What loop and thread share.
+#[derive(Debug, Default)]
+struct Shared {
+    /// The wish: three velocities, as [`pack`] has them, so that no half of one is ever read.
+    wish: AtomicU64,
+    /// When it was wished, nanoseconds.
+    wished_ns: AtomicU64,
+    over: AtomicBool,
+    /// The newest state and when it came, where that was lately. The loop only ever tries to lock it.
+    state: Mutex<Option<(State, u64)>>,
+    remote_stop: AtomicBool,
+    /// The thread is to forget a stop by the hand remote; it takes this back once it has.
+    forget: AtomicBool,
+    /// The thread has begun; whether it may hurry is known from then on.
+    begun: AtomicBool,
+    may_hurry: AtomicBool,
+    refused: AtomicU64,
+}
+
+/// Ten-thousandths of a metre or radian a second in 16 bits each: as far as 3.2767, more than any limit allows.
+const UNITS_PER_ONE: f64 = 10_000.0;
+
+fn pack(velocity: Twist2) -> u64 {
+    let part = |value: f64| u64::from((value * UNITS_PER_ONE).round() as i16 as u16);
+    part(velocity.vx_mps) | part(velocity.vy_mps) << 16 | part(velocity.wz_radps) << 32
+}
+
+fn unpack(packed: u64) -> Twist2 {
+    let part = |shift: u32| f64::from((packed >> shift) as u16 as i16) / UNITS_PER_ONE;
+    Twist2 { vx_mps: part(0), vy_mps: part(16), wz_radps: part(32) }
+}
+
+/// A robot by UDP.
+#[derive(Debug)]
+pub struct UnitreeLink {
+    profile: Profile,
+    socket: Arc<UdpSocket>,
+    robot: SocketAddrV4,
+    shared: Arc<Shared>,
+    last: Twist2,
+    /// As of the last report.
+    newest: Option<(State, u64)>,
+    told: Told,
+    thread: Option<JoinHandle<()>>,
+}
+
+/// What the operator has been told of the line.
+#[derive(Debug, Default)]
+struct Told {
+    hurry: bool,
+    /// Whether the robot answers.
+    answers: Option<bool>,
+    /// When it did last, or was first asked, nanoseconds.
+    answered_ns: u64,
+    refused: bool,
+}
+
+impl UnitreeLink {
+    /// Opens the socket and begins to talk: zero, and nothing else until something is wished.
+    ///
+    /// # Errors
+    /// Where the socket cannot be had or the thread not be started.
+    pub fn open(settings: &UnitreeSettings) -> Result<Self, TransportError> {
+        Self::open_at(settings, true)
+    }
+
+    /// The same, with real-time priority (where the machine gives it) only if wanted: to measure what it is worth.
+    ///
+    /// # Errors
+    /// As [`UnitreeLink::open`].
+    pub fn open_at(settings: &UnitreeSettings, hurry: bool) -> Result<Self, TransportError> {
+        let (profile, robot) = (settings.profile, settings.robot());
+        let socket = Arc::new(connected(robot, settings.local())?);
+        let shared = Arc::new(Shared::default());
+        let (theirs, line) = (Arc::clone(&shared), Arc::clone(&socket));
+        let thread = std::thread::Builder::new()
+            .name("robot".to_owned())
+            .spawn(move || talk(profile, &line, &theirs, hurry))
+            .map_err(TransportError::service)?;
+        let told = Told { answered_ns: monotonic_ns(), ..Told::default() };
+        Ok(Self { profile, socket, robot, shared, last: Twist2::ZERO, newest: None, told, thread: Some(thread) })
+    }
+
+    /// Whether the thread runs before what is not real-time.
+    #[must_use]
+    pub fn hurries(&self) -> bool {
+        self.shared.may_hurry.load(Ordering::Relaxed)
+    }
+
+    /// Datagrams that were no state of this robot.
+    #[must_use]
+    pub fn refused(&self) -> u64 {
+        self.shared.refused.load(Ordering::Relaxed)
+    }
+
+    /// Where this process panics, the robot hears zero before it ends, and nothing else any more.
+    pub fn speak_on_panic(&self) {
+        let (profile, socket, shared) = (self.profile, Arc::clone(&self.socket), Arc::clone(&self.shared));
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |why| {
+            shared.over.store(true, Ordering::Relaxed);
+            last_words(profile, &socket);
+            before(why);
+        }));
+    }
+}
+
+fn connected(robot: SocketAddrV4, local: SocketAddrV4) -> Result<UdpSocket, TransportError> {
+    let failed = |what: &str| {
+        let text = format!("the robot's line from {local} to {robot} cannot be {what}");
+        move |error| TransportError::service(format!("{text}: {error}"))
+    };
+    let socket = UdpSocket::bind(local).map_err(failed("opened"))?;
+    // From here on the kernel drops what comes from anybody else.
+    socket.connect(robot).map_err(failed("connected"))?;
+    socket.set_nonblocking(true).map_err(failed("set up"))?;
+    Ok(socket)
+}
+
+/// Sends a command; what cannot be sent now is sent at the next tick.
+fn send(profile: Profile, socket: &UdpSocket, command: &Command) {
+    let mut bytes = [0; MESSAGE_MAX];
+    let bytes = &mut bytes[..profile.command_len()];
+    command.encode(profile, bytes);
+    let _ = socket.send(bytes);
+}
+
+fn last_words(profile: Profile, socket: &UdpSocket) {
+    for _ in 0..LAST_WORDS {
+        send(profile, socket, &Command { mode: Mode::Walk, ..Command::default() });
+    }
+}
+
+/// The thread: hears, decides and speaks at every tick.
+fn talk(profile: Profile, socket: &UdpSocket, shared: &Shared, hurry: bool) {
+    shared.may_hurry.store(hurry && hurry_this_thread(), Ordering::Relaxed);
+    shared.begun.store(true, Ordering::Release);
+    let mut driver = Driver::new(profile);
+    let (mut next_ns, mut wished_ns) = (monotonic_ns(), 0);
+    while !shared.over.load(Ordering::Relaxed) {
+        let now_ns = monotonic_ns();
+        let forget = shared.forget.load(Ordering::Acquire);
+        if forget {
+            driver.forget_remote_stop();
+        }
+        hear(profile, socket, shared, &mut driver, now_ns);
+        if forget {
+            shared.forget.store(false, Ordering::Release);
+        }
+        let newest_ns = shared.wished_ns.load(Ordering::Acquire);
+        if newest_ns != wished_ns {
+            wished_ns = newest_ns;
+            driver.wish(unpack(shared.wish.load(Ordering::Acquire)), newest_ns);
+        }
+        let command = driver.command(now_ns);
+        send(profile, socket, &command);
+        // What was missed is not made up for.
+        next_ns = (next_ns + PERIOD_NS).max(now_ns);
+        let at = Timespec { tv_sec: (next_ns / NS_PER_S) as i64, tv_nsec: (next_ns % NS_PER_S) as i64 };
+        let _ = clock_nanosleep_absolute(ClockId::Monotonic, &at);
+    }
+    last_words(profile, socket);
+}
+
+fn hear(profile: Profile, socket: &UdpSocket, shared: &Shared, driver: &mut Driver, now_ns: u64) {
+    let mut bytes = [0; MESSAGE_MAX];
+    for _ in 0..READS_MAX {
+        let Ok(count) = socket.recv(&mut bytes) else { break };
+        match State::decode(profile, &bytes[..count]) {
+            Ok(state) => driver.received(state, now_ns),
+            Err(_) => drop(shared.refused.fetch_add(1, Ordering::Relaxed)),
+        }
+    }
+    shared.remote_stop.store(driver.remote_stop(), Ordering::Release);
+    if let Ok(mut state) = shared.state.try_lock() {
+        *state = driver.state(now_ns);
+    }
+}
+
+impl Link for UnitreeLink {
+    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+        let stops = velocity.is_zero() && !self.last.is_zero();
+        self.last = velocity;
+        self.shared.wish.store(pack(velocity), Ordering::Release);
+        self.shared.wished_ns.store(monotonic_ns(), Ordering::Release);
+        if stops {
+            send(self.profile, &self.socket, &Command { mode: Mode::Walk, ..Command::default() });
+        }
+        Ok(())
+    }
+
+    fn report(&mut self) -> Result<RobotReport, TransportError> {
+        if let Ok(state) = self.shared.state.try_lock() {
+            self.newest = *state;
+        }
+        // As long as the thread has not forgotten a stop, what it says of it is of before.
+        let forgets = self.shared.forget.load(Ordering::Acquire);
+        let remote_stop = !forgets && self.shared.remote_stop.load(Ordering::Acquire);
+        let Some((state, came_ns)) = self.newest else {
+            return Ok(RobotReport { remote_stop, ..RobotReport::default() });
+        };
+        let [x_m, y_m, _] = state.position_m.map(f64::from);
+        Ok(RobotReport {
+            velocity: Some(state.velocity),
+            own_from_robot: Some((Pose2::new(x_m, y_m, state.yaw_rad()), monotonic_ns().saturating_sub(came_ns))),
+            charge_percent: state.charge_percent,
+            remote_stop,
+        })
+    }
+
+    fn forget_remote_stop(&mut self) {
+        self.shared.forget.store(true, Ordering::Release);
+    }
+
+    /// As of the last report.
+    fn news(&mut self) -> Option<String> {
+        if !self.told.hurry && self.shared.begun.load(Ordering::Acquire) {
+            self.told.hurry = true;
+            if !self.hurries() {
+                return Some(NO_HURRY.to_owned());
+            }
+        }
+        if !self.told.refused && self.refused() > 0 {
+            self.told.refused = true;
+            let name = self.profile.name();
+            return Some(format!("what comes from {} is no state of {name}: another robot?", self.robot));
+        }
+        let (answers, now_ns) = (self.newest.is_some(), monotonic_ns());
+        if answers {
+            self.told.answered_ns = now_ns;
+        }
+        // One that is late is no news yet.
+        let silent = now_ns.saturating_sub(self.told.answered_ns) > SILENT_NS;
+        if answers != silent && self.told.answers != Some(answers) {
+            self.told.answers = Some(answers);
+        } else {
+            return None;
+        }
+        let what = if answers { "answers" } else { "does not answer: is it on, is its cable in, is this its address" };
+        Some(format!("the robot at {} {what}", self.robot))
+    }
+}
+
+impl Drop for UnitreeLink {
+    fn drop(&mut self) {
+        self.shared.over.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // It says its last words first; what else it had to say is lost with it.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// The brake's own socket.
+#[derive(Debug)]
+pub struct UnitreeBrake {
+    profile: Profile,
+    socket: UdpSocket,
+}
+
+impl UnitreeBrake {
+    /// Opens it, at whatever port is free.
+    ///
+    /// # Errors
+    /// Where no socket can be had.
+    pub fn open(settings: &UnitreeSettings) -> Result<Self, TransportError> {
+        let any = SocketAddrV4::new(std::net::Ipv4Addr::UNSPECIFIED, 0);
+        Ok(Self { profile: settings.profile, socket: connected(settings.robot(), any)? })
+    }
+}
+
+impl BrakePath for UnitreeBrake {
+    /// The robot knows nothing of incarnations: locomotion is dead by now, which is what fences it.
+    fn zero(&mut self, _fenced: u32) {
+        send(self.profile, &self.socket, &Command { mode: Mode::Walk, ..Command::default() });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::Twist2;
+
+    use super::{pack, unpack};
+
+    #[test]
+    fn a_velocity_is_shared_as_a_whole() {
+        for velocity in [
+            Twist2::ZERO,
+            Twist2 { vx_mps: 0.5, vy_mps: -0.3536, wz_radps: 0.3491 },
+            Twist2 { vx_mps: -3.2, vy_mps: 3.2, wz_radps: -3.2 },
+        ] {
+            assert_eq!(unpack(pack(velocity)), velocity);
+        }
+        let wild = Twist2 { vx_mps: f64::NAN, vy_mps: 1e9, wz_radps: f64::NEG_INFINITY };
+        assert_eq!(unpack(pack(wild)), Twist2 { vx_mps: 0.0, vy_mps: 3.2767, wz_radps: -3.2768 });
+    }
+}
