@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 14] = [
+const OURS: [&str; 15] = [
     "messages",
     "transport",
     "guidance",
@@ -174,6 +174,7 @@ const OURS: [&str; 14] = [
     "serial",
     "unitree",
     "emulators",
+    "camera",
 ];
 
 #[test]
@@ -188,7 +189,8 @@ fn dependencies_point_one_way() {
         ("shared/rplidar", &["messages"][..]),
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
-        ("shared/emulators", &["messages", "rplidar", "serial", "unitree", "world"][..]),
+        ("shared/camera", &["messages"][..]),
+        ("shared/emulators", &["camera", "messages", "rplidar", "serial", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),

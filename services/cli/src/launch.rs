@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
-use settings::{Settings, Source};
+use settings::{EmulatedPlaces, Settings, Source};
 use transport::{RunDir, SupervisorArgs};
 
 use crate::control::{let_name_go, take_name};
@@ -75,7 +75,7 @@ impl Launch<'_> {
             return Err(Failure::run(format!("{} is missing; build all with `cargo build`", program.display())));
         }
         let settings = self.settings;
-        for (key, source) in [("lidar.source", settings.lidar.source), ("odometry.source", settings.odometry.source)] {
+        for (key, source) in settings.sources() {
             if self.speed.is_some() && source == Source::Device {
                 let why = "is \"device\", and a device keeps its own time: no --speed with it";
                 return Err(Failure::input(format!("{key} {why}")));
@@ -86,7 +86,12 @@ impl Launch<'_> {
         let mut settings = self.settings.clone();
         if settings.simulation.emulated.on {
             let dir = RunDir::open(&transport::runs_root().join(&self.name));
-            settings.place_emulated(dir.lidar_port(), dir.estop_port(), dir.robot_address());
+            settings.place_emulated(EmulatedPlaces {
+                lidar_port: dir.lidar_port(),
+                camera_socket: dir.camera_socket(),
+                estop_port: dir.estop_port(),
+                robot: dir.robot_address(),
+            });
         }
         let settings = toml::to_string(&settings).map_err(Failure::of_input)?;
         let mut command = Command::new(program);

@@ -53,13 +53,21 @@ pub fn walk(args: &WalkArgs) -> Result<Prepared, Failure> {
     Ok(prepared)
 }
 
-/// The settings of `guidedog up`. Where nothing says otherwise, the default scenario's world and start, and nobody but
-/// the operator gives cues.
+/// The settings of `guidedog up`: of a robot and sensors that are there, or of a simulated world. Where nothing else is
+/// said, that is the default scenario's with its start, and nobody but the operator gives cues.
 ///
 /// # Errors
-/// As [`walk`].
-pub fn up(args: &WorldArgs) -> Result<Prepared, Failure> {
-    check(walk_settings(args, true)?)
+/// As [`walk`], and where a world is named beside devices that all are real.
+pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
+    let settings = walk_settings(args, true)?;
+    if settings.has_world() {
+        return check(settings).map(|prepared| prepared.settings);
+    }
+    if settings.walk.scenario.is_some() || settings.walk.map.is_some() {
+        return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
+    }
+    check_policy_and_script(&settings)?;
+    Ok(settings)
 }
 
 /// The recording that `--record` names, absolute.
@@ -116,6 +124,7 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     for path in paths.into_iter().flatten() {
         *path = folder.join(&path);
     }
+    settings.depth.socket.path = folder.join(&settings.depth.socket.path);
     let policy = &mut settings.policy;
     for path in [policy.model.file_mut(), policy.onnx_runtime.as_mut()].into_iter().flatten() {
         *path = folder.join(&path);
@@ -151,6 +160,12 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     }
     settings.faults.allowed |= args.pace.faults;
     allow_planned(&settings)?;
+    let simulated = settings.has_world();
+    if !simulated && !operator_only {
+        return Err(Failure::input(
+            "no sensor is simulated, and a walk is a simulated one: `guidedog up` runs devices",
+        ));
+    }
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
         *walk = settings::Walk {
@@ -168,7 +183,7 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
             errors: walk.errors.clone(),
             ..Default::default()
         };
-    } else if walk.scenario.is_none() && walk.map.is_none() {
+    } else if simulated && walk.scenario.is_none() && walk.map.is_none() {
         let file = scenario_file(DEFAULT_SCENARIO)?;
         if operator_only {
             let scenario = Scenario::load(&file).map_err(Failure::of_input)?;
@@ -201,13 +216,8 @@ pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
 /// # Errors
 /// As [`walk`].
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
-    model(&settings.policy.model, &settings)?;
+    check_policy_and_script(&settings)?;
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
-    if let Some(script) = &settings.cue.script {
-        world::Route::load(script).map_err(|error| {
-            Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error)))
-        })?;
-    }
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
     let config = PhysicsConfig::from(&settings);
@@ -216,6 +226,14 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
         Failure::input(format!("{file}{}", crate::exit::chain(&error)))
     })?;
     Ok(Prepared { settings, scenario, world })
+}
+
+fn check_policy_and_script(settings: &Settings) -> Result<(), Failure> {
+    model(&settings.policy.model, settings)?;
+    let Some(script) = &settings.cue.script else { return Ok(()) };
+    world::Route::load(script)
+        .map(|_| ())
+        .map_err(|error| Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error))))
 }
 
 /// The model of that name, loaded and verified; none for the geometric engine as it is built. Where it was not trained

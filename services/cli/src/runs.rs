@@ -14,13 +14,13 @@ use crate::{prepare, summary};
 
 /// `guidedog up`: becomes the supervisor; returns only where it cannot.
 pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
-    let prepared = match prepare::up(args) {
-        Ok(prepared) => prepared,
+    let settings = match prepare::up(args) {
+        Ok(settings) => settings,
         Err(failure) => return failure,
     };
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("run"));
     say(format!("run {name} starts as process {}; `guidedog status --run {name}`, Ctrl-C ends it", std::process::id()));
-    Launch { settings: &prepared.settings, name, speed: args.pace.speed }.exec(as_json)
+    Launch { settings: &settings, name, speed: args.pace.speed }.exec(as_json)
 }
 
 /// `guidedog walk`: the exit code.

@@ -1,12 +1,14 @@
 //! The depth driver: frames from a source, straight into shared memory.
 
 mod simulated;
+mod socket;
 
 use messages::DepthFrame;
-use settings::Source;
+use settings::{DepthDevice, Source};
 use transport::{FramePublisher, Io, Service, TransportError};
 
 pub use simulated::SimulatedDepth;
+pub use socket::FrameSocket;
 
 /// Where frames come from: the simulated world, or a device.
 pub trait FrameSource {
@@ -20,7 +22,7 @@ pub trait FrameSource {
     ///
     /// # Errors
     /// Where the source is broken for good.
-    fn poll(&mut self, now_ns: u64, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError>;
+    fn poll(&mut self, io: &mut Io, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError>;
 }
 
 /// The service.
@@ -38,7 +40,10 @@ impl DepthDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn FrameSource> = match settings.depth.source {
             Source::Simulated => Box::new(SimulatedDepth::open(&settings, io)?),
-            Source::Device | Source::Replayed | Source::Absent => {
+            Source::Device => match settings.depth.device {
+                DepthDevice::Socket => Box::new(FrameSocket::open(&settings.depth, io)?),
+            },
+            Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("depth.source names no source for this driver".to_owned()));
             }
         };
@@ -49,7 +54,7 @@ impl DepthDriver {
 
 impl Service for DepthDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        self.source.poll(io.now_ns(), &mut self.frames)
+        self.source.poll(io, &mut self.frames)
     }
 
     fn next_timer_ns(&self) -> Option<u64> {

@@ -46,11 +46,11 @@ impl FrameSource for SimulatedDepth {
         Some(self.rhythm.next_ns())
     }
 
-    fn poll(&mut self, now_ns: u64, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError> {
+    fn poll(&mut self, io: &mut Io, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError> {
         if let Some(truth) = self.truths.take_newest()? {
             self.truth = Some(truth);
         }
-        let Some(number) = self.rhythm.due(now_ns) else { return Ok(()) };
+        let Some(number) = self.rhythm.due(io.now_ns()) else { return Ok(()) };
         // Without news from the world there is nothing to measure.
         let Some(truth) = self.truth.take() else { return Ok(()) };
         let mut loan = frames.loan(self.pixels_max())?;

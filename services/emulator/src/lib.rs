@@ -1,20 +1,24 @@
-//! Devices that are not there, in the simulated world: an RPLIDAR and an emergency stop at pseudo-terminals and a
-//! Unitree robot at a UDP port, for the drivers and the link that speak to real ones.
+//! Devices that are not there, in the simulated world: an RPLIDAR and an emergency stop at pseudo-terminals, a depth
+//! camera at the frame socket and a Unitree robot at a UDP port, for the drivers and the link that speak to real ones.
 //!
 //! Its robot keeps the last command when the line goes quiet, as a real one may. It stands for what is outside, like
 //! the simulator: nothing restarts it, and its end ends the run.
 
+mod camera;
+
 use std::net::UdpSocket;
 use std::path::Path;
 
-use emulators::{EmulatedEstop, EmulatedRplidar, EmulatedUnitree};
+use emulators::{EmulatedCamera, EmulatedEstop, EmulatedRplidar, EmulatedUnitree};
 use messages::fault::Device;
 use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
-use settings::Settings;
+use settings::{DepthDevice, Settings, Source};
 use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
 use unitree::State;
-use world::{LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
+use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
+
+use crate::camera::CameraThread;
 
 /// Between two looks at the lines, nanoseconds: a frame of the fastest lidar, half the robot's own period.
 const PERIOD_NS: u64 = 1_000_000;
@@ -30,6 +34,8 @@ pub struct Emulator {
     lidar: EmulatedRplidar,
     robot: EmulatedUnitree,
     estop: EmulatedEstop,
+    /// None where depth comes from elsewhere.
+    camera: Option<CameraThread>,
     odometry: OdometrySensor,
     /// What the robot's sensors know.
     measured: State,
@@ -52,10 +58,12 @@ impl Emulator {
         let odometry = OdometrySensor::new(OdometryConfig::from(&settings.odometry), seed, incarnation);
         let robot = robot(&settings)?;
         io.watch(&robot, TOKEN_ROBOT)?;
+        let started_ns = io.domain.info.started_monotonic_ns;
         Ok(Self {
             world,
             lidar: lidar(&settings)?,
             estop: EmulatedEstop::new(terminal(&settings.estop.serial.port)?),
+            camera: camera(&settings, started_ns)?,
             robot,
             odometry: odometry.map_err(TransportError::service)?,
             measured: State::level([0.0; 3], Twist2::ZERO, Some(CHARGE_PERCENT)),
@@ -74,6 +82,9 @@ impl Emulator {
         let pose = reading.odom_from_robot;
         self.measured = State::level([pose.x_m, pose.y_m, pose.yaw_rad], reading.twist, Some(CHARGE_PERCENT));
         if newest {
+            if let Some(camera) = &self.camera {
+                camera.sense(truth);
+            }
             self.lidar.look(&Scene::from_truth(&self.world, truth), seq);
         }
     }
@@ -91,6 +102,9 @@ impl Emulator {
 
     fn suffer(&mut self, io: &Io) -> Result<(), TransportError> {
         self.robot.suffer(io.line_fault(Device::Robot));
+        if let Some(camera) = &self.camera {
+            camera.suffer(io.line_fault(Device::Camera).map(|(fault, _)| fault));
+        }
         self.estop.suffer(io.line_fault(Device::Estop).map(|(fault, _)| fault)).map_err(TransportError::service)?;
         self.lidar.suffer(io.line_fault(Device::Lidar)).map_err(TransportError::service)
     }
@@ -113,6 +127,17 @@ fn lidar(settings: &Settings) -> Result<EmulatedRplidar, TransportError> {
     let (emulated, seed) = (&settings.simulation.emulated, settings.simulation.seed);
     let config = LidarConfig::from(&settings.lidar);
     EmulatedRplidar::new(terminal, emulated.rplidar, config, seed).map_err(TransportError::service)
+}
+
+fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, TransportError> {
+    let depth = &settings.depth;
+    if (depth.source, depth.device) != (Source::Device, DepthDevice::Socket) {
+        return Ok(None);
+    }
+    let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
+    let camera = EmulatedCamera::new(depth.socket.path.clone(), DepthConfig::from(depth), settings.simulation.seed);
+    let camera = camera.map_err(TransportError::service)?;
+    CameraThread::begin(camera, world, depth.rate_hz.get(), started_ns).map(Some)
 }
 
 fn robot(settings: &Settings) -> Result<EmulatedUnitree, TransportError> {

@@ -168,8 +168,8 @@ impl Plan {
             let stream = scan_stream(settings, driven == Source::Simulated);
             services.push(plan(ServiceId::Lidar, 2, &limits, vec![stream]));
         }
-        if settings.depth.source == Source::Simulated {
-            services.push(depth(settings, &limits));
+        if let driven @ (Source::Simulated | Source::Device) = settings.depth.source {
+            services.push(depth(settings, &limits, driven == Source::Simulated));
         }
         if settings.replays() {
             services.push(replay(settings, &limits));
@@ -240,11 +240,11 @@ fn recorder(limits: &Limits) -> ServicePlan {
     }
 }
 
-fn depth(settings: &Settings, limits: &Limits) -> ServicePlan {
+fn depth(settings: &Settings, limits: &Limits, driven: bool) -> ServicePlan {
     ServicePlan {
         critical: settings.depth.needed,
         has_line: settings.depth.needed,
-        ..plan(ServiceId::Depth, 2, limits, vec![depth_stream(settings, true)])
+        ..plan(ServiceId::Depth, 2, limits, vec![depth_stream(settings, driven)])
     }
 }
 

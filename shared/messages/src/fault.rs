@@ -105,11 +105,13 @@ pub enum Device {
     Robot,
     /// The emergency stop at its serial line.
     Estop,
+    /// The depth camera at its socket.
+    Camera,
 }
 
 impl Device {
     /// All of them.
-    pub const ALL: [Self; 3] = [Self::Lidar, Self::Robot, Self::Estop];
+    pub const ALL: [Self; 4] = [Self::Lidar, Self::Robot, Self::Estop, Self::Camera];
 
     /// Its name, behind `line/`.
     #[must_use]
@@ -118,6 +120,7 @@ impl Device {
             Self::Lidar => "lidar",
             Self::Robot => "robot",
             Self::Estop => "estop",
+            Self::Camera => "camera",
         }
     }
 }
@@ -163,7 +166,8 @@ pub const FAULTS: [FaultSpec; 24] = [
     row(
         Fault::Delayed,
         "delayed",
-        "stream: every message 400 ms late, with its old stamp; line/robot: every datagram, either way",
+        "stream: every message 400 ms late, with its old stamp; line/robot: every datagram, either way; \
+         line/camera: every frame",
     ),
     row(Fault::Intermittent, "intermittent", "stream: silent for 300 to 600 ms, sending for 100 to 400 ms, by seed"),
     row(Fault::Kill, "kill", "process: SIGKILL"),
@@ -231,6 +235,8 @@ impl Fault {
     ];
     /// Every fault that the emergency stop and its line can have.
     pub const OF_ESTOP_LINE: [Self; 3] = [Self::Pressed, Self::Unplugged, Self::Silent];
+    /// Every fault that the camera and its line can have.
+    pub const OF_CAMERA_LINE: [Self; 3] = [Self::Unplugged, Self::Silent, Self::Delayed];
     /// Every fault that the machine can have.
     pub const OF_HOST: [Self; 2] = [Self::FullDisk, Self::FullShm];
 
@@ -259,6 +265,7 @@ impl Target {
             Self::Line(Device::Lidar) => &Fault::OF_LIDAR_LINE,
             Self::Line(Device::Robot) => &Fault::OF_ROBOT_LINE,
             Self::Line(Device::Estop) => &Fault::OF_ESTOP_LINE,
+            Self::Line(Device::Camera) => &Fault::OF_CAMERA_LINE,
             Self::Host => &Fault::OF_HOST,
         }
     }

@@ -201,16 +201,13 @@ pub fn check(settings: &Settings) -> Result<(), String> {
 
 /// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
 fn check_devices(settings: &Settings) -> Result<(), String> {
-    let (lidar, depth, odometry) = (settings.lidar.source, settings.depth.source, settings.odometry.source);
+    let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
     let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
-    if depth == Source::Device {
-        return Err("depth.source = \"device\": no camera has a driver in this version".to_owned());
-    }
     if odometry == Source::Device && settings.locomotion.link != LinkKind::Unitree {
         return Err("odometry.source = \"device\" is the robot's own: locomotion.link has to be \"unitree\"".to_owned());
     }
     if settings.commands_robot() {
-        for (key, source) in [("lidar.source", lidar), ("depth.source", depth), ("odometry.source", odometry)] {
+        for (key, source) in settings.sources() {
             if source != Source::Device {
                 return Err(format!(
                     "{key} is no device, and locomotion.link commands a real robot: it would walk blind"

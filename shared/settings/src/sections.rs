@@ -1,5 +1,6 @@
 //! The sections of the configuration file and their defaults.
 
+mod depth;
 mod estop;
 mod lidar;
 mod locomotion;
@@ -13,7 +14,7 @@ use guidance::{
     DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness, RotatingRod,
     ShieldConfig,
 };
-use messages::{NS_PER_S, Pose2, Pose3, TopicId};
+use messages::{NS_PER_S, Pose2, TopicId};
 use rplidar::Model;
 use serde::{Deserialize, Serialize};
 use unitree::Silence;
@@ -22,6 +23,7 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
+pub use depth::{DepthDevice, DepthSettings, DepthSocket};
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
 pub use locomotion::{Limits, LinkKind, Locomotion, UnitreeSettings};
@@ -80,23 +82,34 @@ impl Settings {
     /// Whether the run has a simulated world: one of its sensors looks at it, or emulated devices do.
     #[must_use]
     pub fn has_world(&self) -> bool {
-        self.simulation.emulated.on
-            || [self.lidar.source, self.depth.source, self.odometry.source].contains(&Source::Simulated)
+        self.simulation.emulated.on || self.sources().iter().any(|(_, source)| *source == Source::Simulated)
     }
 
-    /// Puts emulated devices in the place of what is simulated, where there is a driver for real ones (lidar, odometry
-    /// and robot), and an emergency stop beside them.
+    /// The sensors' sources, each with its key.
+    #[must_use]
+    pub fn sources(&self) -> [(&'static str, Source); 3] {
+        [
+            ("lidar.source", self.lidar.source),
+            ("depth.source", self.depth.source),
+            ("odometry.source", self.odometry.source),
+        ]
+    }
+
+    /// Puts emulated devices in the place of what is simulated: every sensor and the robot, and an emergency stop
+    /// beside them.
     pub fn emulate(&mut self) {
         self.simulation.emulated.on = true;
         (self.lidar.source, self.odometry.source) = (Source::Device, Source::Device);
+        (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
         self.locomotion.link = LinkKind::Unitree;
         self.estop.source = EstopSource::Serial;
     }
 
-    /// Where the emulated devices are found: the lidar's port, that of the emergency stop, and the robot's address,
-    /// which is this machine's.
-    pub fn place_emulated(&mut self, lidar_port: PathBuf, estop_port: PathBuf, robot: Ipv4Addr) {
+    /// Where the emulated devices are found.
+    pub fn place_emulated(&mut self, places: EmulatedPlaces) {
+        let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot } = places;
         self.estop.serial.port = estop_port;
+        self.depth.socket.path = camera_socket;
         let lidar = &mut self.lidar.rplidar;
         lidar.port = lidar_port;
         lidar.baud.get_or_insert(self.simulation.emulated.rplidar.baud());
@@ -114,8 +127,8 @@ impl Settings {
     /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
     #[must_use]
     pub fn replays(&self) -> bool {
-        let sensors = [self.lidar.source, self.depth.source, self.odometry.source];
-        sensors.contains(&Source::Replayed) || self.cue.source == CueOrigin::Replayed
+        let mut sensors = self.sources().into_iter();
+        sensors.any(|(_, source)| source == Source::Replayed) || self.cue.source == CueOrigin::Replayed
     }
 
     /// The streams that are taken from a recording.
@@ -181,6 +194,19 @@ impl Settings {
             }
         })
     }
+}
+
+/// Where emulated devices are found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EmulatedPlaces {
+    /// The lidar's serial port.
+    pub lidar_port: PathBuf,
+    /// The socket at which the camera hands its frames over.
+    pub camera_socket: PathBuf,
+    /// The emergency stop's serial port.
+    pub estop_port: PathBuf,
+    /// The robot's address, which is this machine's.
+    pub robot: Ipv4Addr,
 }
 
 /// The robot's body.
@@ -255,46 +281,6 @@ pub enum Source {
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// The depth camera and its driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct DepthSettings {
-    /// Where frames come from.
-    pub source: Source,
-    /// Columns, at most 1280.
-    pub width: u32,
-    /// Rows, at most 720.
-    pub height: u32,
-    /// Frames a second.
-    pub rate_hz: Positive,
-    /// Horizontal field of view, degrees.
-    pub field_of_view_deg: Positive,
-    /// Nearest and farthest depth that the camera gives, metres.
-    pub range_m: [f64; 2],
-    /// Noise of the simulated camera: the intensity of a Redwood-type model, 0 to 10; 1 is that of the paper.
-    pub redwood: f64,
-    /// Where the camera is on the robot.
-    pub robot_from_camera: Pose3,
-    /// Whether motion needs it.
-    pub needed: bool,
-}
-
-impl Default for DepthSettings {
-    fn default() -> Self {
-        Self {
-            source: Source::Simulated,
-            width: 640,
-            height: 480,
-            rate_hz: Positive::of(15.0),
-            field_of_view_deg: Positive::of(90.0),
-            range_m: [0.3, 10.0],
-            redwood: 0.0,
-            robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
-            needed: true,
-        }
-    }
 }
 
 /// The odometry driver.

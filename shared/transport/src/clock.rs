@@ -60,9 +60,16 @@ impl Clock {
     #[must_use]
     pub fn now_ns(&self) -> u64 {
         match self.kind {
-            ClockKind::Real => monotonic_ns().saturating_sub(self.started_ns),
+            ClockKind::Real => self.of_monotonic_ns(monotonic_ns()),
             ClockKind::Stepped { .. } => self.stepped_now_ns.get(),
         }
+    }
+
+    /// Run time at that moment of this machine's monotonic clock, nanoseconds; 0 before the run began. For devices, and
+    /// they keep real time.
+    #[must_use]
+    pub fn of_monotonic_ns(&self, monotonic_ns: u64) -> u64 {
+        monotonic_ns.saturating_sub(self.started_ns)
     }
 
     /// The step being taken; 0 in real time and before the first step.

@@ -26,7 +26,7 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 13] = [
+const OURS: [&str; 14] = [
     "lock",
     "recording.json",
     "run.json",
@@ -35,6 +35,7 @@ const OURS: [&str; 13] = [
     "robot.sock",
     "rplidar",
     "estop",
+    "camera.sock",
     "handler.json",
     "handler.new",
     "logs",
@@ -272,6 +273,12 @@ impl RunDir {
     #[must_use]
     pub fn estop_port(&self) -> PathBuf {
         self.path.join("estop")
+    }
+
+    /// Where an emulated camera hands its frames over.
+    #[must_use]
+    pub fn camera_socket(&self) -> PathBuf {
+        self.path.join("camera.sock")
     }
 
     /// The address of an emulated robot: all of 127.0.0.0/8 is this machine, and hardly another run has this one.
