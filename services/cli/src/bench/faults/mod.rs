@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use messages::fault::{Device, Dice, Fault, Target};
 use messages::{ServiceId, StopKind};
 use serde_json::{Value, json};
+use settings::PolicyModel;
 
 use crate::args::FaultsArgs;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
@@ -65,6 +66,8 @@ struct Rigs(Option<(Kind, Rig)>);
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Kind {
     Simulated,
+    /// The same with the learnt policy, in whose process it is.
+    Learnt,
     /// With emulated devices, whose robot does that when nothing more comes.
     Emulated(Silence),
 }
@@ -75,12 +78,14 @@ impl Rigs {
             // No word reaches it: what it does then is its own affair.
             (Target::Line(Device::Robot), Fault::Unplugged) => Kind::Emulated(Silence::Stands),
             (Target::Line(_), _) => Kind::Emulated(Silence::HoldsLast),
+            (Target::Service(ServiceId::Policy), _) => Kind::Learnt,
             _ => Kind::Simulated,
         };
         if self.0.as_ref().is_none_or(|(other, _)| *other != kind) {
             self.end();
             let rig = match kind {
                 Kind::Simulated => Rig::new()?,
+                Kind::Learnt => Rig::with(|settings| settings.policy.model = PolicyModel::Guide)?,
                 Kind::Emulated(silence) => Rig::emulated(silence)?,
             };
             self.0 = Some((kind, rig));
