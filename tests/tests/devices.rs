@@ -124,7 +124,9 @@ fn walked(robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
     let (report, code) = place.json(&[&["walk", "--emulated", "--config", &config, "--json"], args].concat());
     let collisions = &report["collisions"];
     assert_eq!((&collisions["robot"], &collisions["handler"]), (&0.into(), &0.into()), "{report:#}");
-    assert!(told(&report["notes"], "answers") && told(&report["notes"], "samples a second"), "{report:#}");
+    for text in ["answers", "samples a second", "a program is connected"] {
+        assert!(told(&report["notes"], text), "{text}: {report:#}");
+    }
     place.assert_empty();
     (report, code)
 }
@@ -171,6 +173,33 @@ fn a_lidar_that_cannot_be_read_is_told_with_what_to_do() {
     let stepped = place.guidedog(&["walk", "--speed", "0", "--config", &config]);
     let said = String::from_utf8_lossy(&stepped.stderr).into_owned();
     assert!(stepped.status.code() == Some(2) && said.contains("keeps its own time"), "{said}");
+}
+
+#[test]
+fn a_robot_that_is_there_needs_no_scenario_and_takes_none() {
+    let place = Place::new();
+    let shipped = project().join("config/aliengo.toml").to_string_lossy().into_owned();
+    for (verb, more, text) in [
+        ("walk", &[][..], "`guidedog up` runs devices"),
+        ("up", &["--scenario", "corridor"], "there is no world for a scenario"),
+    ] {
+        let refused = place.guidedog(&[&[verb, "--config", &shipped], more].concat());
+        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(refused.status.code() == Some(2) && said.contains(text), "{said}");
+    }
+    // A robot that nobody switched on, at this machine.
+    let depth = format!("[depth]\nsource = \"device\"\nsocket = {{ path = \"{}/depth\" }}", place.path().display());
+    let robot = "unitree = { robot = \"127.9.8.7:8082\", local = \"127.9.8.7:8081\" }";
+    let rest = format!("{depth}\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"unitree\"\n{robot}\n");
+    let config = config(&place, &port(&place), &rest);
+    let mut run = Live::up(&place, "device", &["--config", &config]);
+    for text in ["is the device plugged in", "does not answer: is it on"] {
+        run.wait(text, |status| told(status, text));
+    }
+    let status = run.status();
+    assert!(status["mode"]["ready_for_cue"] == false && !told(&status, "simulator"), "{status:#}");
+    let _ = run.end();
+    place.assert_empty();
 }
 
 /// A key of an input device goes down or up, as Linux tells it.

@@ -272,7 +272,7 @@ pub struct WalkArgs {
 /// `guidedog doctor`.
 #[derive(Debug, Args)]
 pub struct DoctorArgs {
-    /// The configuration whose depth frames are to fit
+    /// The configuration whose depth frames are to fit, and whose devices are looked at
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }

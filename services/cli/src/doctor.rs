@@ -1,12 +1,14 @@
 //! `doctor`: what a run needs of this machine, and how to mend what is missing.
 
+mod devices;
+
 use std::os::unix::fs::PermissionsExt;
 
 use messages::{ServiceId, TopicId, topic::DEAD_SLOTS};
 use rustix::process::Resource;
 use serde_json::{Value, json};
 use settings::Profile;
-use transport::{PoolSize, RunDir, live_runs, pool_sizes, runs_root};
+use transport::{PoolSize, RunDir, live_runs, monotonic_ns, pool_sizes, runs_root};
 
 use crate::args::DoctorArgs;
 use crate::exit::{EXIT_OK, EXIT_RUN_FAILED, Failure};
@@ -20,6 +22,10 @@ const FILES_NEEDED: u64 = 1024;
 const KERNEL_NEEDED: (u32, u32) = (5, 14);
 /// In real time the stack wants this many CPUs.
 const CPUS_WANTED: usize = 2;
+const CLOCK_SOURCE: &str = "/sys/devices/system/clocksource/clocksource0/current_clocksource";
+const CLOCK_READS: usize = 10_000;
+/// A look at a good clock takes some ten nanoseconds.
+const CLOCK_READ_NS: u64 = 5_000;
 const MIB: f64 = 1024.0 * 1024.0;
 
 /// One thing that was looked at.
@@ -46,7 +52,7 @@ struct Pool {
 pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     let settings = prepare::load(Profile::Walk, args.config.as_deref())?;
     let pools = pools((settings.depth.width * settings.depth.height) as usize);
-    let checks = [
+    let mut checks = vec![
         shared_memory(&pools, total(&pools, |pool| pool.most)),
         open_files(),
         run_root(),
@@ -55,7 +61,9 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
         kernel(),
         cpus(),
         priority(),
+        clock(),
     ];
+    checks.extend(devices::checks(&settings));
     let ok = checks.iter().all(|check| check.ok);
     if as_json {
         out::json(&report(ok, &checks, &pools))?;
@@ -218,6 +226,20 @@ fn priority() -> Check {
         "not real-time: where the machine is busy, locomotion and brake wait their turn (systemd: LimitRTPRIO=30)"
     };
     Check { name: "priority", ok: true, found: found.to_owned(), fix: String::new() }
+}
+
+/// Every stamp and every age is of the monotonic clock; a slow source makes each of them cost a system call and more.
+fn clock() -> Check {
+    let stamps: Vec<u64> = (0..CLOCK_READS).map(|_| monotonic_ns()).collect();
+    let goes_on = stamps.windows(2).all(|pair| pair[0] <= pair[1]);
+    let read_ns = (stamps[CLOCK_READS - 1] - stamps[0]) / (CLOCK_READS as u64 - 1);
+    let source = std::fs::read_to_string(CLOCK_SOURCE).unwrap_or_else(|_| "unknown".to_owned());
+    Check {
+        name: "clock",
+        ok: goes_on && read_ns < CLOCK_READ_NS,
+        found: format!("monotonic, source {}, {read_ns} ns a look", source.trim()),
+        fix: format!("another clock source, under {CLOCK_READ_NS} ns a look (kernel parameter clocksource=tsc)"),
+    }
 }
 
 fn report(ok: bool, checks: &[Check], pools: &[Pool]) -> Value {

@@ -13,7 +13,7 @@ use std::time::Duration;
 
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
-use settings::{EmulatedPlaces, Settings, Source};
+use settings::{EmulatedPlaces, EstopSource, Settings, Source};
 use transport::{RunDir, SupervisorArgs};
 
 use crate::control::{let_name_go, take_name};
@@ -80,6 +80,9 @@ impl Launch<'_> {
                 let why = "is \"device\", and a device keeps its own time: no --speed with it";
                 return Err(Failure::input(format!("{key} {why}")));
             }
+        }
+        if self.speed.is_some() && settings.estop.source != EstopSource::Absent {
+            return Err(Failure::input("estop.source names a device, which keeps its own time: no --speed with it"));
         }
         let depth = &self.settings.depth;
         crate::doctor::preflight((depth.width * depth.height) as usize)?;

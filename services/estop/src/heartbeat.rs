@@ -27,14 +27,21 @@ impl Heartbeat {
         Self { last: StopInput::Unknown, beat_ns: now_ns }
     }
 
-    /// Takes what has come: pressed, where it was for as long as one byte. What is no word of such a box is none.
+    /// Takes what has come: pressed, where it was for as long as one byte. Who says something else, ends of lines
+    /// apart, is no such box, or cannot be understood: lost until the next word.
     pub fn take(&mut self, bytes: &[u8], now_ns: u64) -> StopInput {
-        let mut pressed = false;
+        let (mut pressed, mut garbled) = (false, false);
         for byte in bytes {
             self.last = match *byte {
                 RELEASED => StopInput::Released,
                 PRESSED => StopInput::Pressed,
-                _ => continue,
+                b'\r' | b'\n' => continue,
+                // Half a byte at the beginning is none of its words yet.
+                _ if self.last == StopInput::Unknown => continue,
+                _ => {
+                    garbled = true;
+                    continue;
+                }
             };
             self.beat_ns = now_ns;
             pressed |= self.last == StopInput::Pressed;
@@ -43,6 +50,7 @@ impl Heartbeat {
         match (pressed, silent) {
             (true, _) => StopInput::Pressed,
             (false, true) => StopInput::Lost,
+            (false, false) if garbled => StopInput::Lost,
             (false, false) => self.last,
         }
     }
@@ -98,6 +106,9 @@ mod tests {
             (500, b"rrr", Released),
             (600, b"rpr", Pressed),
             (601, b"", Released),
+            (610, b"r\r\n", Released),
+            (620, b"error\n", Lost),
+            (630, b"r\n", Released),
             (700, b"p", Pressed),
             (800, b"", Pressed),
             (1001, b"", Lost),

@@ -56,7 +56,8 @@ impl Keys {
             let half = |at: usize| u16::from_le_bytes([event[at], event[at + 1]]);
             let value = i32::from_le_bytes([event[20], event[21], event[22], event[23]]);
             match (half(16), half(18)) {
-                (EV_SYN, SYN_DROPPED) => self.known = false,
+                // A press may be among what was lost.
+                (EV_SYN, SYN_DROPPED) => (self.known, worst) = (false, StopInput::Lost),
                 (EV_KEY, key) if self.counts(key) => {
                     self.down[usize::from(key)] = value != 0;
                     // One key alone is known by its own event.

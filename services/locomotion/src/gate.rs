@@ -91,6 +91,8 @@ pub struct Gate {
     lines: Vec<LineState>,
     /// The epoch in which somebody stopped the robot by its hand remote.
     remote_stop_epoch: Option<u64>,
+    /// Whether the run has been locked since.
+    remote_stop_locked: bool,
     /// Set by the supervisor's own word or its loss; ends with a greater epoch.
     stopped_by: Option<StopReason>,
 }
@@ -111,6 +113,7 @@ impl Gate {
             latch_reason: StopReason::of(StopKind::Boot),
             lines: Vec::new(),
             remote_stop_epoch: None,
+            remote_stop_locked: false,
             stopped_by: None,
         }
     }
@@ -260,13 +263,16 @@ impl Gate {
         self.latch_at(self.epoch(), reason);
     }
 
-    /// Whether the operator has resumed since: the mode is no lock, and of a greater epoch than that of the stop. Asked
-    /// once, after which the stop is over.
+    /// Whether the operator has resumed since: the run was locked, is so no more, and its epoch is greater than that of
+    /// the stop. A fault of another reason, whose epoch is greater as well, ends no stop. True once, after which the
+    /// stop is over.
     pub fn may_forget_remote_stop(&mut self) -> bool {
-        let resumed = |mode: &Mode, since| mode.class != ModeClass::Lock && mode.epoch > since;
-        let over = self.mode.is_some_and(|mode| self.remote_stop_epoch.is_some_and(|since| resumed(&mode, since)));
+        let (Some(mode), Some(since)) = (self.mode, self.remote_stop_epoch) else { return false };
+        let is_lock = mode.class == ModeClass::Lock;
+        self.remote_stop_locked |= is_lock;
+        let over = self.remote_stop_locked && !is_lock && mode.epoch > since;
         if over {
-            self.remote_stop_epoch = None;
+            (self.remote_stop_epoch, self.remote_stop_locked) = (None, false);
         }
         over
     }

@@ -94,6 +94,8 @@ impl Fan {
 /// Where more time than this is missing, what came before is no part of the same turn: a lidar of 20 turns a second
 /// moves on by less than half a turn in it, so that no end of a turn is overlooked.
 const GAP_NS_MAX: u64 = 20_000_000;
+/// What took longer is no turn: a motor that stalls while the lidar measures leaves readings behind that are as old.
+const TURN_NS_MAX: u64 = 250_000_000;
 /// Once a lidar has looked at its far side, degrees, it has begun a new turn where it looks at its near side. Between
 /// them is more than the few degrees by which the lidar's geometry moves a reading.
 const FAR_SIDE_DEG: std::ops::Range<f64> = 180.0..330.0;
@@ -151,7 +153,10 @@ impl Turns {
 
     /// Takes a sample; gives the turn that it ends, being the first of the next.
     pub fn push(&mut self, sample: &Sample) -> Option<Turn<'_>> {
-        let gap = self.here.stamps_ns.is_some_and(|(_, last)| sample.stamp_ns.saturating_sub(last) > GAP_NS_MAX);
+        let gap = self.here.stamps_ns.is_some_and(|(first, last)| {
+            let [turn_ns, gap_ns] = [first, last].map(|since_ns| sample.stamp_ns.saturating_sub(since_ns));
+            turn_ns > TURN_NS_MAX || gap_ns > GAP_NS_MAX
+        });
         if gap {
             self.here.clear();
             (self.whole, self.far_side) = (false, false);

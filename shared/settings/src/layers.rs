@@ -199,6 +199,9 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
+/// Linux numbers keys under this.
+const EVDEV_KEYS: u16 = 0x300;
+
 /// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
 fn check_devices(settings: &Settings) -> Result<(), String> {
     let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
@@ -225,6 +228,15 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     if emulated && settings.estop.source == EstopSource::Input {
         return Err("estop.source = \"input\": only a serial box is emulated".to_owned());
     }
+    let input = &settings.estop.input;
+    if input.key.is_some_and(|key| key >= EVDEV_KEYS) {
+        return Err(format!(
+            "estop.input.key is not under {EVDEV_KEYS}: no key has such a number, and none would stop"
+        ));
+    }
+    if input.held && input.key.is_none() {
+        return Err("estop.input.held needs estop.input.key: any key would let the robot move".to_owned());
+    }
     let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
     if stop > warn || warn > 100 {
         return Err(format!("locomotion.charge_stop_percent = {stop} is not in 0..charge_warn_percent = {warn}..100"));
@@ -243,7 +255,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
         ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
         ("locomotion.limits.speed_mps", limits.speed_mps.get(), 0.05, 3.0),
-        ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 4.0),
+        // More than Unitree's link can say.
+        ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
         ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
         ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
@@ -333,6 +346,13 @@ mod tests {
     }
 
     #[test]
+    fn the_shipped_robot_walks_by_devices_alone() {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/aliengo.toml");
+        let settings = load(Profile::Walk, Some(&file)).expect("the file is right");
+        assert!(settings.commands_robot() && !settings.has_world());
+    }
+
+    #[test]
     fn an_unknown_key_and_a_wrong_value_are_named_with_their_line() {
         for (text, line, what) in [
             ("[lidar]\nbeems = 3\n", "line 2", "beems"),
@@ -376,6 +396,8 @@ mod tests {
             ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),
             (&format!("{emulated}[estop]\nsource = \"input\"\n"), "estop.source"),
             ("[max_age]\nestop = \"1s\"\n", "max_age.estop"),
+            ("[estop.input]\nkey = 1000\n", "estop.input.key"),
+            ("[estop.input]\nheld = true\n", "estop.input.held"),
         ] {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             let why = check(&settings).expect_err(text);

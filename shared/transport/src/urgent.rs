@@ -20,7 +20,8 @@ const WATCH_PRIORITY: libc::c_int = 23;
 /// the machine lets it: it then stops in time on a processor that is kept busy, by whatever else dies as well.
 pub(crate) fn hurry(service: ServiceId) {
     let sched_priority = match service {
-        ServiceId::Locomotion => LOCOMOTION_PRIORITY,
+        // Whoever presses the emergency stop is not to wait for a busy machine either.
+        ServiceId::Locomotion | ServiceId::Estop => LOCOMOTION_PRIORITY,
         ServiceId::Brake => BRAKE_PRIORITY,
         ServiceId::Simulator | ServiceId::Emulator => SIMULATOR_PRIORITY,
         _ => return,

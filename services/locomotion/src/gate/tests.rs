@@ -362,6 +362,8 @@ fn a_stop_by_the_hand_remote_holds_until_the_operator_resumes_and_a_cue_comes() 
     gate.stopped_by_remote();
     assert_eq!(kind(&mut gate, 1000), StopKind::RemoteStop);
     let resumed = |epoch| mode(ModeClass::Fault, epoch, 1000);
+    gate.take_mode(&resumed(3));
+    assert!(!gate.may_forget_remote_stop(), "that is a fault of something else");
     gate.take_mode(&mode(ModeClass::Lock, 3, 1000));
     assert!(!gate.may_forget_remote_stop(), "the run is locked");
     gate.take_mode(&resumed(4));

@@ -1,0 +1,128 @@
+//! Whether the devices that a configuration names are there, and this user may use them. None of them is told anything:
+//! a lidar does not begin to turn, and a robot does not move.
+
+use std::fs::OpenOptions;
+use std::io::ErrorKind;
+use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::Path;
+
+use rustix::fs::{Access, OFlags};
+use serial::SerialPort;
+use settings::{EstopSource, LinkKind, Settings, Source};
+
+use super::Check;
+
+/// A speed that every serial port has.
+const ANY_BAUD: u32 = 115_200;
+
+/// A check for each device that the settings name; those that are emulated come with their run.
+pub(super) fn checks(settings: &Settings) -> Vec<Check> {
+    let mut checks = Vec::new();
+    if settings.simulation.emulated.on {
+        return checks;
+    }
+    if settings.lidar.source == Source::Device {
+        let rplidar = &settings.lidar.rplidar;
+        checks.push(port("lidar", &rplidar.port, rplidar.baud.unwrap_or(ANY_BAUD)));
+    }
+    if settings.depth.source == Source::Device {
+        checks.push(frame_socket(&settings.depth.socket.path));
+    }
+    match settings.estop.source {
+        EstopSource::Input => checks.push(input(&settings.estop.input.device)),
+        EstopSource::Serial => {
+            checks.push(port("emergency stop", &settings.estop.serial.port, settings.estop.serial.baud));
+        }
+        EstopSource::Absent => {}
+    }
+    if settings.locomotion.link == LinkKind::Unitree {
+        checks.push(robot(settings));
+    }
+    checks
+}
+
+fn port(name: &'static str, path: &Path, baud: u32) -> Check {
+    let opened = SerialPort::open(path, baud);
+    Check {
+        name,
+        ok: opened.is_ok(),
+        found: opened.map_or_else(|error| error.to_string(), |_| format!("{} can be opened", path.display())),
+        fix: "plug it in; config/udev/99-guidedog.rules gives it its name and its group".to_owned(),
+    }
+}
+
+/// The driver makes the socket; the folder has to be there.
+fn frame_socket(path: &Path) -> Check {
+    let folder = path.parent().unwrap_or(Path::new("/"));
+    let may = rustix::fs::access(folder, Access::WRITE_OK | Access::EXEC_OK);
+    let found = match may {
+        Ok(()) => format!("{} can be made", path.display()),
+        Err(errno) => format!("no socket can be made in {}: {errno}", folder.display()),
+    };
+    let fix = format!("sudo install -d -o $USER {} (systemd: RuntimeDirectory=)", folder.display());
+    Check { name: "depth socket", ok: may.is_ok(), found, fix }
+}
+
+fn input(path: &Path) -> Check {
+    // A pipe without a writer would keep whoever opens it.
+    let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
+    let found = match &opened {
+        Ok(_) => format!("{} can be read", path.display()),
+        Err(error) => format!("{}: {error}", path.display()),
+    };
+    let fix = "plug it in (`ls /dev/input/by-id`); add the user to its group: sudo usermod -aG input $USER".to_owned();
+    Check { name: "emergency stop", ok: opened.is_ok(), found, fix }
+}
+
+/// Whether this machine is in the robot's own network, and nobody else listens to the robot.
+fn robot(settings: &Settings) -> Check {
+    let (robot, local) = (settings.locomotion.unitree.robot(), settings.locomotion.unitree.local());
+    let neighbour = |ip: Ipv4Addr| ip.octets()[..3] == robot.ip().octets()[..3];
+    let address = UdpSocket::bind(local).and_then(|socket| {
+        socket.connect(robot)?;
+        socket.local_addr()
+    });
+    let (ok, found) = match address.map(|address| address.ip()) {
+        Ok(IpAddr::V4(ip)) if neighbour(ip) => (true, format!("{robot} is reached from {ip}; it is not spoken to")),
+        Ok(ip) => (false, format!("{robot} would be reached from {ip}, which is in another network")),
+        Err(error) if error.kind() == ErrorKind::AddrInUse => (false, format!("another program listens at {local}")),
+        Err(error) => (false, format!("{robot} cannot be reached: {error}")),
+    };
+    let [a, b, c, _] = robot.ip().octets();
+    let fix = format!("end what speaks to it; sudo ip address add {a}.{b}.{c}.162/24 dev (the card of its cable)");
+    Check { name: "robot", ok, found, fix }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::checks;
+    use settings::Settings;
+
+    #[test]
+    fn what_is_missing_is_told_and_what_is_there_is_well() {
+        let place = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| place.path().join(name).display().to_string();
+        std::fs::write(at("button"), "").expect("written");
+        let text = |button: &str, folder: &str, robot: &str| {
+            format!(
+                "[lidar]\nsource = \"device\"\nrplidar = {{ port = \"{}\" }}\n[depth]\nsource = \"device\"\n\
+                 socket = {{ path = \"{}/s\" }}\n[estop]\nsource = \"input\"\ninput = {{ device = \"{}\" }}\n\
+                 [locomotion]\nlink = \"unitree\"\nunitree = {{ robot = \"{robot}\", local = \"0.0.0.0:0\" }}\n",
+                at("nothing"),
+                at(folder),
+                at(button)
+            )
+        };
+        let ok = |text: String| {
+            let settings: Settings = toml::from_str(&text).expect("right");
+            checks(&settings).iter().map(|check| (check.name, check.ok)).collect::<Vec<_>>()
+        };
+        let names = ["lidar", "depth socket", "emergency stop", "robot"];
+        let expected = |oks: [bool; 4]| names.into_iter().zip(oks).collect::<Vec<_>>();
+        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, true, true]));
+        // TEST-NET-1 is nobody's network.
+        assert_eq!(ok(text("none", "none", "192.0.2.1:9")), expected([false; 4]));
+        assert_eq!(ok(String::new()), []);
+    }
+}
