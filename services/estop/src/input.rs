@@ -25,6 +25,14 @@ nix::ioctl_read_buf!(
     u8
 );
 
+nix::ioctl_read_buf!(
+    /// `EVIOCGBIT(EV_KEY)`: which keys there are.
+    keys_there,
+    b'E',
+    0x21,
+    u8
+);
+
 /// An input device that is open.
 #[derive(Debug)]
 pub struct InputDevice {
@@ -51,15 +59,35 @@ impl InputDevice {
             _ => format!("{name} cannot be opened: {error}"),
         })?;
         let mut device = Self { file, name, keys: Keys::new(settings.key, settings.held) };
+        device.has(settings.key)?;
         device.ask();
         Ok(device)
+    }
+
+    /// A key that is not there would never be pressed.
+    fn has(&self, key: Option<u16>) -> Result<(), String> {
+        let mut bits = [0; KEY_BYTES];
+        // SAFETY: as in `ask`.
+        if unsafe { keys_there(self.file.as_raw_fd(), &mut bits) }.is_err() {
+            return Ok(());
+        }
+        let is_there = |key: u16| bits.get(usize::from(key / 8)).is_some_and(|byte| byte >> (key % 8) & 1 == 1);
+        match key {
+            Some(key) if !is_there(key) => {
+                Err(format!("{} has no key {key}: name one of its own (evtest {0} lists them)", self.name))
+            }
+            None if bits.iter().all(|byte| *byte == 0) => {
+                Err(format!("{} has no key at all: it is no emergency stop", self.name))
+            }
+            _ => Ok(()),
+        }
     }
 
     fn ask(&mut self) {
         let mut bits = [0; KEY_BYTES];
         // SAFETY: the kernel writes at most as many bytes as the buffer has, whose length goes with the request.
         if unsafe { keys_down(self.file.as_raw_fd(), &mut bits) }.is_ok() {
-            self.keys.ask(&bits);
+            self.keys.answered(&bits);
         }
     }
 }

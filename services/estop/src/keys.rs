@@ -21,15 +21,15 @@ pub struct Keys {
     down: [bool; KEYS],
     /// What is down is known.
     known: bool,
-    /// Of an event, what has not come yet.
-    rest: Vec<u8>,
+    /// Of an event, the bytes that have come, and how many.
+    begun: ([u8; EVENT_LEN], usize),
 }
 
 impl Keys {
     /// Keys of which nothing is known.
     #[must_use]
     pub fn new(key: Option<u16>, held: bool) -> Self {
-        Self { key, held, down: [false; KEYS], known: false, rest: Vec::new() }
+        Self { key, held, down: [false; KEYS], known: false, begun: ([0; EVENT_LEN], 0) }
     }
 
     /// Whether events were lost, so that the device has to be asked what is down.
@@ -39,7 +39,7 @@ impl Keys {
     }
 
     /// What the device says is down, a bit for each key.
-    pub fn ask(&mut self, bits: &[u8]) {
+    pub fn answered(&mut self, bits: &[u8]) {
         for (key, down) in self.down.iter_mut().enumerate() {
             *down = bits.get(key / 8).is_some_and(|byte| byte >> (key % 8) & 1 == 1);
         }
@@ -49,27 +49,37 @@ impl Keys {
     /// Takes bytes of events: the worst of the states that they passed through.
     pub fn take(&mut self, bytes: &[u8]) -> StopInput {
         let mut worst = self.state();
-        self.rest.extend_from_slice(bytes);
-        let whole = self.rest.len() / EVENT_LEN * EVENT_LEN;
-        let events: Vec<u8> = self.rest.drain(..whole).collect();
-        for event in events.chunks_exact(EVENT_LEN) {
-            let half = |at: usize| u16::from_le_bytes([event[at], event[at + 1]]);
-            let value = i32::from_le_bytes([event[20], event[21], event[22], event[23]]);
-            match (half(16), half(18)) {
-                // A press may be among what was lost.
-                (EV_SYN, SYN_DROPPED) => (self.known, worst) = (false, StopInput::Lost),
-                (EV_KEY, key) if self.counts(key) => {
-                    self.down[usize::from(key)] = value != 0;
-                    // One key alone is known by its own event.
-                    self.known |= self.key.is_some();
-                }
-                _ => continue,
-            }
-            if self.state().stops() || worst == StopInput::Unknown {
-                worst = self.state();
+        for byte in bytes {
+            let (event, len) = &mut self.begun;
+            event[*len] = *byte;
+            *len += 1;
+            if *len == EVENT_LEN {
+                *len = 0;
+                let event = *event;
+                worst = self.event(&event, worst);
             }
         }
         worst
+    }
+
+    /// One event, where it was `worst` before.
+    fn event(&mut self, event: &[u8; EVENT_LEN], worst: StopInput) -> StopInput {
+        let half = |at: usize| u16::from_le_bytes([event[at], event[at + 1]]);
+        let value = i32::from_le_bytes([event[20], event[21], event[22], event[23]]);
+        match (half(16), half(18)) {
+            // A press may be among what was lost.
+            (EV_SYN, SYN_DROPPED) => {
+                self.known = false;
+                return StopInput::Lost;
+            }
+            (EV_KEY, key) if self.counts(key) => {
+                self.down[usize::from(key)] = value != 0;
+                // One key alone is known by its own event.
+                self.known |= self.key.is_some();
+            }
+            _ => return worst,
+        }
+        if self.state().stops() || worst == StopInput::Unknown { self.state() } else { worst }
     }
 
     fn counts(&self, key: u16) -> bool {
@@ -111,7 +121,7 @@ mod tests {
     fn a_button_stops_while_it_is_down_and_however_short_it_was() {
         let mut keys = Keys::new(Some(SOUTH), false);
         assert_eq!(keys.take(&[]), Unknown, "it has not been asked");
-        keys.ask(&[0; 96]);
+        keys.answered(&[0; 96]);
         assert_eq!(keys.take(&event(EV_KEY, EAST, 1)), Released, "another one");
         assert_eq!(keys.take(&event(EV_KEY, SOUTH, 1)), Pressed);
         assert_eq!(keys.take(&event(EV_KEY, SOUTH, 2)), Pressed, "it repeats itself");
@@ -119,7 +129,7 @@ mod tests {
         let tap = [event(EV_KEY, SOUTH, 1), event(EV_KEY, SOUTH, 0)].concat();
         let (first, second) = tap.split_at(30);
         assert_eq!((keys.take(first), keys.take(second), keys.take(&[])), (Pressed, Pressed, Released), "in pieces");
-        keys.ask(&[0; 10]);
+        keys.answered(&[0; 10]);
         assert_eq!(keys.state(), Released);
     }
 
@@ -128,7 +138,7 @@ mod tests {
         let mut keys = Keys::new(None, false);
         let mut bits = [0; 96];
         bits[usize::from(SOUTH) / 8] = 1 << (SOUTH % 8);
-        keys.ask(&bits);
+        keys.answered(&bits);
         assert_eq!(keys.take(&[]), Pressed, "it was down when it was plugged in");
         keys.take(&event(EV_KEY, EAST, 1));
         keys.take(&event(EV_KEY, SOUTH, 0));
@@ -141,7 +151,7 @@ mod tests {
     #[test]
     fn a_dead_mans_switch_stops_when_it_is_let_go_of() {
         let mut keys = Keys::new(Some(SOUTH), true);
-        keys.ask(&[]);
+        keys.answered(&[]);
         assert_eq!(keys.state(), Pressed, "nobody holds it");
         keys.take(&event(EV_KEY, SOUTH, 1));
         assert_eq!(keys.state(), Released);
@@ -151,7 +161,7 @@ mod tests {
     #[test]
     fn events_that_were_lost_leave_nothing_known() {
         let mut keys = Keys::new(None, false);
-        keys.ask(&[]);
+        keys.answered(&[]);
         keys.take(&event(EV_SYN, SYN_DROPPED, 0));
         assert!(!keys.is_known() && keys.state() == Unknown);
     }

@@ -50,8 +50,9 @@ pub struct EstopDriver {
     reopen_ns: u64,
     begun_ns: u64,
     last: StopInput,
-    /// The last thing told, which is not told again.
-    told: String,
+    /// The last thing told, which is not told again, and whether it is told yet: the word goes out first.
+    note: String,
+    untold: bool,
 }
 
 impl EstopDriver {
@@ -76,7 +77,8 @@ impl EstopDriver {
             reopen_ns: 0,
             begun_ns: io.now_ns(),
             last: StopInput::Unknown,
-            told: String::new(),
+            note: String::new(),
+            untold: false,
         })
     }
 
@@ -96,7 +98,7 @@ impl EstopDriver {
         match input.read(now_ns) {
             Ok(StopInput::Unknown) => Ok(self.nothing(now_ns)),
             Ok(known) => {
-                self.told.clear();
+                self.note.clear();
                 Ok(known)
             }
             Err(why) => {
@@ -116,9 +118,8 @@ impl EstopDriver {
             io.unwatch(input.fd());
         }
         self.reopen_ns = io.now_ns() + REOPEN_NS;
-        if self.told != why {
-            io.tell(&FromChild::Note { text: why.clone() });
-            self.told = why;
+        if self.note != why {
+            (self.note, self.untold) = (why, true);
         }
     }
 
@@ -132,7 +133,13 @@ impl Service for EstopDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let (input, now_ns) = (self.look(io)?, io.now_ns());
         let due = self.rhythm.due(now_ns).is_some();
-        if due || input != self.last { self.say(input, now_ns) } else { Ok(()) }
+        if due || input != self.last {
+            self.say(input, now_ns)?;
+        }
+        if std::mem::take(&mut self.untold) {
+            io.tell(&FromChild::Note { text: self.note.clone() });
+        }
+        Ok(())
     }
 
     fn next_timer_ns(&self) -> Option<u64> {

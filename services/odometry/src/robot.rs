@@ -1,6 +1,6 @@
 //! The robot's own odometry, as its link passes it on.
 
-use messages::{LocomotionState, Odometry, Twist2};
+use messages::{LocomotionState, Odometry, Twist2, s_from_ns};
 use settings::Settings;
 use transport::{Io, Rhythm, Subscriber, TransportError};
 
@@ -20,6 +20,8 @@ pub struct RobotOdometry {
 
 /// The link tells at whole periods; asked so much later, its word is there, nanoseconds.
 const BEHIND_NS: u64 = 3_000_000;
+/// A robot that said nothing for so long may have been switched off and on, and counts anew then, nanoseconds.
+const AWAY_NS: u64 = 1_000_000_000;
 /// Legs slip: one standard deviation of the place after 1 m of way, metres.
 const PLACE_SIGMA: f64 = 0.02;
 /// One standard deviation of the heading after 1 m of way, and after a turn of 1 rad; radians.
@@ -63,9 +65,15 @@ impl PoseSource for RobotOdometry {
         }
         // A state without a pose, or with one that was told already, is no news: the stream grows old, and that stops.
         let newest = self.states.take_newest()?.filter(|state| state.own_stamp_ns > self.told_ns);
-        Ok(newest.map(|state| {
-            self.told_ns = state.own_stamp_ns;
-            (state.own_stamp_ns, self.pose(&state))
-        }))
+        let Some(state) = newest else { return Ok(None) };
+        let silent_ns = state.own_stamp_ns - self.told_ns;
+        if self.told_ns > 0 && silent_ns > AWAY_NS {
+            // A new life is a new odometry frame, which everybody notices.
+            let text =
+                format!("the robot was silent for {:.1} s, and may count anew: so does odometry", s_from_ns(silent_ns));
+            return Err(TransportError::Service(text));
+        }
+        self.told_ns = state.own_stamp_ns;
+        Ok(Some((state.own_stamp_ns, self.pose(&state))))
     }
 }

@@ -6,7 +6,7 @@ use messages::Fault;
 use serial::PseudoTerminal;
 
 /// From one beat to the next, nanoseconds.
-const BEAT_NS: u64 = 50_000_000;
+const BEAT_NS: u64 = 25_000_000;
 
 /// A box whose port is at a path.
 #[derive(Debug)]

@@ -2,24 +2,34 @@
 //!
 //! A thread of its own talks to the robot at a fixed rate, so that something always comes, and is a dead man's switch
 //! for the loop that wishes: see [`Driver`]. Nothing is shared with it but two numbers that are swapped as a
-//! whole. A change to zero does not wait for it: it is sent by whoever wishes it; the thread is a tick late at most.
+//! whole. A change to zero does not wait for it: it is sent by whoever wishes it, and the thread says nothing older
+//! after it.
 
 use std::net::{SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use ::unitree::{Command, Driver, Mode, Profile, State};
+use ::unitree::{Command, Driver, Gait, Mode, Profile, STATE_MAX_AGE_NS, State};
 use messages::{NS_PER_S, Pose2, Twist2};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 use settings::UnitreeSettings;
-use transport::{TransportError, hurry_this_thread, monotonic_ns};
+use transport::{TransportError, hurry_robot_thread, monotonic_ns};
 
 use crate::{BrakePath, Link, RobotReport};
 
 /// From one command to the next, nanoseconds: the makers' libraries send at 500 Hz.
 pub const PERIOD_NS: u64 = 2_000_000;
+/// Zero: at once in every gait.
+const ZERO: Command = Command {
+    trigger: false,
+    mode: Mode::Walk,
+    gait: Gait::Untold,
+    velocity: Twist2::ZERO,
+    foot_raise_m: 0.0,
+    body_height_m: 0.0,
+};
 /// The longest message of any profile, and some more: one that is longer is seen to be.
 const MESSAGE_MAX: usize = 1200;
 /// Zero, so often, where nobody is left to go on: a datagram may be lost.
@@ -49,6 +59,12 @@ struct Shared {
     begun: AtomicBool,
     may_hurry: AtomicBool,
     refused: AtomicU64,
+}
+
+impl Shared {
+    fn is_over(&self) -> bool {
+        self.over.load(Ordering::SeqCst)
+    }
 }
 
 /// Ten-thousandths of a metre or radian a second in 16 bits each: as far as 3.2767, more than any limit allows.
@@ -132,8 +148,10 @@ impl UnitreeLink {
         let (profile, socket, shared) = (self.profile, Arc::clone(&self.socket), Arc::clone(&self.shared));
         let before = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |why| {
-            shared.over.store(true, Ordering::Relaxed);
-            last_words(profile, &socket);
+            shared.over.store(true, Ordering::SeqCst);
+            // Where the thread is in the midst of its tick, these come after.
+            sleep_until(monotonic_ns() + PERIOD_NS);
+            last_words(profile, &socket, &shared);
             before(why);
         }));
     }
@@ -159,19 +177,26 @@ fn send(profile: Profile, socket: &UdpSocket, command: &Command) {
     let _ = socket.send(bytes);
 }
 
-fn last_words(profile: Profile, socket: &UdpSocket) {
+fn last_words(profile: Profile, socket: &UdpSocket, shared: &Shared) {
     for _ in 0..LAST_WORDS {
-        send(profile, socket, &Command { mode: Mode::Walk, ..Command::default() });
+        say_zero(profile, socket, shared);
+    }
+}
+
+/// Who was stopped by the hand remote is not told to walk, were it at zero: it may lie.
+fn say_zero(profile: Profile, socket: &UdpSocket, shared: &Shared) {
+    if !shared.remote_stop.load(Ordering::SeqCst) {
+        send(profile, socket, &ZERO);
     }
 }
 
 /// The thread: hears, decides and speaks at every tick.
 fn talk(profile: Profile, socket: &UdpSocket, shared: &Shared, hurry: bool) {
-    shared.may_hurry.store(hurry && hurry_this_thread(), Ordering::Relaxed);
+    shared.may_hurry.store(hurry && hurry_robot_thread(), Ordering::Relaxed);
     shared.begun.store(true, Ordering::Release);
     let mut driver = Driver::new(profile);
     let (mut next_ns, mut wished_ns) = (monotonic_ns(), 0);
-    while !shared.over.load(Ordering::Relaxed) {
+    while !shared.is_over() {
         let now_ns = monotonic_ns();
         let forget = shared.forget.load(Ordering::Acquire);
         if forget {
@@ -187,13 +212,24 @@ fn talk(profile: Profile, socket: &UdpSocket, shared: &Shared, hurry: bool) {
             driver.wish(unpack(shared.wish.load(Ordering::Acquire)), newest_ns);
         }
         let command = driver.command(now_ns);
-        send(profile, socket, &command);
+        // Zero may have been sent by others since the wish was read: nothing older is to come after it.
+        let outdated = || !command.velocity.is_zero() && (shared.wish.load(Ordering::SeqCst) == 0 || shared.is_over());
+        if !outdated() {
+            send(profile, socket, &command);
+            if outdated() {
+                say_zero(profile, socket, shared);
+            }
+        }
         // What was missed is not made up for.
         next_ns = (next_ns + PERIOD_NS).max(now_ns);
-        let at = Timespec { tv_sec: (next_ns / NS_PER_S) as i64, tv_nsec: (next_ns % NS_PER_S) as i64 };
-        let _ = clock_nanosleep_absolute(ClockId::Monotonic, &at);
+        sleep_until(next_ns);
     }
-    last_words(profile, socket);
+    last_words(profile, socket, shared);
+}
+
+fn sleep_until(at_ns: u64) {
+    let at = Timespec { tv_sec: (at_ns / NS_PER_S) as i64, tv_nsec: (at_ns % NS_PER_S) as i64 };
+    let _ = clock_nanosleep_absolute(ClockId::Monotonic, &at);
 }
 
 fn hear(profile: Profile, socket: &UdpSocket, shared: &Shared, driver: &mut Driver, now_ns: u64) {
@@ -215,12 +251,15 @@ impl Link for UnitreeLink {
     fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
         let stops = velocity.is_zero() && !self.last.is_zero();
         self.last = velocity;
-        self.shared.wish.store(pack(velocity), Ordering::Release);
+        self.shared.wish.store(pack(velocity), Ordering::SeqCst);
         self.shared.wished_ns.store(monotonic_ns(), Ordering::Release);
         if stops {
-            send(self.profile, &self.socket, &Command { mode: Mode::Walk, ..Command::default() });
+            say_zero(self.profile, &self.socket, &self.shared);
         }
-        Ok(())
+        match &self.thread {
+            Some(thread) if !thread.is_finished() => Ok(()),
+            _ => Err(TransportError::Service(format!("nobody talks to the robot at {} any more", self.robot))),
+        }
     }
 
     fn report(&mut self) -> Result<RobotReport, TransportError> {
@@ -230,13 +269,16 @@ impl Link for UnitreeLink {
         // As long as the thread has not forgotten a stop, what it says of it is of before.
         let forgets = self.shared.forget.load(Ordering::Acquire);
         let remote_stop = !forgets && self.shared.remote_stop.load(Ordering::Acquire);
+        let now_ns = monotonic_ns();
+        // What the thread left behind ages, whether it lives or not.
+        self.newest = self.newest.filter(|(_, came_ns)| now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS);
         let Some((state, came_ns)) = self.newest else {
             return Ok(RobotReport { remote_stop, ..RobotReport::default() });
         };
         let [x_m, y_m, _] = state.position_m.map(f64::from);
         Ok(RobotReport {
             velocity: Some(state.velocity),
-            own_from_robot: Some((Pose2::new(x_m, y_m, state.yaw_rad()), monotonic_ns().saturating_sub(came_ns))),
+            own_from_robot: Some((Pose2::new(x_m, y_m, state.yaw_rad()), now_ns.saturating_sub(came_ns))),
             charge_percent: state.charge_percent,
             remote_stop,
         })
@@ -277,7 +319,7 @@ impl Link for UnitreeLink {
 
 impl Drop for UnitreeLink {
     fn drop(&mut self) {
-        self.shared.over.store(true, Ordering::Relaxed);
+        self.shared.over.store(true, Ordering::SeqCst);
         if let Some(thread) = self.thread.take() {
             // It says its last words first; what else it had to say is lost with it.
             let _ = thread.join();
@@ -304,9 +346,10 @@ impl UnitreeBrake {
 }
 
 impl BrakePath for UnitreeBrake {
-    /// The robot knows nothing of incarnations: locomotion is dead by now, which is what fences it.
+    /// The robot knows nothing of incarnations: locomotion is dead by now, which is what fences it. The brake hears
+    /// nothing of the robot either, and may be all that ends a walk.
     fn zero(&mut self, _fenced: u32) {
-        send(self.profile, &self.socket, &Command { mode: Mode::Walk, ..Command::default() });
+        send(self.profile, &self.socket, &ZERO);
     }
 }
 

@@ -190,7 +190,7 @@ fn a_panic_ends_with_zero() {
     walk(&mut link, &robot, AHEAD);
     let _ = std::panic::catch_unwind(|| panic!("as locomotion might"));
     until("zero after a panic, whatever is wished still", || {
-        link.write(AHEAD).expect("written");
+        let _ = link.write(AHEAD);
         robot.velocity().is_zero()
     });
 }

@@ -12,6 +12,9 @@ use crate::TransportError;
 /// and first to run; the simulated robot is a machine of its own, which waits for no process of this one.
 const LOCOMOTION_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
+/// Whoever talks to a robot at a fixed rate takes microseconds of a tick; were it late, a brake that runs would have
+/// nothing to talk against.
+const ROBOT_PRIORITY: libc::c_int = 22;
 const SIMULATOR_PRIORITY: libc::c_int = 22;
 /// Whoever measures what the machine itself costs waits for none of them.
 const WATCH_PRIORITY: libc::c_int = 23;
@@ -32,9 +35,18 @@ pub(crate) fn hurry(service: ServiceId) {
     let _ = unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO | libc::SCHED_RESET_ON_FORK, &raw const priority) };
 }
 
-/// Lets the calling thread run before everything of ours, for as long as it lives: whether it may.
+/// Lets the calling thread, which talks to a robot, run before everything but what measures: whether it may.
+pub fn hurry_robot_thread() -> bool {
+    hurry_at(ROBOT_PRIORITY)
+}
+
+/// Lets the calling thread, which measures, run before everything of ours, for as long as it lives: whether it may.
 pub fn hurry_this_thread() -> bool {
-    let priority = libc::sched_param { sched_priority: WATCH_PRIORITY };
+    hurry_at(WATCH_PRIORITY)
+}
+
+fn hurry_at(sched_priority: libc::c_int) -> bool {
+    let priority = libc::sched_param { sched_priority };
     // SAFETY: as in `hurry`.
     unsafe { libc::sched_setscheduler(0, libc::SCHED_FIFO, &raw const priority) == 0 }
 }

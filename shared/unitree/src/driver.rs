@@ -1,7 +1,8 @@
 //! What is said to a robot, tick by tick: pure, for the thread that talks to it.
 //!
 //! A robot may keep its last command for ever when nothing more comes, so something always comes: zero where nobody
-//! has wished for anything lately, and then that it stand.
+//! has wished for anything lately, and then that it stand. A robot that nobody has moved yet, or that somebody has
+//! stopped by its hand remote, is told nothing of its legs: it may lie, and is not to stand up by itself.
 
 use messages::Twist2;
 
@@ -58,7 +59,9 @@ impl Driver {
         if !there && self.profile == Profile::AlienGo384 {
             self.triggers = TRIGGERS;
         }
-        self.remote_stop |= state.remote.says_stop();
+        if state.remote.says_stop() {
+            (self.remote_stop, self.moved_ns) = (true, None);
+        }
         self.state = Some((state, now_ns));
     }
 
@@ -91,12 +94,12 @@ impl Driver {
         if !velocity.is_zero() {
             self.moved_ns = Some(now_ns);
         }
-        let rests = self.moved_ns.is_none_or(|moved_ns| now_ns.saturating_sub(moved_ns) > STAND_AFTER_NS);
-        let mode = match (self.remote_stop, rests) {
-            // Who holds the remote has the robot: it is not told to stand where it was laid down.
-            (true, _) => Mode::Idle,
-            (false, true) => Mode::Stand,
-            (false, false) => Mode::Walk,
+        let mode = match self.moved_ns {
+            Some(moved_ns) if now_ns.saturating_sub(moved_ns) <= STAND_AFTER_NS => Mode::Walk,
+            Some(_) => Mode::Stand,
+            // Whoever moved it before may have left it walking.
+            None if !self.remote_stop && self.state(now_ns).is_some_and(|(state, _)| state.walks()) => Mode::Walk,
+            None => Mode::Idle,
         };
         Command { mode, velocity, ..Command::default() }
     }
@@ -191,6 +194,16 @@ mod tests {
     }
 
     #[test]
+    fn a_robot_that_nobody_moved_is_left_as_it_is() {
+        let mut driver = Driver::new(Profile::Go138);
+        driver.wish(Twist2::ZERO, 0);
+        assert_eq!(driver.command(0).mode, Mode::Idle, "it may lie");
+        driver.received(State { mode: Mode::Walk as u8, ..State::default() }, 0);
+        let command = driver.command(0);
+        assert_eq!((command.mode, command.velocity), (Mode::Walk, Twist2::ZERO), "the link before left it walking");
+    }
+
+    #[test]
     fn a_stop_on_the_hand_remote_holds() {
         let mut rig = Rig::new(Profile::Go138);
         rig.run(200, Some(AHEAD));
@@ -199,7 +212,9 @@ mod tests {
         rig.robot.press(Remote::default());
         assert_eq!(rig.run(1000, Some(AHEAD)), Twist2::ZERO);
         assert!(rig.driver.remote_stop());
+        assert_eq!(rig.driver.command(rig.now_ns).mode, Mode::Idle);
         rig.driver.forget_remote_stop();
+        assert_eq!(rig.driver.command(rig.now_ns).mode, Mode::Idle, "it stands up only to walk");
         assert_eq!(rig.run(10, Some(AHEAD)), Twist2::ZERO, "the robot itself lies limp");
     }
 

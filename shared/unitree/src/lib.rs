@@ -40,6 +40,9 @@ pub enum WireError {
     /// A number in it is not finite.
     #[error("a number in it is not finite")]
     NotFinite,
+    /// Its quaternion is no rotation.
+    #[error("its attitude is none: the quaternion's length is not one")]
+    NoAttitude,
 }
 
 /// Bytes of a fixed layout, read and written by their offsets.

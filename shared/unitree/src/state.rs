@@ -3,13 +3,15 @@
 use messages::Twist2;
 
 use crate::field::{get_f32, get_f32s, put_f32, put_f32s};
-use crate::{Profile, Remote, WireError, crc, remote};
+use crate::{Mode, Profile, Remote, WireError, crc, remote};
 
 /// Of a robot that stands.
 const BODY_HEIGHT_M: f32 = 0.3;
+/// How far from one the squared length of an attitude's quaternion may be.
+const UNIT_TOLERANCE: f32 = 0.05;
 
 /// A state. It has neither a number nor a time: how old it is, only its arrival tells.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct State {
     /// What the robot does with its legs, by the number of [`crate::Mode`].
     pub mode: u8,
@@ -23,6 +25,20 @@ pub struct State {
     pub charge_percent: Option<u8>,
     /// The hand remote.
     pub remote: Remote,
+}
+
+impl Default for State {
+    /// Of a robot that stands where it was switched on.
+    fn default() -> Self {
+        Self {
+            mode: 0,
+            quaternion: [1.0, 0.0, 0.0, 0.0],
+            position_m: [0.0; 3],
+            velocity: Twist2::ZERO,
+            charge_percent: None,
+            remote: Remote::default(),
+        }
+    }
 }
 
 impl State {
@@ -39,6 +55,12 @@ impl State {
             charge_percent,
             ..Self::default()
         }
+    }
+
+    /// Whether it goes as it is commanded, were it only at zero.
+    #[must_use]
+    pub fn walks(&self) -> bool {
+        self.mode == Mode::Walk as u8
     }
 
     /// Yaw of the attitude, radians, counter-clockwise from where the robot looked when it was switched on.
@@ -58,9 +80,12 @@ impl State {
         let [forward, left] = get_f32s(bytes, layout.velocity);
         let yaw = get_f32(bytes, layout.yaw_speed);
         let (quaternion, position_m) = (get_f32s(bytes, layout.quaternion), get_f32s(bytes, layout.position));
-        let numbers = [&quaternion[..], &position_m, &[forward, left, yaw]].concat();
-        if !numbers.iter().all(|value| value.is_finite()) {
+        if !quaternion.iter().chain(&position_m).chain(&[forward, left, yaw]).all(|value| value.is_finite()) {
             return Err(WireError::NotFinite);
+        }
+        let length: f32 = quaternion.iter().map(|value| value * value).sum();
+        if (length - 1.0).abs() > UNIT_TOLERANCE {
+            return Err(WireError::NoAttitude);
         }
         Ok(Self {
             mode: bytes[layout.mode],
@@ -127,6 +152,8 @@ mod tests {
             let wild = State { velocity: Twist2 { vx_mps: f64::INFINITY, ..Twist2::default() }, ..state(profile) };
             wild.encode(profile, &mut bytes);
             assert_eq!(State::decode(profile, &bytes), Err(WireError::NotFinite));
+            State { quaternion: [0.0; 4], ..state(profile) }.encode(profile, &mut bytes);
+            assert_eq!(State::decode(profile, &bytes), Err(WireError::NoAttitude));
         }
     }
 }

@@ -29,7 +29,7 @@ pub struct Estop {
     pub serial: EstopSerial,
 }
 
-/// A Linux input device.
+/// A Linux input device, by cable: a radio's silence would look like a button that nobody presses.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstopInput {
@@ -48,7 +48,8 @@ impl Default for EstopInput {
     }
 }
 
-/// A box at a serial line: it sends `r` while it is released and `p` while it is pressed, ten times a second or more.
+/// A box at a serial line: it sends `r` while it is released and `p` while it is pressed, twenty times a second or
+/// more.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstopSerial {
