@@ -114,6 +114,26 @@ fn an_unplugged_lidar_stops_the_robot_and_a_replugged_one_is_read_again() {
     place.assert_empty();
 }
 
+/// A robot on DDS is found by its network's own discovery, over loopback.
+#[test]
+fn robots_on_dds_are_guided_through_bridge_and_backstop() {
+    for link in ["go2", "ros2"] {
+        let place = Place::new();
+        let shipped = std::fs::read_to_string(project().join("config/go2.toml")).expect("readable");
+        let config = place.path().join("robot.toml");
+        std::fs::write(&config, shipped.replace("link = \"go2\"", &format!("link = \"{link}\""))).expect("written");
+        let config = config.to_string_lossy().into_owned();
+        let walk =
+            ["walk", "--emulated", "--config", &config, "--scenario", "corridor", "--time-limit", "12s", "--json"];
+        let (report, _) = place.json(&walk);
+        assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 3.0), "{link}: {report:#}");
+        for text in ["bridge: the robot on DDS answers", "backstop: the robot on DDS answers"] {
+            assert!(told(&report["notes"], text), "{link}, {text}: {report:#}");
+        }
+        place.assert_empty();
+    }
+}
+
 /// A walk through the real drivers and the real link: its report and exit code.
 fn walked(robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
     let place = Place::new();

@@ -22,6 +22,6 @@ fn what_the_matrix_wants_comes_of_every_fault() {
         assert_eq!((cell["n"].as_u64(), &cell["met"]), (Some(1), &true.into()), "{cell:#}");
     }
     assert_eq!(code, 0);
-    assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&7.into(), &2.into()));
+    assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&9.into(), &2.into()));
     place.assert_empty();
 }

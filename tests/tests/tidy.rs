@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 15] = [
+const OURS: [&str; 16] = [
     "messages",
     "transport",
     "guidance",
@@ -175,6 +175,7 @@ const OURS: [&str; 15] = [
     "unitree",
     "emulators",
     "camera",
+    "dds",
 ];
 
 #[test]
@@ -190,7 +191,8 @@ fn dependencies_point_one_way() {
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
         ("shared/camera", &["messages"][..]),
-        ("shared/emulators", &["camera", "messages", "rplidar", "serial", "unitree", "world"][..]),
+        ("shared/dds", &["messages", "unitree"][..]),
+        ("shared/emulators", &["camera", "dds", "messages", "rplidar", "serial", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
         ("shared/transport", &["messages"][..]),

@@ -121,6 +121,7 @@ impl Service for Brake {
     fn on_wall_tick(&mut self, io: &mut Io) -> Result<(), TransportError> {
         // Drain before judging: beats that wait in the line are beats.
         self.read_beats(io);
+        self.path.keep();
         let (engagement, stalled) = self.watch.tick(monotonic_ns());
         if stalled {
             io.tell(&FromChild::Note { text: "brake overslept: its counts start again".to_owned() });

@@ -14,7 +14,7 @@ use settings::{Millis, PolicyModel};
 use crate::exit::EXIT_CODES_HELP;
 
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
-pub use emulate::{Device, EmulateArgs};
+pub use emulate::{DdsArgs, Device, EmulateArgs};
 pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
 
 /// Runs and operates the guide robot's stack of processes.

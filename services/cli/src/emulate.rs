@@ -4,7 +4,8 @@ use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use emulators::{EmulatedRplidar, EmulatedUnitree, OpenFloor};
+use dds::bus::{Place, Ros2Topics};
+use emulators::{EmulatedRobot, EmulatedRos2, EmulatedRplidar, EmulatedSport, EmulatedUnitree, OpenFloor};
 use rplidar::Model;
 use serial::PseudoTerminal;
 use settings::{Millis, Settings};
@@ -12,7 +13,7 @@ use transport::monotonic_ns;
 use unitree::{Profile, Silence};
 use world::{LidarConfig, Scenario, Scene};
 
-use crate::args::{Device, EmulateArgs};
+use crate::args::{DdsArgs, Device, EmulateArgs};
 use crate::exit::Failure;
 use crate::launch::Signals;
 use crate::out::say;
@@ -28,7 +29,18 @@ const PAUSE: Duration = Duration::from_millis(1);
 pub fn emulate(args: &EmulateArgs) -> Result<(), Failure> {
     match &args.device {
         Device::Rplidar { port, model, scenario, duration } => rplidar(port, *model, scenario, *duration),
-        Device::Unitree { profile, listen, silence, duration } => robot(*profile, *listen, *silence, *duration),
+        Device::Unitree { profile, listen, silence, duration } => unitree(*profile, *listen, *silence, *duration),
+        Device::Go2(dds) => {
+            let robot = EmulatedSport::new(&place(dds), dds.silence).map_err(Failure::of_run)?;
+            say(format!("a Go2 on DDS, domain {}; Ctrl-C ends it", dds.domain));
+            walk(Box::new(robot), dds.duration)
+        }
+        Device::Ros2 { cmd_vel, odom, stamped, dds } => {
+            let topics = Ros2Topics { cmd_vel: cmd_vel.clone(), odom: odom.clone(), stamped: *stamped };
+            let robot = EmulatedRos2::new(&place(dds), &topics, dds.silence).map_err(Failure::of_run)?;
+            say(format!("a robot of ROS 2 at {cmd_vel} on DDS, domain {}; Ctrl-C ends it", dds.domain));
+            walk(Box::new(robot), dds.duration)
+        }
     }
 }
 
@@ -45,20 +57,30 @@ fn rplidar(port: &Path, model: Model, scenario: &str, duration: Option<Millis>) 
     until_ended(duration, |now_ns| lidar.serve(now_ns))
 }
 
-fn robot(profile: Profile, at: SocketAddr, silence: Silence, duration: Option<Millis>) -> Result<(), Failure> {
+fn place(dds: &DdsArgs) -> Place {
+    Place { domain: dds.domain, networks: dds.network.clone() }
+}
+
+fn unitree(profile: Profile, at: SocketAddr, silence: Silence, duration: Option<Millis>) -> Result<(), Failure> {
     let socket =
         UdpSocket::bind(at).map_err(|error| Failure::input(format!("no robot can listen at {at}: {error}")))?;
     let at = socket.local_addr().map_err(Failure::of_run)?;
-    let mut robot = EmulatedUnitree::new(socket, profile, silence).map_err(Failure::of_run)?;
+    let robot = EmulatedUnitree::new(socket, profile, silence).map_err(Failure::of_run)?;
     say(format!("robot {} at {at}; Ctrl-C ends it", profile.name()));
+    walk(Box::new(robot), duration)
+}
+
+/// A robot on a floor without walls, which tells when it begins or ends to walk.
+fn walk(mut robot: Box<dyn EmulatedRobot>, duration: Option<Millis>) -> Result<(), Failure> {
     let (mut floor, mut last) = (OpenFloor::default(), None);
     until_ended(duration, |now_ns| {
-        robot.serve(now_ns, floor.go_on(now_ns, robot.motion(now_ns).1))?;
-        let (mode, velocity) = robot.motion(now_ns);
-        if last != Some((mode, velocity)) {
+        robot.serve(now_ns, floor.go_on(now_ns, robot.velocity(now_ns)))?;
+        let now = (robot.posture(now_ns), robot.velocity(now_ns));
+        if last.as_ref() != Some(&now) {
+            let (posture, velocity) = &now;
             let [x, y, turn] = [velocity.vx_mps, velocity.vy_mps, velocity.wz_radps];
-            say(format!("{mode:?}: {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s to the left"));
-            last = Some((mode, velocity));
+            say(format!("{posture}: {x:.2} m/s ahead, {y:.2} m/s to the left, {turn:.2} rad/s to the left"));
+            last = Some(now);
         }
         Ok(())
     })

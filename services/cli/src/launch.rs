@@ -94,6 +94,7 @@ impl Launch<'_> {
                 camera_socket: dir.camera_socket(),
                 estop_port: dir.estop_port(),
                 robot: dir.robot_address(),
+                dds_domain: dir.dds_domain(),
             });
         }
         let settings = toml::to_string(&settings).map_err(Failure::of_input)?;

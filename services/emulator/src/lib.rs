@@ -9,13 +9,16 @@ mod camera;
 use std::net::UdpSocket;
 use std::path::Path;
 
-use emulators::{EmulatedCamera, EmulatedEstop, EmulatedRplidar, EmulatedUnitree};
+use dds::bus::{Place, Ros2Topics};
+use emulators::{
+    EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRos2, EmulatedRplidar, EmulatedSport, EmulatedUnitree,
+};
 use messages::fault::Device;
 use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
-use settings::{DepthDevice, Settings, Source};
+use settings::{DepthDevice, LinkKind, Settings, Source, UnitreeSettings};
 use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
-use unitree::State;
+use unitree::{Silence, State};
 use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
 
 use crate::camera::CameraThread;
@@ -32,7 +35,7 @@ const TOKEN_ROBOT: u64 = 1;
 pub struct Emulator {
     world: World,
     lidar: EmulatedRplidar,
-    robot: EmulatedUnitree,
+    robot: Box<dyn EmulatedRobot>,
     estop: EmulatedEstop,
     /// None where depth comes from elsewhere.
     camera: Option<CameraThread>,
@@ -57,7 +60,9 @@ impl Emulator {
         let (seed, incarnation) = (settings.simulation.seed, io.identity().incarnation);
         let odometry = OdometrySensor::new(OdometryConfig::from(&settings.odometry), seed, incarnation);
         let robot = robot(&settings)?;
-        io.watch(&robot, TOKEN_ROBOT)?;
+        if let Some(fd) = robot.fd() {
+            io.watch(fd, TOKEN_ROBOT)?;
+        }
         let started_ns = io.domain.info.started_monotonic_ns;
         Ok(Self {
             world,
@@ -91,7 +96,7 @@ impl Emulator {
 
     /// What the robot does now, to whoever moves it: at once where it is new, and otherwise where `again`.
     fn command(&mut self, now_ns: u64, again: bool) -> Result<(), TransportError> {
-        let (_, velocity) = self.robot.motion(now_ns);
+        let velocity = self.robot.velocity(now_ns);
         if again || velocity != self.commanded {
             self.commanded = velocity;
             let command = RobotCommand { source: ServiceId::Emulator, velocity, ..RobotCommand::default() };
@@ -140,12 +145,26 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
     CameraThread::begin(camera, world, depth.rate_hz.get(), started_ns).map(Some)
 }
 
-fn robot(settings: &Settings) -> Result<EmulatedUnitree, TransportError> {
-    let (robot, emulated) = (&settings.locomotion.unitree, &settings.simulation.emulated);
+fn robot(settings: &Settings) -> Result<Box<dyn EmulatedRobot>, TransportError> {
+    let (locomotion, silence) = (&settings.locomotion, settings.simulation.emulated.silence);
+    let place = Place { domain: locomotion.dds.domain, networks: locomotion.dds.networks.clone() };
+    match locomotion.link {
+        LinkKind::Go2 => Ok(Box::new(EmulatedSport::new(&place, silence).map_err(TransportError::service)?)),
+        LinkKind::Ros2 => {
+            let (cmd_vel, odom) = (locomotion.ros2.cmd_vel.clone(), locomotion.ros2.odom.clone());
+            let topics = Ros2Topics { cmd_vel, odom, stamped: locomotion.ros2.stamped };
+            Ok(Box::new(EmulatedRos2::new(&place, &topics, silence).map_err(TransportError::service)?))
+        }
+        LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => unitree(&locomotion.unitree, silence),
+    }
+}
+
+fn unitree(robot: &UnitreeSettings, silence: Silence) -> Result<Box<dyn EmulatedRobot>, TransportError> {
     let at = robot.robot();
     let socket = UdpSocket::bind(at)
         .map_err(|error| TransportError::service(format!("no emulated robot can listen at {at}: {error}")))?;
-    EmulatedUnitree::new(socket, robot.profile, emulated.silence).map_err(TransportError::service)
+    let robot = EmulatedUnitree::new(socket, robot.profile, silence).map_err(TransportError::service)?;
+    Ok(Box::new(robot))
 }
 
 impl Service for Emulator {

@@ -63,7 +63,7 @@ impl Locomotion {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let mut link = open_link(&settings.locomotion, io)?;
         // Before anything else: whatever the life before commanded last, the robot stands.
-        link.write(Twist2::ZERO)?;
+        link.write(Twist2::ZERO, 0)?;
         Ok(Self {
             gate: Gate::new(GateLimits::of(&settings)),
             lines: Lines::default(),
@@ -125,7 +125,9 @@ impl Locomotion {
     }
 
     fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
-        self.link.write(velocity)?;
+        // Nothing holds for longer than the permit that it is of.
+        let for_ns = self.gate.expiry_ns().map_or(2 * self.period_ns, |expiry| expiry.saturating_sub(self.judged_ns));
+        self.link.write(velocity, for_ns)?;
         self.applied = velocity;
         Ok(())
     }

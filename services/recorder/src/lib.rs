@@ -167,6 +167,8 @@ fn about(settings: &Settings, path: &Path, with_depth: bool, io: &Io) -> About {
         robot: match settings.locomotion.link {
             LinkKind::Simulated => "simulated",
             LinkKind::Unitree => settings.locomotion.unitree.profile.name(),
+            LinkKind::Go2 => "go2",
+            LinkKind::Ros2 => "ros2",
             LinkKind::Null => "none",
         }
         .to_owned(),

@@ -151,6 +151,10 @@ impl Plan {
             plan(ServiceId::Locomotion, 0, &limits, vec![state_stream(settings)]),
             plan(ServiceId::Brake, 0, &limits, vec![]),
         ];
+        if settings.locomotion.link.is_dds() {
+            services.push(plan(ServiceId::Bridge, 0, &limits, vec![]));
+            services.push(plan(ServiceId::Backstop, 0, &limits, vec![]));
+        }
         if settings.has_world() {
             services.push(world(ServiceId::Simulator, vec![]));
         }

@@ -3,13 +3,49 @@
 
 mod cable;
 mod camera;
+mod dds;
 mod estop;
 mod floor;
 mod rplidar;
 mod unitree;
 
+use std::os::fd::BorrowedFd;
+
+use ::unitree::State;
+use messages::{Fault, Twist2};
+
+pub use self::dds::{EmulatedRos2, EmulatedSport};
 pub use camera::EmulatedCamera;
 pub use estop::EmulatedEstop;
 pub use floor::OpenFloor;
 pub use rplidar::EmulatedRplidar;
 pub use unitree::EmulatedUnitree;
+
+/// A robot that is not there. Where it is, whoever moves it knows.
+pub trait EmulatedRobot {
+    /// How fast it goes.
+    fn velocity(&self, now_ns: u64) -> Twist2;
+
+    /// What it does with its legs, in a word.
+    fn posture(&self, now_ns: u64) -> String;
+
+    /// From now on that goes wrong with it or its line; by that seed, where it is random.
+    fn suffer(&mut self, fault: Option<(Fault, u64)>);
+
+    /// Takes what has come.
+    ///
+    /// # Errors
+    /// Where its line fails.
+    fn hear(&mut self, now_ns: u64) -> std::io::Result<()>;
+
+    /// Listens, obeys, and says how it is: `measured` is what its sensors know.
+    ///
+    /// # Errors
+    /// Where its line fails.
+    fn serve(&mut self, now_ns: u64, measured: State) -> std::io::Result<()>;
+
+    /// What becomes readable when it is commanded, where there is such a thing.
+    fn fd(&self) -> Option<BorrowedFd<'_>> {
+        None
+    }
+}

@@ -1,6 +1,7 @@
 //! The ways to command a robot. `locomotion` has a [`Link`]; `brake` has a [`BrakePath`] of its own, that shares
 //! nothing with it.
 
+mod bridge;
 mod null;
 mod simulated;
 mod unitree;
@@ -10,16 +11,18 @@ use settings::{LinkKind, Locomotion};
 use transport::{Io, TransportError};
 
 pub use self::unitree::{PERIOD_NS as UNITREE_PERIOD_NS, UnitreeBrake, UnitreeLink};
+pub use bridge::{BridgeBrake, BridgeLink, FromBridge, ToBridge, WORD_MAX};
 pub use null::{NullBrake, NullLink};
 pub use simulated::{BRAKE_MESSAGE_LEN, BrakeMessage, SimulatedBrake, SimulatedLink};
 
 /// A way to command a robot. No call blocks.
 pub trait Link {
-    /// Commands a velocity in the robot frame. The robot may keep it when nothing follows.
+    /// Commands a velocity in the robot frame, that holds for `for_ns` nanoseconds where nothing follows, but no longer
+    /// than the link's own dead man's switch lets it. A link without one leaves it to the robot, which may keep it.
     ///
     /// # Errors
     /// Where the command cannot be handed to the robot.
-    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError>;
+    fn write(&mut self, velocity: Twist2, for_ns: u64) -> Result<(), TransportError>;
 
     /// What the robot told last of itself, where it tells anything.
     ///
@@ -51,6 +54,9 @@ pub struct RobotReport {
 
 /// The brake's second way to the robot. No call blocks.
 pub trait BrakePath {
+    /// Looks after the path, at every tick: what is gone is opened again.
+    fn keep(&mut self) {}
+
     /// Commands zero, and that commands of locomotion's incarnations up to `fenced` are worth nothing.
     fn zero(&mut self, fenced: u32);
 }
@@ -67,6 +73,7 @@ pub fn open_link(settings: &Locomotion, io: &mut Io) -> Result<Box<dyn Link>, Tr
             link.speak_on_panic();
             Box::new(link)
         }
+        LinkKind::Go2 | LinkKind::Ros2 => Box::new(BridgeLink::new(io)),
         LinkKind::Null => Box::new(NullLink::default()),
     })
 }
@@ -79,6 +86,7 @@ pub fn open_brake_path(settings: &Locomotion, io: &Io) -> Result<Box<dyn BrakePa
     Ok(match settings.link {
         LinkKind::Simulated => Box::new(SimulatedBrake::open(io)?),
         LinkKind::Unitree => Box::new(UnitreeBrake::open(&settings.unitree)?),
+        LinkKind::Go2 | LinkKind::Ros2 => Box::new(BridgeBrake::new(io)),
         LinkKind::Null => Box::new(NullBrake),
     })
 }

@@ -12,7 +12,7 @@ pub struct NullLink {
 }
 
 impl Link for NullLink {
-    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+    fn write(&mut self, velocity: Twist2, _for_ns: u64) -> Result<(), TransportError> {
         self.last = velocity;
         Ok(())
     }

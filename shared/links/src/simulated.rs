@@ -33,7 +33,7 @@ impl SimulatedLink {
 }
 
 impl Link for SimulatedLink {
-    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+    fn write(&mut self, velocity: Twist2, _for_ns: u64) -> Result<(), TransportError> {
         let command = RobotCommand { source: ServiceId::Locomotion, velocity, ..RobotCommand::default() };
         self.commands.publish(self.clock.now_ns(), command).map(|_| ())
     }

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use ::unitree::{Command, Driver, Gait, Mode, Profile, STATE_MAX_AGE_NS, State};
+use ::unitree::{Command, DEAD_MAN_NS, Driver, Gait, Mode, Profile, STATE_MAX_AGE_NS, State};
 use messages::{NS_PER_S, Pose2, Twist2};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
@@ -47,8 +47,8 @@ const READS_MAX: usize = 16;
 struct Shared {
     /// The wish: three velocities, as [`pack`] has them, so that no half of one is ever read.
     wish: AtomicU64,
-    /// When it was wished, nanoseconds.
-    wished_ns: AtomicU64,
+    /// Until when it holds, nanoseconds.
+    until_ns: AtomicU64,
     over: AtomicBool,
     /// The newest state and when it came, where that was lately. The loop only ever tries to lock it.
     state: Mutex<Option<(State, u64)>>,
@@ -195,7 +195,7 @@ fn talk(profile: Profile, socket: &UdpSocket, shared: &Shared, hurry: bool) {
     shared.may_hurry.store(hurry && hurry_robot_thread(), Ordering::Relaxed);
     shared.begun.store(true, Ordering::Release);
     let mut driver = Driver::new(profile);
-    let (mut next_ns, mut wished_ns) = (monotonic_ns(), 0);
+    let mut next_ns = monotonic_ns();
     while !shared.is_over() {
         let now_ns = monotonic_ns();
         let forget = shared.forget.load(Ordering::Acquire);
@@ -206,11 +206,7 @@ fn talk(profile: Profile, socket: &UdpSocket, shared: &Shared, hurry: bool) {
         if forget {
             shared.forget.store(false, Ordering::Release);
         }
-        let newest_ns = shared.wished_ns.load(Ordering::Acquire);
-        if newest_ns != wished_ns {
-            wished_ns = newest_ns;
-            driver.wish(unpack(shared.wish.load(Ordering::Acquire)), newest_ns);
-        }
+        driver.wish(unpack(shared.wish.load(Ordering::Acquire)), shared.until_ns.load(Ordering::Acquire));
         let command = driver.command(now_ns);
         // Zero may have been sent by others since the wish was read: nothing older is to come after it.
         let outdated = || !command.velocity.is_zero() && (shared.wish.load(Ordering::SeqCst) == 0 || shared.is_over());
@@ -248,11 +244,11 @@ fn hear(profile: Profile, socket: &UdpSocket, shared: &Shared, driver: &mut Driv
 }
 
 impl Link for UnitreeLink {
-    fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
+    fn write(&mut self, velocity: Twist2, for_ns: u64) -> Result<(), TransportError> {
         let stops = velocity.is_zero() && !self.last.is_zero();
         self.last = velocity;
         self.shared.wish.store(pack(velocity), Ordering::SeqCst);
-        self.shared.wished_ns.store(monotonic_ns(), Ordering::Release);
+        self.shared.until_ns.store(monotonic_ns() + for_ns.min(DEAD_MAN_NS), Ordering::Release);
         if stops {
             say_zero(self.profile, &self.socket, &self.shared);
         }

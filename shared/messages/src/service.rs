@@ -43,14 +43,20 @@ pub enum ServiceId {
     Emulator,
     /// The emergency stop input.
     Estop,
+    /// Locomotion's voice on a robot's DDS network.
+    Bridge,
+    /// The brake's voice there, and the one that speaks where the bridge is gone.
+    Backstop,
 }
 
 impl ServiceId {
     /// Every service, in the order of start: what stops the robot comes first.
-    pub const ALL: [Self; 14] = [
+    pub const ALL: [Self; 16] = [
         Self::Supervisor,
         Self::Locomotion,
         Self::Brake,
+        Self::Bridge,
+        Self::Backstop,
         Self::Simulator,
         Self::Emulator,
         Self::Replay,
@@ -83,6 +89,8 @@ impl ServiceId {
             Self::Replay => "replay",
             Self::Emulator => "emulator",
             Self::Estop => "estop",
+            Self::Bridge => "bridge",
+            Self::Backstop => "backstop",
         }
     }
 
@@ -90,7 +98,7 @@ impl ServiceId {
     /// of its end by SIGHUP.
     #[must_use]
     pub const fn stops_robot(self) -> bool {
-        matches!(self, Self::Locomotion | Self::Brake)
+        matches!(self, Self::Locomotion | Self::Brake | Self::Bridge | Self::Backstop)
     }
 
     /// The service as a list of one, as the topic table has its publishers; nobody for [`ServiceId::None`].

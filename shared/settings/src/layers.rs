@@ -199,6 +199,8 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
+/// The last DDS domain whose ports there are.
+const DDS_DOMAIN_MAX: u16 = 232;
 /// Linux numbers keys under this.
 const EVDEV_KEYS: u16 = 0x300;
 
@@ -206,8 +208,10 @@ const EVDEV_KEYS: u16 = 0x300;
 fn check_devices(settings: &Settings) -> Result<(), String> {
     let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
     let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
-    if odometry == Source::Device && settings.locomotion.link != LinkKind::Unitree {
-        return Err("odometry.source = \"device\" is the robot's own: locomotion.link has to be \"unitree\"".to_owned());
+    let is_device = settings.locomotion.link.is_device();
+    if odometry == Source::Device && !is_device {
+        let links = "\"unitree\", \"go2\" or \"ros2\"";
+        return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
     }
     if settings.commands_robot() {
         for (key, source) in settings.sources() {
@@ -218,8 +222,8 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
             }
         }
     }
-    if emulated && (lidar, odometry, settings.locomotion.link) != (Source::Device, Source::Device, LinkKind::Unitree) {
-        let needed = "lidar.source and odometry.source \"device\" and locomotion.link \"unitree\"";
+    if emulated && (lidar, odometry, is_device) != (Source::Device, Source::Device, true) {
+        let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
         return Err(format!("simulation.emulated.on needs {needed}"));
     }
     if emulated && robot.robot.is_some_and(|robot| !robot.ip().is_loopback()) {
@@ -236,6 +240,15 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     }
     if input.held && input.key.is_none() {
         return Err("estop.input.held needs estop.input.key: any key would let the robot move".to_owned());
+    }
+    if settings.locomotion.dds.domain > DDS_DOMAIN_MAX {
+        return Err(format!("locomotion.dds.domain is over {DDS_DOMAIN_MAX}: it has no ports"));
+    }
+    for (key, topic) in [("cmd_vel", &settings.locomotion.ros2.cmd_vel), ("odom", &settings.locomotion.ros2.odom)] {
+        let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        if !topic.strip_prefix('/').unwrap_or(topic).split('/').all(is_name) {
+            return Err(format!("locomotion.ros2.{key} = {topic:?} is no topic of ROS 2"));
+        }
     }
     let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
     if stop > warn || warn > 100 {
@@ -346,10 +359,12 @@ mod tests {
     }
 
     #[test]
-    fn the_shipped_robot_walks_by_devices_alone() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/aliengo.toml");
-        let settings = load(Profile::Walk, Some(&file)).expect("the file is right");
-        assert!(settings.commands_robot() && !settings.has_world());
+    fn the_shipped_robots_walk_by_devices_alone() {
+        for name in ["aliengo.toml", "go2.toml"] {
+            let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(name);
+            let settings = load(Profile::Walk, Some(&file)).expect("the file is right");
+            assert!(settings.commands_robot() && !settings.has_world(), "{name}");
+        }
     }
 
     #[test]

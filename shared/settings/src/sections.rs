@@ -26,7 +26,7 @@ use crate::units::{Millis, Positive, Share};
 pub use depth::{DepthDevice, DepthSettings, DepthSocket};
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
-pub use locomotion::{Limits, LinkKind, Locomotion, UnitreeSettings};
+pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, UnitreeSettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 
@@ -101,13 +101,16 @@ impl Settings {
         self.simulation.emulated.on = true;
         (self.lidar.source, self.odometry.source) = (Source::Device, Source::Device);
         (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
-        self.locomotion.link = LinkKind::Unitree;
+        if !self.locomotion.link.is_device() {
+            self.locomotion.link = LinkKind::Unitree;
+        }
         self.estop.source = EstopSource::Serial;
     }
 
     /// Where the emulated devices are found.
     pub fn place_emulated(&mut self, places: EmulatedPlaces) {
-        let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot } = places;
+        let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot, dds_domain } = places;
+        self.locomotion.dds = DdsSettings { domain: dds_domain, networks: vec![Ipv4Addr::LOCALHOST] };
         self.estop.serial.port = estop_port;
         self.depth.socket.path = camera_socket;
         let lidar = &mut self.lidar.rplidar;
@@ -121,7 +124,7 @@ impl Settings {
     /// Whether a real robot is commanded.
     #[must_use]
     pub fn commands_robot(&self) -> bool {
-        self.locomotion.link == LinkKind::Unitree && !self.simulation.emulated.on
+        self.locomotion.link.is_device() && !self.simulation.emulated.on
     }
 
     /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
@@ -207,6 +210,8 @@ pub struct EmulatedPlaces {
     pub estop_port: PathBuf,
     /// The robot's address, which is this machine's.
     pub robot: Ipv4Addr,
+    /// The DDS domain of a robot that speaks DDS.
+    pub dds_domain: u16,
 }
 
 /// The robot's body.

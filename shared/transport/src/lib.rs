@@ -29,7 +29,7 @@ pub use domain::{Domain, Holder, PoolSize, pool_sizes};
 pub use error::TransportError;
 pub use io::Io;
 pub use janitor::Janitor;
-pub use line::{FromChild, Line, Received, ToChild, inherited_fd};
+pub use line::{FromChild, Line, LineListener, Received, ToChild, inherited_fd};
 pub use oversleep::Oversleep;
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
 pub use recording_order::RecordingOrder;

@@ -1,12 +1,15 @@
-//! Lines: socket pairs between processes. The kernel closes a dead process's end, and the other end wakes at once.
+//! Lines: socket pairs between processes, and sockets in the run directory at which one is made. The kernel closes a
+//! dead process's end, and the other end wakes at once.
 
 use std::os::fd::{AsFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
+use std::path::Path;
 
 use messages::{Injection, ServiceId, StopReason};
 use rustix::io::Errno;
 use rustix::net::{
     AddressFamily, RecvAncillaryBuffer, RecvAncillaryMessage, RecvFlags, SendAncillaryBuffer, SendAncillaryMessage,
-    SendFlags, SocketFlags, SocketType, recvmsg, sendmsg, socketpair,
+    SendFlags, SocketAddrUnix, SocketFlags, SocketType, accept_with, recvmsg, sendmsg, socket_with, socketpair,
+    sockopt,
 };
 use serde::{Deserialize, Serialize};
 
@@ -151,6 +154,15 @@ impl Line {
         Ok((Self(a), Self(b)))
     }
 
+    /// The line to whoever listens there; none where nobody does, or is busy. Never waits.
+    #[must_use]
+    pub fn connect(path: &Path) -> Option<Self> {
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let socket = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None).ok()?;
+        rustix::net::connect(&socket, &SocketAddrUnix::new(path).ok()?).ok()?;
+        Some(Self(socket))
+    }
+
     /// The end that a descriptor is.
     #[must_use]
     pub fn from_fd(fd: OwnedFd) -> Self {
@@ -234,6 +246,53 @@ impl Line {
     }
 }
 
+/// Where lines are made: a socket in the run directory.
+#[derive(Debug)]
+pub struct LineListener(OwnedFd);
+
+impl LineListener {
+    /// So many may wait to be let in.
+    const BACKLOG: i32 = 8;
+
+    /// Listens; what a process that died has left there is taken away.
+    ///
+    /// # Errors
+    /// Where there can be no socket.
+    pub fn open(path: &Path) -> Result<Self, TransportError> {
+        let _ = std::fs::remove_file(path);
+        let flags = SocketFlags::CLOEXEC | SocketFlags::NONBLOCK;
+        let opened = || {
+            let socket = socket_with(AddressFamily::UNIX, SocketType::SEQPACKET, flags, None)?;
+            rustix::net::bind(&socket, &SocketAddrUnix::new(path)?)?;
+            rustix::net::listen(&socket, Self::BACKLOG)?;
+            Ok(Self(socket))
+        };
+        opened().map_err(|errno: Errno| {
+            TransportError::Service(format!("nobody can be listened to at {}: {errno}", path.display()))
+        })
+    }
+
+    /// The next one that knocks, if it is of this user, or of root.
+    #[must_use]
+    pub fn accept(&self) -> Option<Line> {
+        let us = rustix::process::geteuid();
+        let is_ours =
+            |fd: &OwnedFd| sockopt::socket_peercred(fd).is_ok_and(|peer| peer.uid == us || peer.uid.is_root());
+        loop {
+            let knocked = accept_with(&self.0, SocketFlags::CLOEXEC | SocketFlags::NONBLOCK).ok()?;
+            if is_ours(&knocked) {
+                return Some(Line(knocked));
+            }
+        }
+    }
+}
+
+impl AsFd for LineListener {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
+    }
+}
+
 impl AsFd for Line {
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.0.as_fd()
@@ -259,7 +318,7 @@ pub fn inherited_fd(variable: &str) -> Result<OwnedFd, TransportError> {
 
 #[cfg(test)]
 mod tests {
-    use super::{FromChild, Line, Received, ToChild};
+    use super::{FromChild, Line, LineListener, Received, ToChild};
     use std::os::fd::AsFd;
 
     #[test]
@@ -273,6 +332,22 @@ mod tests {
         }
         let short = FromChild::Note { text: "x".repeat(3_900) };
         assert_eq!(short.clone().bounded(), short);
+    }
+
+    #[test]
+    fn a_line_is_made_in_the_run_directory_and_its_end_closes() {
+        let dir = tempfile::tempdir().expect("a folder");
+        let path = dir.path().join("x.sock");
+        assert!(Line::connect(&path).is_none(), "nobody listens");
+        drop(LineListener::open(&path).expect("listens"));
+        assert!(Line::connect(&path).is_none(), "who listened is dead");
+        let listener = LineListener::open(&path).expect("in the place of the dead one");
+        assert!(listener.accept().is_none());
+        let near = Line::connect(&path).expect("a line");
+        let far = listener.accept().expect("the other end");
+        assert!(near.send_bytes(b"x") && matches!(far.receive_bytes(&mut [0; 8]), Received::Message(1, None)));
+        drop(far);
+        assert!(!near.is_open());
     }
 
     #[test]

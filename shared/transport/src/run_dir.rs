@@ -26,7 +26,7 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 14] = [
+const OURS: [&str; 16] = [
     "lock",
     "recording.json",
     "run.json",
@@ -36,6 +36,8 @@ const OURS: [&str; 14] = [
     "rplidar",
     "estop",
     "camera.sock",
+    "bridge.sock",
+    "backstop.sock",
     "handler.json",
     "handler.new",
     "logs",
@@ -263,6 +265,18 @@ impl RunDir {
         self.path.join("robot.sock")
     }
 
+    /// Where locomotion finds its voice on a robot's DDS network.
+    #[must_use]
+    pub fn bridge_socket(&self) -> PathBuf {
+        self.path.join("bridge.sock")
+    }
+
+    /// Where the brake finds its own there.
+    #[must_use]
+    pub fn backstop_socket(&self) -> PathBuf {
+        self.path.join("backstop.sock")
+    }
+
     /// The port of an emulated lidar.
     #[must_use]
     pub fn lidar_port(&self) -> PathBuf {
@@ -287,6 +301,12 @@ impl RunDir {
         let [a, b, c, ..] = digest_of(&self.path).to_be_bytes();
         // Neither the usual one nor the network's own.
         Ipv4Addr::new(127, a, b, c.clamp(2, 254))
+    }
+
+    /// The DDS domain of an emulated robot: hardly another run has this one, and no robot leaves its factory with it.
+    #[must_use]
+    pub fn dds_domain(&self) -> u16 {
+        100 + (digest_of(&self.path) % 100) as u16
     }
 
     /// Where iceoryx2 keeps its files.

@@ -24,8 +24,8 @@ const WATCH_PRIORITY: libc::c_int = 23;
 pub(crate) fn hurry(service: ServiceId) {
     let sched_priority = match service {
         // Whoever presses the emergency stop is not to wait for a busy machine either.
-        ServiceId::Locomotion | ServiceId::Estop => LOCOMOTION_PRIORITY,
-        ServiceId::Brake => BRAKE_PRIORITY,
+        ServiceId::Locomotion | ServiceId::Bridge | ServiceId::Estop => LOCOMOTION_PRIORITY,
+        ServiceId::Brake | ServiceId::Backstop => BRAKE_PRIORITY,
         ServiceId::Simulator | ServiceId::Emulator => SIMULATOR_PRIORITY,
         _ => return,
     };

@@ -8,7 +8,7 @@ use messages::Twist2;
 
 use crate::{Command, Mode, Profile, State};
 
-/// Who has not been heard for so long wishes for nothing any more, nanoseconds.
+/// No wish holds for longer, nanoseconds.
 pub const DEAD_MAN_NS: u64 = 200_000_000;
 /// After zero for so long the robot is told to stand, nanoseconds: its gait has come to rest by then.
 const STAND_AFTER_NS: u64 = 500_000_000;
@@ -25,7 +25,7 @@ pub struct Driver {
     profile: Profile,
     triggers: u32,
     wish: Twist2,
-    wished_ns: Option<u64>,
+    until_ns: u64,
     /// When the robot was last commanded to move, nanoseconds.
     moved_ns: Option<u64>,
     state: Option<(State, u64)>,
@@ -36,20 +36,12 @@ impl Driver {
     /// A driver that wishes for nothing.
     #[must_use]
     pub fn new(profile: Profile) -> Self {
-        Self {
-            profile,
-            triggers: 0,
-            wish: Twist2::ZERO,
-            wished_ns: None,
-            moved_ns: None,
-            state: None,
-            remote_stop: false,
-        }
+        Self { profile, triggers: 0, wish: Twist2::ZERO, until_ns: 0, moved_ns: None, state: None, remote_stop: false }
     }
 
-    /// Wishes for a velocity from now on, until it is old.
-    pub fn wish(&mut self, velocity: Twist2, now_ns: u64) {
-        (self.wish, self.wished_ns) = (velocity, Some(now_ns));
+    /// Wishes for a velocity until then.
+    pub fn wish(&mut self, velocity: Twist2, until_ns: u64) {
+        (self.wish, self.until_ns) = (velocity, until_ns);
     }
 
     /// A state has come. A robot that was not there before is taken into sport mode first. A stop on the hand remote
@@ -88,8 +80,7 @@ impl Driver {
             self.triggers -= 1;
             return Command { trigger: true, ..Command::default() };
         }
-        let fresh = self.wished_ns.is_some_and(|wished_ns| now_ns.saturating_sub(wished_ns) <= DEAD_MAN_NS);
-        let allowed = fresh && !self.remote_stop && self.wish.is_finite();
+        let allowed = now_ns <= self.until_ns && !self.remote_stop && self.wish.is_finite();
         let velocity = if allowed { self.wish } else { Twist2::ZERO };
         if !velocity.is_zero() {
             self.moved_ns = Some(now_ns);
@@ -115,7 +106,7 @@ impl Driver {
 mod tests {
     use messages::Twist2;
 
-    use super::{Driver, TRIGGERS};
+    use super::{DEAD_MAN_NS, Driver, TRIGGERS};
     use crate::{Button, EmulatedRobot, Mode, Profile, Remote, Silence, State};
 
     const MS: u64 = 1_000_000;
@@ -139,7 +130,7 @@ mod tests {
             for _ in 0..for_ms / 2 {
                 self.now_ns += 2 * MS;
                 if let Some(wish) = wish {
-                    self.driver.wish(wish, self.now_ns);
+                    self.driver.wish(wish, self.now_ns + DEAD_MAN_NS);
                 }
                 let profile = self.driver.profile();
                 let mut command = vec![0; profile.command_len()];

@@ -55,12 +55,14 @@ impl Remote {
         self.pressed(Button::L2) && self.pressed(Button::B)
     }
 
-    pub(crate) fn decode(bytes: &[u8]) -> Self {
+    /// Reads it of the 40 bytes that a state has for it.
+    pub fn decode(bytes: &[u8]) -> Self {
         let buttons = u16::from_le_bytes([bytes[BUTTONS], bytes[BUTTONS + 1]]);
         Self { buttons, sticks: STICKS.map(|at| get_f32(bytes, at)) }
     }
 
-    pub(crate) fn encode(&self, bytes: &mut [u8]) {
+    /// Writes it to them: the robot's side.
+    pub fn encode(&self, bytes: &mut [u8]) {
         bytes[BUTTONS..BUTTONS + 2].copy_from_slice(&self.buttons.to_le_bytes());
         STICKS.iter().zip(self.sticks).for_each(|(at, value)| put_f32(bytes, *at, value));
     }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
-use settings::Millis;
+use settings::{LinkKind, Millis};
 
 use super::duration;
 
@@ -89,6 +89,9 @@ pub struct FaultsArgs {
     /// Limits count so many times, for machines that are shared
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = slack)]
     pub slack: f64,
+    /// The robot is emulated, and the real link commands it: all cells in runs of that kind
+    #[arg(long, value_name = "LINK", value_parser = robot_link)]
+    pub robot: Option<LinkKind>,
     /// Seed of the moments at which faults come
     #[arg(long, value_name = "N", default_value_t = 1)]
     pub seed: u64,
@@ -103,6 +106,15 @@ pub struct SoakArgs {
     /// Also simulated walks without a fault, for so much run time, such as 1h
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub quiet: Option<Millis>,
+}
+
+fn robot_link(text: &str) -> Result<LinkKind, String> {
+    match text {
+        "unitree" => Ok(LinkKind::Unitree),
+        "go2" => Ok(LinkKind::Go2),
+        "ros2" => Ok(LinkKind::Ros2),
+        _ => Err("it is unitree, go2 or ros2".to_owned()),
+    }
 }
 
 fn slack(text: &str) -> Result<f64, String> {

@@ -1,6 +1,6 @@
 //! `emulate`: devices that are not there.
 
-use std::net::SocketAddr;
+use std::net::{Ipv4Addr, SocketAddr};
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -15,6 +15,7 @@ Examples:
   guidedog emulate rplidar --port /tmp/rplidar                 an A1 in the built-in corridor, until Ctrl-C
   guidedog emulate rplidar --port /tmp/s2 --model s2 --scenario left-at-tee
   guidedog emulate unitree --profile go1-3.8 --listen 127.0.0.1:8082
+  guidedog emulate go2 --network 192.168.123.18
 
 Whatever speaks to such a device may do so: this project's own programs, the maker's\nlibrary, a viewer.";
 
@@ -59,6 +60,39 @@ pub enum Device {
         #[arg(long, value_name = "TIME", value_parser = super::duration)]
         duration: Option<Millis>,
     },
+    /// A Unitree Go2 or B2 on DDS, on a floor without walls; tells when it begins or ends to walk
+    Go2(DdsArgs),
+    /// A robot of ROS 2 on DDS, on a floor without walls: cmd_vel in, odom out
+    Ros2 {
+        /// Where it takes velocities
+        #[arg(long, value_name = "TOPIC", default_value = "/cmd_vel")]
+        cmd_vel: String,
+        /// Where it gives odometry
+        #[arg(long, value_name = "TOPIC", default_value = "/odom")]
+        odom: String,
+        /// It takes TwistStamped, not Twist
+        #[arg(long)]
+        stamped: bool,
+        #[command(flatten)]
+        dds: DdsArgs,
+    },
+}
+
+/// Where a robot is on DDS, and what it is like.
+#[derive(Debug, Args)]
+pub struct DdsArgs {
+    /// The domain
+    #[arg(long, default_value_t = 0, value_parser = clap::value_parser!(u16).range(..=232))]
+    pub domain: u16,
+    /// This machine's own address in a network that it takes part in; every network, where none is named
+    #[arg(long, value_name = "IP")]
+    pub network: Vec<Ipv4Addr>,
+    /// What it does where nothing more comes: a Go2 keeps its last velocity for a second, its maker says
+    #[arg(long, default_value = Silence::HoldsLast.name(), value_parser = named(Silence::ALL, Silence::name))]
+    pub silence: Silence,
+    /// End after so long
+    #[arg(long, value_name = "TIME", value_parser = super::duration)]
+    pub duration: Option<Millis>,
 }
 
 /// The one of these names; clap lists them.

@@ -10,6 +10,7 @@ use messages::Twist2;
 use serde_json::{Value, json};
 use settings::UnitreeSettings;
 use transport::{hurry_this_thread, monotonic_ns};
+use unitree::DEAD_MAN_NS;
 
 use super::Percentiles;
 use crate::exit::Failure;
@@ -72,7 +73,7 @@ fn measure(machine: &str, hurry: bool, lasts: Duration) -> Result<Value, Failure
     });
     let ahead = Twist2 { vx_mps: 0.5, ..Twist2::ZERO };
     while Instant::now() < until {
-        link.write(ahead).map_err(Failure::of_run)?;
+        link.write(ahead, DEAD_MAN_NS).map_err(Failure::of_run)?;
         std::thread::sleep(WISH_EVERY);
     }
     let hurried = link.hurries();

@@ -15,6 +15,10 @@ pub enum LinkKind {
     Simulated,
     /// A Unitree robot over UDP.
     Unitree,
+    /// Unitree's Go2 or B2, over DDS.
+    Go2,
+    /// Any robot that takes velocities of ROS 2.
+    Ros2,
     /// Nothing: for replayed frames.
     Null,
 }
@@ -62,6 +66,53 @@ pub struct Locomotion {
     pub charge_stop_percent: u8,
     /// The robot, where the link is Unitree's.
     pub unitree: UnitreeSettings,
+    /// The network, where the link is DDS.
+    pub dds: DdsSettings,
+    /// The robot's topics, where the link is ROS 2.
+    pub ros2: Ros2Settings,
+}
+
+impl LinkKind {
+    /// Whether it speaks DDS, by processes of its own.
+    #[must_use]
+    pub fn is_dds(self) -> bool {
+        matches!(self, Self::Go2 | Self::Ros2)
+    }
+
+    /// Whether it commands a robot that is there, or emulated: one that tells where it is.
+    #[must_use]
+    pub fn is_device(self) -> bool {
+        self == Self::Unitree || self.is_dds()
+    }
+}
+
+/// A DDS network.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DdsSettings {
+    /// The domain.
+    pub domain: u16,
+    /// This machine's own addresses in the robot's network; every network, where none is told.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub networks: Vec<Ipv4Addr>,
+}
+
+/// Topics of a ROS 2 robot.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Ros2Settings {
+    /// Where it takes `geometry_msgs/Twist`.
+    pub cmd_vel: String,
+    /// Whether it takes `TwistStamped` instead.
+    pub stamped: bool,
+    /// Where it gives `nav_msgs/Odometry`.
+    pub odom: String,
+}
+
+impl Default for Ros2Settings {
+    fn default() -> Self {
+        Self { cmd_vel: "/cmd_vel".to_owned(), stamped: false, odom: "/odom".to_owned() }
+    }
 }
 
 /// A Unitree robot over UDP.
@@ -108,6 +159,8 @@ impl Default for Locomotion {
             charge_warn_percent: 20,
             charge_stop_percent: 8,
             unitree: UnitreeSettings::default(),
+            dds: DdsSettings::default(),
+            ros2: Ros2Settings::default(),
         }
     }
 }

@@ -9,16 +9,16 @@ mod trial;
 use std::time::{Duration, Instant};
 
 use messages::fault::{Device, Dice, Fault, Target};
-use messages::{ServiceId, StopKind};
+use messages::{ServiceId, StopKind, TopicId};
 use serde_json::{Value, json};
-use settings::PolicyModel;
+use settings::{LinkKind, PolicyModel};
 
 use crate::args::FaultsArgs;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::out::{self, say, table as columns};
 use machine::Pauses;
 use rig::Rig;
-use table::{Cell, Expect, cells};
+use table::{Cell, Expect, ON_DDS, cells};
 use trial::Outcome;
 use unitree::Silence;
 
@@ -41,7 +41,7 @@ const TRIES: u32 = 3;
 pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     let mut rows: Vec<Row> =
         cells(args.cells.as_deref())?.into_iter().map(|cell| Row { cell, outcomes: Vec::new() }).collect();
-    let mut rigs = Rigs::default();
+    let mut rigs = Rigs { robot: args.robot, rig: None };
     let pauses = Pauses::watch();
     let done = all_trials(&mut rigs, &mut rows, pauses.as_ref(), args);
     rigs.end();
@@ -59,8 +59,11 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
 }
 
 /// The run that the next trial is done in: another where the cell wants one of another kind.
-#[derive(Default)]
-struct Rigs(Option<(Kind, Rig)>);
+struct Rigs {
+    /// The link that is asked for, whatever the cell.
+    robot: Option<LinkKind>,
+    rig: Option<(Kind, Rig)>,
+}
 
 /// What kind of run.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -68,34 +71,39 @@ enum Kind {
     Simulated,
     /// The same with the learnt policy, in whose process it is.
     Learnt,
-    /// With emulated devices, whose robot does that when nothing more comes.
-    Emulated(Silence),
+    /// With emulated devices, whose robot is commanded so, and does that when nothing more comes.
+    Emulated(LinkKind, Silence),
 }
 
 impl Rigs {
     fn of(&mut self, cell: &Cell) -> Result<&mut Rig, Failure> {
+        let link = self.robot.unwrap_or(LinkKind::Unitree);
         let kind = match (cell.target, cell.fault) {
             // No word reaches it: what it does then is its own affair.
-            (Target::Line(Device::Robot), Fault::Unplugged) => Kind::Emulated(Silence::Stands),
-            (Target::Line(_), _) => Kind::Emulated(Silence::HoldsLast),
+            (Target::Line(Device::Robot), Fault::Unplugged) => Kind::Emulated(link, Silence::Stands),
+            (Target::Line(_), _) => Kind::Emulated(link, Silence::HoldsLast),
+            (Target::Service(of) | Target::Stream(TopicId::Health, of), _) if ON_DDS.contains(&of) => {
+                Kind::Emulated(self.robot.unwrap_or(LinkKind::Go2), Silence::HoldsLast)
+            }
+            _ if self.robot.is_some() => Kind::Emulated(link, Silence::HoldsLast),
             (Target::Service(ServiceId::Policy), _) => Kind::Learnt,
             _ => Kind::Simulated,
         };
-        if self.0.as_ref().is_none_or(|(other, _)| *other != kind) {
+        if self.rig.as_ref().is_none_or(|(other, _)| *other != kind) {
             self.end();
             let rig = match kind {
                 Kind::Simulated => Rig::new()?,
                 Kind::Learnt => Rig::with(|settings| settings.policy.model = PolicyModel::Guide)?,
-                Kind::Emulated(silence) => Rig::emulated(silence)?,
+                Kind::Emulated(link, silence) => Rig::emulated(link, silence)?,
             };
-            self.0 = Some((kind, rig));
+            self.rig = Some((kind, rig));
         }
         // It is there by now.
-        self.0.as_mut().map(|(_, rig)| rig).ok_or_else(|| Failure::run("there is no run"))
+        self.rig.as_mut().map(|(_, rig)| rig).ok_or_else(|| Failure::run("there is no run"))
     }
 
     fn end(&mut self) {
-        if let Some((_, mut rig)) = self.0.take() {
+        if let Some((_, mut rig)) = self.rig.take() {
             rig.end();
         }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use settings::{Millis, PolicyModel};
+use settings::{LinkKind, Millis, PolicyModel};
 use tempfile::TempDir;
 use transport::runs_root;
 use unitree::{Profile, Silence};
@@ -106,8 +106,9 @@ impl Rig {
     ///
     /// # Errors
     /// As [`Rig::new`].
-    pub fn emulated(silence: Silence) -> Result<Self, Failure> {
+    pub fn emulated(link: LinkKind, silence: Silence) -> Result<Self, Failure> {
         Self::with(|settings| {
+            settings.locomotion.link = link;
             settings.emulate();
             settings.simulation.emulated.silence = silence;
             settings.locomotion.unitree.profile = Profile::Go138;

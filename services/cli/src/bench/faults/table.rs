@@ -79,16 +79,19 @@ pub const RESTARTED: [ServiceId; 8] = [
     ServiceId::Shield,
 ];
 
+/// The services that speak to a robot on DDS.
+pub const ON_DDS: [ServiceId; 2] = [ServiceId::Bridge, ServiceId::Backstop];
+
 /// The services of a simulated walk that is recorded.
 fn services() -> impl Iterator<Item = ServiceId> {
-    RESTARTED.into_iter().chain([ServiceId::Supervisor, ServiceId::Simulator, ServiceId::Recorder])
+    RESTARTED.into_iter().chain(ON_DDS).chain([ServiceId::Supervisor, ServiceId::Simulator, ServiceId::Recorder])
 }
 
 /// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and
 /// motion depends on no beat of it or of the world.
 fn all() -> impl Iterator<Item = (Target, Fault)> {
     let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
-    let told = RESTARTED.into_iter();
+    let told = RESTARTED.into_iter().chain(ON_DDS);
     let health = told.map(|of| Target::Stream(TopicId::Health, of));
     let services = services().map(Target::Service);
     let cells = |target: Target| target.faults().iter().map(move |fault| (target, *fault));

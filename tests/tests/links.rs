@@ -6,12 +6,12 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use emulators::{EmulatedUnitree, OpenFloor};
-use guidedog_links::{BrakePath, Link, UnitreeBrake, UnitreeLink};
+use emulators::{EmulatedRobot, EmulatedUnitree, OpenFloor};
+use links::{BrakePath, Link, UnitreeBrake, UnitreeLink};
 use messages::{Fault, Twist2};
 use settings::UnitreeSettings;
 use transport::monotonic_ns;
-use unitree::{Command, Mode, Profile, Silence};
+use unitree::{Command, DEAD_MAN_NS, Mode, Profile, Silence};
 
 const AHEAD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.25 };
 /// A test that waits longer has failed.
@@ -32,16 +32,16 @@ impl Robot {
         let Ok(SocketAddr::V4(address)) = socket.local_addr() else { panic!("an address of IPv4") };
         let mut robot = EmulatedUnitree::new(socket, profile, Silence::HoldsLast).expect("a robot");
         let mut floor = OpenFloor::default();
-        let motion = Arc::new(Mutex::new(robot.motion(monotonic_ns())));
+        let motion = Arc::new(Mutex::new((robot.mode(), Twist2::ZERO)));
         let (over, fault) = (Arc::new(AtomicBool::new(false)), Arc::new(Mutex::new(None)));
         let (theirs, suffered, ends) = (Arc::clone(&motion), Arc::clone(&fault), Arc::clone(&over));
         let thread = std::thread::spawn(move || {
             while !ends.load(Ordering::Relaxed) {
                 let now_ns = monotonic_ns();
                 robot.suffer(suffered.lock().expect("not poisoned").map(|fault| (fault, 1)));
-                let measured = floor.go_on(now_ns, robot.motion(now_ns).1);
+                let measured = floor.go_on(now_ns, robot.velocity(now_ns));
                 robot.serve(now_ns, measured).expect("its socket works");
-                *theirs.lock().expect("not poisoned") = robot.motion(monotonic_ns());
+                *theirs.lock().expect("not poisoned") = (robot.mode(), robot.velocity(monotonic_ns()));
                 std::thread::sleep(Duration::from_micros(500));
             }
         });
@@ -90,7 +90,7 @@ fn until(what: &str, mut condition: impl FnMut() -> bool) {
 /// Wishes as locomotion does, again and again, until the robot goes so.
 fn walk(link: &mut UnitreeLink, robot: &Robot, velocity: Twist2) {
     until("the robot walks as it is wished", || {
-        link.write(velocity).expect("written");
+        link.write(velocity, DEAD_MAN_NS).expect("written");
         (robot.velocity().vx_mps - velocity.vx_mps).abs() < 1e-3
     });
 }
@@ -103,12 +103,12 @@ fn every_robot_walks_as_it_is_wished_and_says_how_fast() {
         assert!(robot.velocity().is_zero(), "{profile:?}");
         walk(&mut link, &robot, AHEAD);
         until("it says how fast it goes", || {
-            link.write(AHEAD).expect("written");
+            link.write(AHEAD, DEAD_MAN_NS).expect("written");
             let measured = link.report().expect("read").velocity;
             measured.is_some_and(|measured| (measured.vx_mps - AHEAD.vx_mps).abs() < 1e-3)
         });
         assert_eq!(link.refused(), 0, "{profile:?}");
-        link.write(Twist2::ZERO).expect("written");
+        link.write(Twist2::ZERO, DEAD_MAN_NS).expect("written");
         until("zero", || robot.velocity().is_zero());
         until("it stands after a while", || robot.mode() == Mode::Stand);
         walk(&mut link, &robot, AHEAD);
@@ -190,7 +190,7 @@ fn a_panic_ends_with_zero() {
     walk(&mut link, &robot, AHEAD);
     let _ = std::panic::catch_unwind(|| panic!("as locomotion might"));
     until("zero after a panic, whatever is wished still", || {
-        let _ = link.write(AHEAD);
+        let _ = link.write(AHEAD, DEAD_MAN_NS);
         robot.velocity().is_zero()
     });
 }
@@ -201,7 +201,7 @@ fn a_robot_tells_where_it_is_its_battery_and_who_stopped_it() {
     let mut link = robot.link(Profile::Go138);
     walk(&mut link, &robot, AHEAD);
     until("it is elsewhere", || {
-        link.write(AHEAD).expect("written");
+        link.write(AHEAD, DEAD_MAN_NS).expect("written");
         let report = link.report().expect("read");
         report.own_from_robot.is_some_and(|(pose, age_ns)| pose.x_m > 0.05 && age_ns < 100_000_000)
     });
@@ -213,7 +213,7 @@ fn a_robot_tells_where_it_is_its_battery_and_who_stopped_it() {
     robot.suffers(None);
     until("the remote is let go of", || robot.mode() != Mode::Damping);
     for _ in 0..20 {
-        link.write(AHEAD).expect("written");
+        link.write(AHEAD, DEAD_MAN_NS).expect("written");
         assert!(link.report().expect("read").remote_stop && robot.velocity().is_zero(), "it holds");
         std::thread::sleep(Duration::from_millis(2));
     }
@@ -229,7 +229,7 @@ fn the_operator_is_told_once_whether_the_robot_answers() {
     let mut told = Vec::new();
     let mut hear = |link: &mut UnitreeLink, what: &str| {
         until(what, || {
-            link.write(Twist2::ZERO).expect("written");
+            link.write(Twist2::ZERO, DEAD_MAN_NS).expect("written");
             link.report().expect("read");
             told.extend(link.news().filter(|text| !text.contains("priority")));
             told.last().is_some_and(|text| text.contains(what))

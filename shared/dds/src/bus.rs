@@ -1,0 +1,360 @@
+//! The network: a participant that speaks to one robot, and one that is a robot.
+//!
+//! A write never waits: what the network cannot take now is said again at the next period.
+
+use std::net::Ipv4Addr;
+
+use messages::Twist2;
+use rustdds::no_key::{DataReader, DataWriter};
+use rustdds::policy::{History, Reliability};
+use rustdds::{DomainParticipant, DomainParticipantBuilder, Duration, QosPolicies, QosPolicyBuilder, TopicKind};
+use serde::Serialize;
+use serde::de::DeserializeOwned;
+
+use crate::ros2::{Header, ODOMETRY, Odometry, TWIST, TWIST_STAMPED, Twist, TwistStamped, dds_topic};
+use crate::sport::{self, Api, LowState, Request, Response, SportModeState};
+use crate::{RobotState, Say, Stops};
+
+/// Why a participant cannot be had.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("DDS domain {domain}: {what} cannot be had: {why}")]
+pub struct BusError {
+    domain: u16,
+    what: String,
+    why: String,
+}
+
+/// Who takes part in which domain, over which of this machine's networks.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Place {
+    /// The domain.
+    pub domain: u16,
+    /// This machine's own addresses in them; all of them, where none is told.
+    pub networks: Vec<Ipv4Addr>,
+}
+
+struct Bus {
+    domain: u16,
+    participant: DomainParticipant,
+}
+
+impl Bus {
+    fn open(place: &Place) -> Result<Self, BusError> {
+        let mut builder = DomainParticipantBuilder::new(place.domain);
+        if !place.networks.is_empty() {
+            builder = builder.with_only_networks(place.networks.iter().copied());
+        }
+        let domain = place.domain;
+        let failed = |why: String| BusError { domain, what: "a participant".to_owned(), why };
+        let participant = builder.build().map_err(|error| failed(error.to_string()))?;
+        Ok(Self { domain, participant })
+    }
+
+    fn writer<T: Serialize>(&self, topic: [&str; 2], qos: &QosPolicies) -> Result<DataWriter<T>, BusError> {
+        let failed = |error: rustdds::dds::CreateError| self.error(topic[0], &error);
+        let publisher = self.participant.create_publisher(qos).map_err(failed)?;
+        let topic = self.topic(topic, qos).map_err(failed)?;
+        publisher.create_datawriter_no_key_cdr::<T>(&topic, None).map_err(failed)
+    }
+
+    fn reader<T: DeserializeOwned + 'static>(
+        &self,
+        topic: [&str; 2],
+        qos: &QosPolicies,
+    ) -> Result<DataReader<T>, BusError> {
+        let failed = |error: rustdds::dds::CreateError| self.error(topic[0], &error);
+        let subscriber = self.participant.create_subscriber(qos).map_err(failed)?;
+        let topic = self.topic(topic, qos).map_err(failed)?;
+        subscriber.create_datareader_no_key_cdr::<T>(&topic, None).map_err(failed)
+    }
+
+    fn topic(&self, [name, kind]: [&str; 2], qos: &QosPolicies) -> rustdds::dds::CreateResult<rustdds::Topic> {
+        self.participant.create_topic(name.to_owned(), kind.to_owned(), qos, TopicKind::NoKey)
+    }
+
+    fn error(&self, topic: &str, error: &rustdds::dds::CreateError) -> BusError {
+        BusError { domain: self.domain, what: topic.to_owned(), why: error.to_string() }
+    }
+}
+
+/// What has to arrive, and of which only the newest counts.
+fn reliable(depth: i32) -> QosPolicies {
+    QosPolicyBuilder::new()
+        .reliability(Reliability::Reliable { max_blocking_time: Duration::ZERO })
+        .history(History::KeepLast { depth })
+        .build()
+}
+
+/// What comes again and again.
+fn best_effort() -> QosPolicies {
+    QosPolicyBuilder::new().reliability(Reliability::BestEffort).history(History::KeepLast { depth: 1 }).build()
+}
+
+/// Everything that waits; what cannot be read is passed over.
+fn each<T: DeserializeOwned + 'static>(reader: &mut DataReader<T>, mut take: impl FnMut(T)) {
+    /// So many that cannot be read are passed over at once.
+    const WRONG_MAX: usize = 16;
+    let mut wrong = 0;
+    while wrong < WRONG_MAX {
+        match reader.take_next_sample() {
+            Ok(Some(sample)) => take(sample.into_value()),
+            Ok(None) => return,
+            Err(_) => wrong += 1,
+        }
+    }
+}
+
+/// What has come of a robot since it was last asked.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Heard {
+    /// The newest state.
+    pub state: Option<RobotState>,
+    /// Charge of its battery, percent.
+    pub charge_percent: Option<u8>,
+    /// Its hand remote says stop.
+    pub remote_stop: bool,
+    /// It has answered a stop of ours.
+    pub stop_answered: bool,
+    /// What it answered to something that it did not do.
+    pub refused: Option<(Api, i32)>,
+    /// States with numbers that are none.
+    pub invalid: u32,
+}
+
+/// A robot to speak to.
+pub trait Robot {
+    /// Says it.
+    fn say(&mut self, say: Say);
+
+    /// What has come.
+    fn hear(&mut self) -> Heard;
+
+    /// How it takes note of a stop.
+    fn stops(&self) -> Stops;
+}
+
+/// A Go2 or B2.
+pub struct SportRobot {
+    requests: DataWriter<Request>,
+    responses: DataReader<Response>,
+    states: DataReader<SportModeState>,
+    low_states: DataReader<LowState>,
+    /// Of the last request. Ours begin with the number of this process.
+    id: i64,
+    _bus: Bus,
+}
+
+/// Bits of a request's number that count; above them stands who asks.
+const COUNT_BITS: u32 = 32;
+
+impl SportRobot {
+    /// Takes part.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub fn open(place: &Place) -> Result<Self, BusError> {
+        let bus = Bus::open(place)?;
+        Ok(Self {
+            requests: bus.writer(sport::REQUEST, &reliable(1))?,
+            responses: bus.reader(sport::RESPONSE, &reliable(16))?,
+            states: bus.reader(sport::STATE, &best_effort())?,
+            low_states: bus.reader(sport::LOW_STATE, &best_effort())?,
+            id: i64::from(std::process::id()) << COUNT_BITS,
+            _bus: bus,
+        })
+    }
+}
+
+impl Robot for SportRobot {
+    fn say(&mut self, say: Say) {
+        self.id += 1;
+        let request = match say {
+            Say::Move(velocity) => Request::walk(self.id, velocity),
+            Say::Stop => Request::plain(self.id, Api::StopMove),
+            Say::Balance => Request::plain(self.id, Api::BalanceStand),
+        };
+        let _ = self.requests.write(request, None);
+    }
+
+    fn hear(&mut self) -> Heard {
+        let mut heard = Heard::default();
+        let ours = self.id >> COUNT_BITS;
+        each(&mut self.responses, |response| {
+            let api = Api::of(response.identity.api_id).filter(|_| response.identity.id >> COUNT_BITS == ours);
+            match (api, response.code) {
+                (Some(Api::StopMove), 0) => heard.stop_answered = true,
+                (Some(api), code) if code != 0 => heard.refused = Some((api, code)),
+                _ => {}
+            }
+        });
+        each(&mut self.states, |state| match state.state() {
+            Some(state) => heard.state = Some(state),
+            None => heard.invalid += 1,
+        });
+        each(&mut self.low_states, |low| {
+            heard.charge_percent = Some(low.bms_state.soc);
+            heard.remote_stop |= low.remote().says_stop();
+        });
+        heard
+    }
+
+    fn stops(&self) -> Stops {
+        Stops::Answered
+    }
+}
+
+enum Velocities {
+    Plain(DataWriter<Twist>),
+    Stamped(DataWriter<TwistStamped>),
+}
+
+/// A robot that takes velocities of ROS 2.
+pub struct Ros2Robot {
+    velocities: Velocities,
+    odometry: DataReader<Odometry>,
+    _bus: Bus,
+}
+
+/// What a ROS 2 robot's topics are called.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Ros2Topics {
+    /// Where it takes velocities, as ROS 2 has it: `/cmd_vel`.
+    pub cmd_vel: String,
+    /// Where it gives odometry.
+    pub odom: String,
+    /// Whether velocities have stamps: they are zero, which ROS takes for none.
+    pub stamped: bool,
+}
+
+impl Ros2Robot {
+    /// Takes part.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub fn open(place: &Place, topics: &Ros2Topics) -> Result<Self, BusError> {
+        let bus = Bus::open(place)?;
+        let cmd_vel = dds_topic(&topics.cmd_vel);
+        let velocities = if topics.stamped {
+            Velocities::Stamped(bus.writer([&cmd_vel, TWIST_STAMPED], &reliable(1))?)
+        } else {
+            Velocities::Plain(bus.writer([&cmd_vel, TWIST], &reliable(1))?)
+        };
+        let odometry = bus.reader([&dds_topic(&topics.odom), ODOMETRY], &best_effort())?;
+        Ok(Self { velocities, odometry, _bus: bus })
+    }
+}
+
+impl Robot for Ros2Robot {
+    fn say(&mut self, say: Say) {
+        let twist = Twist::from(match say {
+            Say::Move(velocity) => velocity,
+            Say::Stop | Say::Balance => Twist2::ZERO,
+        });
+        match &self.velocities {
+            Velocities::Plain(writer) => drop(writer.write(twist, None)),
+            Velocities::Stamped(writer) => {
+                let header = Header { frame_id: "base_link".to_owned(), ..Header::default() };
+                drop(writer.write(TwistStamped { header, twist }, None));
+            }
+        }
+    }
+
+    fn hear(&mut self) -> Heard {
+        let mut heard = Heard::default();
+        each(&mut self.odometry, |odometry| match odometry.state() {
+            Some(state) => heard.state = Some(state),
+            None => heard.invalid += 1,
+        });
+        heard
+    }
+
+    fn stops(&self) -> Stops {
+        Stops::Unanswered
+    }
+}
+
+/// A Go2's side of the network.
+pub struct SportServer {
+    requests: DataReader<Request>,
+    responses: DataWriter<Response>,
+    states: DataWriter<SportModeState>,
+    low_states: DataWriter<LowState>,
+    _bus: Bus,
+}
+
+impl SportServer {
+    /// Takes part.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub fn open(place: &Place) -> Result<Self, BusError> {
+        let bus = Bus::open(place)?;
+        Ok(Self {
+            requests: bus.reader(sport::REQUEST, &reliable(16))?,
+            responses: bus.writer(sport::RESPONSE, &reliable(16))?,
+            states: bus.writer(sport::STATE, &reliable(1))?,
+            low_states: bus.writer(sport::LOW_STATE, &reliable(1))?,
+            _bus: bus,
+        })
+    }
+
+    /// Every request that waits.
+    pub fn each_request(&mut self, take: impl FnMut(Request)) {
+        each(&mut self.requests, take);
+    }
+
+    /// Answers.
+    pub fn answer(&mut self, response: Response) {
+        let _ = self.responses.write(response, None);
+    }
+
+    /// Says how it is.
+    pub fn tell(&mut self, state: SportModeState, low: LowState) {
+        let _ = self.states.write(state, None);
+        let _ = self.low_states.write(low, None);
+    }
+}
+
+enum VelocitiesIn {
+    Plain(DataReader<Twist>),
+    Stamped(DataReader<TwistStamped>),
+}
+
+/// A ROS 2 robot's side of the network.
+pub struct Ros2Server {
+    velocities: VelocitiesIn,
+    odometry: DataWriter<Odometry>,
+    _bus: Bus,
+}
+
+impl Ros2Server {
+    /// Takes part.
+    ///
+    /// # Errors
+    /// Where it cannot.
+    pub fn open(place: &Place, topics: &Ros2Topics) -> Result<Self, BusError> {
+        let bus = Bus::open(place)?;
+        let cmd_vel = dds_topic(&topics.cmd_vel);
+        let velocities = if topics.stamped {
+            VelocitiesIn::Stamped(bus.reader([&cmd_vel, TWIST_STAMPED], &reliable(1))?)
+        } else {
+            VelocitiesIn::Plain(bus.reader([&cmd_vel, TWIST], &reliable(1))?)
+        };
+        Ok(Self { velocities, odometry: bus.writer([&dds_topic(&topics.odom), ODOMETRY], &reliable(1))?, _bus: bus })
+    }
+
+    /// The newest velocity that waits.
+    pub fn velocity(&mut self) -> Option<Twist2> {
+        let mut newest = None;
+        match &mut self.velocities {
+            VelocitiesIn::Plain(reader) => each(reader, |twist| newest = Some(twist.into())),
+            VelocitiesIn::Stamped(reader) => each(reader, |stamped: TwistStamped| newest = Some(stamped.twist.into())),
+        }
+        newest
+    }
+
+    /// Says where it is.
+    pub fn tell(&mut self, odometry: Odometry) {
+        let _ = self.odometry.write(odometry, None);
+    }
+}
