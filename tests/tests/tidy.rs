@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 15] = [
+const OURS: [&str; 16] = [
     "messages",
     "transport",
     "guidance",
@@ -175,6 +175,7 @@ const OURS: [&str; 15] = [
     "unitree",
     "emulators",
     "camera",
+    "grabber",
 ];
 
 #[test]
@@ -182,7 +183,7 @@ fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
         ("shared/guidance", &["messages"][..]),
-        ("shared/settings", &["messages", "guidance", "rplidar", "unitree"][..]),
+        ("shared/settings", &["camera", "messages", "guidance", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
@@ -190,6 +191,7 @@ fn dependencies_point_one_way() {
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
         ("shared/camera", &["messages"][..]),
+        ("shared/grabber", &["camera", "settings", "transport"][..]),
         ("shared/emulators", &["camera", "messages", "rplidar", "serial", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
