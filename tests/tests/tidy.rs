@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 16] = [
+const OURS: [&str; 17] = [
     "messages",
     "transport",
     "guidance",
@@ -176,6 +176,7 @@ const OURS: [&str; 16] = [
     "emulators",
     "camera",
     "dds",
+    "grabber",
 ];
 
 #[test]
@@ -183,7 +184,7 @@ fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
         ("shared/guidance", &["messages"][..]),
-        ("shared/settings", &["messages", "guidance", "rplidar", "unitree"][..]),
+        ("shared/settings", &["camera", "messages", "guidance", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
@@ -191,6 +192,7 @@ fn dependencies_point_one_way() {
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
         ("shared/camera", &["messages"][..]),
+        ("shared/grabber", &["camera", "settings", "transport"][..]),
         ("shared/dds", &["messages", "unitree"][..]),
         ("shared/emulators", &["camera", "dds", "messages", "rplidar", "serial", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),

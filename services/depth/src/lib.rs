@@ -1,12 +1,17 @@
 //! The depth driver: frames from a source, straight into shared memory.
 
+mod grabbed;
 mod simulated;
 mod socket;
 
+use grabber::gstreamer::GstCamera;
+use grabber::realsense::RealsenseCamera;
+use grabber::{Camera, Trouble};
 use messages::DepthFrame;
-use settings::{DepthDevice, Source};
+use settings::{DepthDevice, Settings, Source};
 use transport::{FramePublisher, Io, Service, TransportError};
 
+pub use grabbed::GrabbedFrames;
 pub use simulated::SimulatedDepth;
 pub use socket::FrameSocket;
 
@@ -40,9 +45,7 @@ impl DepthDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn FrameSource> = match settings.depth.source {
             Source::Simulated => Box::new(SimulatedDepth::open(&settings, io)?),
-            Source::Device => match settings.depth.device {
-                DepthDevice::Socket => Box::new(FrameSocket::open(&settings.depth, io)?),
-            },
+            Source::Device => device(&settings, io)?,
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("depth.source names no source for this driver".to_owned()));
             }
@@ -50,6 +53,21 @@ impl DepthDriver {
         let frames = io.frame_publisher(source.pixels_max())?;
         Ok(Self { source, frames })
     }
+}
+
+fn device(settings: &Settings, io: &Io) -> Result<Box<dyn FrameSource>, TransportError> {
+    let (depth, theirs, live_only) = (&settings.depth, settings.depth.clone(), settings.commands_robot());
+    Ok(match depth.device {
+        DepthDevice::Socket => Box::new(FrameSocket::open(depth, io)?),
+        DepthDevice::Gstreamer => {
+            let open = move || -> Result<Camera, Trouble> { Ok(Box::new(GstCamera::open(&theirs, live_only)?)) };
+            Box::new(GrabbedFrames::open(depth, io, open)?)
+        }
+        DepthDevice::Realsense => {
+            let open = move || -> Result<Camera, Trouble> { Ok(Box::new(RealsenseCamera::open(&theirs)?)) };
+            Box::new(GrabbedFrames::open(depth, io, open)?)
+        }
+    })
 }
 
 impl Service for DepthDriver {

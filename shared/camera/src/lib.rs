@@ -14,8 +14,14 @@
 //! | 40.. | u16 for each pixel, row by row from the top: depth along the optical axis, millimetres; 0 = none |
 //!
 //! Nothing is answered. Who sends what is no frame is cut off, and may connect again.
+//!
+//! What the driver takes from a camera's library itself has the same head, and its pixels are [`Raw`].
+
+mod raw;
 
 use messages::{DepthHeader, Pose3};
+
+pub use raw::Raw;
 
 /// What every frame begins with.
 const MAGIC: [u8; 8] = *b"GDDEPTH1";
@@ -39,6 +45,16 @@ pub enum Refused {
         width: u32,
         /// Rows.
         height: u32,
+    },
+    /// Its pixels are not all there.
+    #[error("a frame of {width} x {height} pixels does not have {bytes} bytes")]
+    Bytes {
+        /// Columns.
+        width: u32,
+        /// Rows.
+        height: u32,
+        /// Of its pixels.
+        bytes: usize,
     },
     /// Its lens is none.
     #[error("a frame with focal lengths {fx_px}, {fy_px} and optical axis {cx_px}, {cy_px} px: no camera is like that")]
@@ -127,7 +143,11 @@ impl Head {
         }
     }
 
-    fn check(&self) -> Result<(), Refused> {
+    /// Whether a camera takes such frames.
+    ///
+    /// # Errors
+    /// Where none does.
+    pub fn check(&self) -> Result<(), Refused> {
         let Self { width, height, focal_px: [fx_px, fy_px], axis_px: [cx_px, cy_px], .. } = *self;
         if !(1..=SIZE_MAX[0]).contains(&width) || !(1..=SIZE_MAX[1]).contains(&height) {
             return Err(Refused::Size { width, height });
@@ -162,8 +182,13 @@ impl Trust {
     /// Makes everything else no reading.
     pub fn apply(self, pixels_mm: &mut [u16]) {
         for pixel_mm in pixels_mm {
-            *pixel_mm = if (self.near_mm..=self.far_mm).contains(pixel_mm) { *pixel_mm } else { 0 };
+            *pixel_mm = self.of_mm(*pixel_mm);
         }
+    }
+
+    /// The same of one.
+    pub(crate) fn of_mm(self, pixel_mm: u16) -> u16 {
+        if (self.near_mm..=self.far_mm).contains(&pixel_mm) { pixel_mm } else { 0 }
     }
 }
 

@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::sections::{EstopSource, LinkKind, Settings, Source};
+use crate::sections::{DepthDevice, DepthSettings, EstopSource, LinkKind, Settings, Source};
+use crate::units::Millis;
 
 /// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -184,6 +185,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
     }
     check_devices(settings)?;
+    check_depth_device(depth, settings.commands_robot())?;
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
@@ -257,6 +259,29 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
+/// A device of which nobody else tells what its frames are.
+fn check_depth_device(depth: &DepthSettings, commands_robot: bool) -> Result<(), String> {
+    if let Some(lens) = depth.intrinsics {
+        lens.head(depth).check().map_err(|refused| format!("depth.intrinsics: {refused}"))?;
+    }
+    if depth.source != Source::Device {
+        return Ok(());
+    }
+    if depth.device == DepthDevice::Gstreamer {
+        if depth.gstreamer.pipeline.trim().is_empty() {
+            return Err("depth.gstreamer.pipeline is not given, and depth.device is \"gstreamer\"".to_owned());
+        }
+        if depth.intrinsics.is_none() {
+            let why = "a pipeline's frames do not tell their lens";
+            return Err(format!("depth.intrinsics (fx_px, fy_px, cx_px, cy_px) is not given, and {why}"));
+        }
+    }
+    if depth.device == DepthDevice::Realsense && depth.realsense.file.is_some() && commands_robot {
+        return Err("depth.realsense.file is a recording, and locomotion.link commands a real robot".to_owned());
+    }
+    Ok(())
+}
+
 /// What no robot, handler or lidar is like.
 fn check_bounds(settings: &Settings) -> Result<(), String> {
     let (limits, odometry) = (&settings.locomotion.limits, &settings.odometry);
@@ -264,6 +289,9 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
         ("handler.seen_radius_m", settings.handler.seen_radius_m.get(), 0.05, settings.handler.radius_m.get()),
+        // From the finest that a camera counts in to a centimetre.
+        ("depth.gstreamer.unit_m", settings.depth.gstreamer.unit_m.get(), 1e-5, 0.01),
+        ("depth.gstreamer.latency", settings.depth.gstreamer.latency.map_or(0.0, Millis::s), 0.0, 1.0),
         ("depth.redwood", settings.depth.redwood, 0.0, 10.0),
         ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
         ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
@@ -423,6 +451,33 @@ mod tests {
         let mut by_flag = Settings::default();
         by_flag.emulate();
         assert_eq!(check(&by_flag), Ok(()));
+    }
+
+    #[test]
+    fn a_pipeline_has_its_lens_from_here_and_a_file_moves_no_robot() {
+        let gstreamer = "[depth]\nsource = \"device\"\ndevice = \"gstreamer\"\n[depth.gstreamer]\n";
+        let lens =
+            |fx: &str| format!("[depth.intrinsics]\nfx_px = {fx}\nfy_px = 380.0\ncx_px = 320.0\ncy_px = 240.0\n");
+        let real = "[lidar]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"unitree\"\n";
+        let file = "[depth]\nsource = \"device\"\ndevice = \"realsense\"\n[depth.realsense]\nfile = \"x.db3\"\n";
+        let check_of = |text: &str| check(&toml::from_str::<Settings>(text).expect("each key by itself is right"));
+        for (text, key) in [
+            (gstreamer.to_owned(), "depth.gstreamer.pipeline"),
+            (format!("{gstreamer}pipeline = \"x\"\n"), "depth.intrinsics"),
+            (format!("{gstreamer}pipeline = \"x\"\n{}", lens("0.0")), "depth.intrinsics: a frame with focal lengths 0"),
+            (lens("nan"), "depth.intrinsics"),
+            ("[depth.gstreamer]\nunit_m = 1.0\n".to_owned(), "depth.gstreamer.unit_m = 1"),
+            ("[depth.gstreamer]\nlatency = \"2s\"\n".to_owned(), "depth.gstreamer.latency = 2"),
+            (format!("{real}{file}"), "depth.realsense.file"),
+        ] {
+            let why = check_of(&text).expect_err(&text);
+            assert!(why.starts_with(key), "{text}: {why}");
+        }
+        for text in [format!("{gstreamer}pipeline = \"x\"\n{}", lens("380.0")), file.to_owned()] {
+            assert_eq!(check_of(&text), Ok(()));
+        }
+        let lacking = toml::from_str::<Settings>("[depth.intrinsics]\nfx_px = 1.0\n").expect_err("three are missing");
+        assert!(lacking.to_string().contains("fy_px"), "{lacking}");
     }
 
     #[test]

@@ -13,10 +13,10 @@ pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
-    Access, ActionTableName, Choice, CueSettings, DdsSettings, DepthDevice, DepthSettings, DepthSocket, Emulated,
-    EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler, HandlerModel, LidarSettings, Limits,
-    LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings,
-    RplidarSettings, Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk,
-    WalkErrors,
+    Access, ActionTableName, Choice, CueSettings, DdsSettings, DepthDevice, DepthGstreamer, DepthIntrinsics,
+    DepthRealsense, DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource,
+    Handler, HandlerModel, LidarSettings, Limits, LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings,
+    PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings, ShieldSettings, Simulation, Source,
+    Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

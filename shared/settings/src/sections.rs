@@ -23,7 +23,7 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
-pub use depth::{DepthDevice, DepthSettings, DepthSocket};
+pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthRealsense, DepthSettings, DepthSocket};
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
 pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, UnitreeSettings};

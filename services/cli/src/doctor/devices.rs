@@ -7,9 +7,10 @@ use std::net::{IpAddr, Ipv4Addr, UdpSocket};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
+use grabber::Trouble;
 use rustix::fs::{Access, OFlags};
 use serial::SerialPort;
-use settings::{EstopSource, LinkKind, Settings, Source};
+use settings::{DepthDevice, EstopSource, LinkKind, Settings, Source};
 
 use super::Check;
 
@@ -27,7 +28,11 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
         checks.push(port("lidar", &rplidar.port, rplidar.baud.unwrap_or(ANY_BAUD)));
     }
     if settings.depth.source == Source::Device {
-        checks.push(frame_socket(&settings.depth.socket.path));
+        checks.push(match settings.depth.device {
+            DepthDevice::Socket => frame_socket(&settings.depth.socket.path),
+            DepthDevice::Gstreamer => camera(grabber::gstreamer::check(&settings.depth)),
+            DepthDevice::Realsense => camera(grabber::realsense::check(&settings.depth)),
+        });
     }
     match settings.estop.source {
         EstopSource::Input => checks.push(input(&settings.estop.input.device)),
@@ -62,6 +67,15 @@ fn frame_socket(path: &Path) -> Check {
     };
     let fix = format!("sudo install -d -o $USER {} (systemd: RuntimeDirectory=)", folder.display());
     Check { name: "depth socket", ok: may.is_ok(), found, fix }
+}
+
+/// A camera by its library.
+fn camera(looked: Result<String, Trouble>) -> Check {
+    let (ok, (found, fix)) = match looked {
+        Ok(found) => (true, (found, String::new())),
+        Err(Trouble { found, fix }) => (false, (found, fix)),
+    };
+    Check { name: "depth camera", ok, found, fix }
 }
 
 fn input(path: &Path) -> Check {

@@ -2,11 +2,12 @@
 
 use std::path::PathBuf;
 
+use camera::Head;
 use messages::Pose3;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
-use crate::units::Positive;
+use crate::units::{Millis, Positive};
 
 /// What a depth camera's frames come through.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -14,6 +15,10 @@ use crate::units::Positive;
 pub enum DepthDevice {
     /// A socket, at which a program that knows the camera hands them over.
     Socket,
+    /// A GStreamer pipeline.
+    Gstreamer,
+    /// Intel's library, librealsense.
+    Realsense,
 }
 
 /// The depth camera and its driver.
@@ -24,11 +29,11 @@ pub struct DepthSettings {
     pub source: Source,
     /// Which device, where they come from one.
     pub device: DepthDevice,
-    /// Columns, at most 1280; a device may give fewer.
+    /// Columns, at most 1280: what is asked of the device; a socket or a recorded file may give fewer.
     pub width: u32,
     /// Rows, at most 720.
     pub height: u32,
-    /// Frames a second.
+    /// Frames a second; what is asked of a RealSense.
     pub rate_hz: Positive,
     /// Horizontal field of view, degrees.
     pub field_of_view_deg: Positive,
@@ -42,6 +47,13 @@ pub struct DepthSettings {
     pub needed: bool,
     /// The frame socket, where that is the device.
     pub socket: DepthSocket,
+    /// The pipeline, where that is the device.
+    pub gstreamer: DepthGstreamer,
+    /// The RealSense camera, where that is the device.
+    pub realsense: DepthRealsense,
+    /// The lens, for a device that does not tell it: frames of a GStreamer pipeline have none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub intrinsics: Option<DepthIntrinsics>,
 }
 
 impl Default for DepthSettings {
@@ -58,6 +70,9 @@ impl Default for DepthSettings {
             robot_from_camera: Pose3 { x_m: 0.25, y_m: 0.0, z_m: 0.45, yaw_rad: 0.0, pitch_rad: 0.0 },
             needed: true,
             socket: DepthSocket::default(),
+            gstreamer: DepthGstreamer::default(),
+            realsense: DepthRealsense::default(),
+            intrinsics: None,
         }
     }
 }
@@ -73,5 +88,67 @@ pub struct DepthSocket {
 impl Default for DepthSocket {
     fn default() -> Self {
         Self { path: PathBuf::from("/run/guidedog/depth.sock") }
+    }
+}
+
+/// A GStreamer pipeline.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthGstreamer {
+    /// As `gst-launch-1.0` takes it, without its sink: it has to give `video/x-raw,format=GRAY16_LE`.
+    pub pipeline: String,
+    /// What 1 stands for in a pixel, metres.
+    pub unit_m: Positive,
+    /// What lies between the light and the time that the pipeline gives a frame, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub latency: Option<Millis>,
+}
+
+impl Default for DepthGstreamer {
+    fn default() -> Self {
+        Self { pipeline: String::new(), unit_m: Positive::of(0.001), latency: None }
+    }
+}
+
+/// A RealSense camera, by librealsense.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct DepthRealsense {
+    /// The library; where none is told, the loader looks for `librealsense2.so`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub library: Option<PathBuf>,
+    /// The camera's serial number; where none is told, the first that is found.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub serial: Option<String>,
+    /// A file that the library has recorded, in a camera's place; it is played again and again.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub file: Option<PathBuf>,
+}
+
+/// A lens, for frames of `depth.width` x `depth.height`; without distortion, as depth frames are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DepthIntrinsics {
+    /// Focal length along the columns, pixels.
+    pub fx_px: f32,
+    /// Focal length along the rows, pixels.
+    pub fy_px: f32,
+    /// Column of the optical axis, pixels.
+    pub cx_px: f32,
+    /// Row of the optical axis, pixels.
+    pub cy_px: f32,
+}
+
+impl DepthIntrinsics {
+    /// What stands before the pixels of a frame that is seen through it; when that was taken is left open.
+    #[must_use]
+    pub fn head(&self, depth: &DepthSettings) -> Head {
+        Head {
+            taken_ns: 0,
+            width: depth.width,
+            height: depth.height,
+            focal_px: [self.fx_px, self.fy_px],
+            axis_px: [self.cx_px, self.cy_px],
+        }
     }
 }
