@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 15] = [
+const OURS: [&str; 16] = [
     "messages",
     "transport",
     "guidance",
@@ -175,6 +175,7 @@ const OURS: [&str; 15] = [
     "unitree",
     "emulators",
     "camera",
+    "matching",
 ];
 
 #[test]
@@ -182,11 +183,12 @@ fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
         ("shared/guidance", &["messages"][..]),
-        ("shared/settings", &["messages", "guidance", "rplidar", "unitree"][..]),
+        ("shared/settings", &["messages", "guidance", "matching", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
         ("shared/rplidar", &["messages"][..]),
+        ("shared/matching", &["messages", "guidance"][..]),
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
         ("shared/camera", &["messages"][..]),
