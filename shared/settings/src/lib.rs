@@ -15,7 +15,7 @@ pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DepthDevice, DepthSettings, DepthSocket, Emulated, EmulatedPlaces,
     Estop, EstopInput, EstopSerial, EstopSource, Handler, HandlerModel, LidarSettings, Limits, LinkKind, Locomotion,
-    MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, RplidarSettings, Settings,
-    ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
+    MatchingSettings, MaxAge, MemorySettings, OdometrySettings, PolicyModel, PolicySettings, Robot, RplidarSettings,
+    Settings, ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};
