@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 17] = [
+const OURS: [&str; 18] = [
     "messages",
     "transport",
     "guidance",
@@ -177,6 +177,7 @@ const OURS: [&str; 17] = [
     "camera",
     "dds",
     "grabber",
+    "matching",
 ];
 
 #[test]
@@ -184,11 +185,12 @@ fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
         ("shared/guidance", &["messages"][..]),
-        ("shared/settings", &["camera", "messages", "guidance", "rplidar", "unitree"][..]),
+        ("shared/settings", &["camera", "messages", "guidance", "matching", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
         ("shared/rplidar", &["messages"][..]),
+        ("shared/matching", &["messages", "guidance"][..]),
         ("shared/unitree", &["messages"][..]),
         ("shared/serial", &[][..]),
         ("shared/camera", &["messages"][..]),

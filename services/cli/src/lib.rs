@@ -99,6 +99,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Decoders => done(bench::decoders::bench(json)),
             Bench::Link { seconds } => done(bench::link::bench(seconds, json)),
             Bench::World => done(bench::world::bench(json)),
+            Bench::Odometry { logs, relations } => done(bench::odometry::bench(&logs, relations.as_deref(), json)),
             Bench::Replay { recording, repeat, config } => {
                 bench::replay::bench(&recording, repeat, config.as_deref(), json)
             }

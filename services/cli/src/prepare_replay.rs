@@ -161,6 +161,8 @@ impl Streams<'_> {
             return Err(self.lacks(TopicId::LidarScan));
         }
         (settings.lidar.source, settings.odometry.source) = (Source::Replayed, Source::Replayed);
+        // The recorded poses are corrected already.
+        settings.odometry.matching.on = Some(false);
         if settings.depth.source != Source::Absent {
             if !self.has(TopicId::DepthFrame) {
                 let Failure { message, .. } = self.lacks(TopicId::DepthFrame);
@@ -190,6 +192,7 @@ impl Streams<'_> {
                 }
                 Stream::Odometry => {
                     settings.odometry.source = Source::Replayed;
+                    settings.odometry.matching.on = Some(false);
                     TopicId::Odometry
                 }
                 Stream::Depth => {

@@ -1,5 +1,7 @@
-//! The odometry driver: poses from a source. A new incarnation is a new odometry frame.
+//! The odometry driver: poses from a source, corrected by the lidar's scans where that is wanted. A new incarnation is
+//! a new odometry frame.
 
+mod matching;
 mod robot;
 mod simulated;
 
@@ -7,6 +9,7 @@ use messages::Odometry;
 use settings::Source;
 use transport::{Io, Publisher, Service, TransportError};
 
+pub use matching::ScanMatching;
 pub use robot::RobotOdometry;
 pub use simulated::SimulatedOdometry;
 
@@ -25,6 +28,7 @@ pub trait PoseSource {
 /// The service.
 pub struct OdometryDriver {
     source: Box<dyn PoseSource>,
+    matching: Option<ScanMatching>,
     poses: Publisher<Odometry>,
 }
 
@@ -42,16 +46,19 @@ impl OdometryDriver {
                 return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));
             }
         };
-        Ok(Self { source, poses: io.publisher()? })
+        let matching = if settings.matches_scans() { Some(ScanMatching::open(&settings, io)?) } else { None };
+        Ok(Self { source, matching, poses: io.publisher()? })
     }
 }
 
 impl Service for OdometryDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         while let Some((stamp_ns, pose)) = self.source.poll(io.now_ns())? {
+            let pose = self.matching.as_mut().map_or(pose, |matching| matching.correct(stamp_ns, pose));
             self.poses.publish(stamp_ns, pose)?;
         }
-        Ok(())
+        // Poses are out: no pose waits for a match.
+        self.matching.as_mut().map_or(Ok(()), |matching| matching.work(io))
     }
 
     fn next_timer_ns(&self) -> Option<u64> {

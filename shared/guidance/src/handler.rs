@@ -1,6 +1,7 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
+use crate::hull::Disc;
 use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
@@ -128,6 +129,13 @@ impl HandlerEstimate {
     #[must_use]
     pub fn radius_m(&self) -> f64 {
         self.limits.radius_m + self.widening_m
+    }
+
+    /// The disc that holds the handler wherever the estimate would follow them, robot frame.
+    #[must_use]
+    pub fn everywhere(&self) -> Disc {
+        let center = self.model.robot_from_default() * Point::origin();
+        Disc { center, radius_m: self.limits.radius_m + self.astray_m() + STRAY_MAX_M }
     }
 
     /// A decision begins: the step is made once per decision.

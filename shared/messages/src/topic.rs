@@ -117,7 +117,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::LidarScan,
         name: "lidar/scan",
         publishers: &[Lidar, Replay],
-        subscribers: &[Policy, Shield, Recorder],
+        subscribers: &[Odometry, Policy, Shield, Recorder],
         buffer: 2,
         borrowed: 3,
         loans: 2,

@@ -215,6 +215,7 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
         let links = "\"unitree\", \"go2\" or \"ros2\"";
         return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
     }
+    check_matching(settings)?;
     if settings.commands_robot() {
         for (key, source) in settings.sources() {
             if source != Source::Device {
@@ -282,9 +283,25 @@ fn check_depth_device(depth: &DepthSettings, commands_robot: bool) -> Result<(),
     Ok(())
 }
 
+/// Scans correct the poses that this run makes, and no others.
+fn check_matching(settings: &Settings) -> Result<(), String> {
+    if !settings.matches_scans() {
+        return Ok(());
+    }
+    if matches!(settings.odometry.source, Source::Replayed | Source::Absent) {
+        return Err("odometry.matching.on needs odometry.source \"simulated\" or \"device\": poses that are replayed \
+                    stay as they were recorded"
+            .to_owned());
+    }
+    if settings.lidar.source == Source::Absent {
+        return Err("odometry.matching.on needs a lidar, and lidar.source is \"absent\"".to_owned());
+    }
+    Ok(())
+}
+
 /// What no robot, handler or lidar is like.
 fn check_bounds(settings: &Settings) -> Result<(), String> {
-    let (limits, odometry) = (&settings.locomotion.limits, &settings.odometry);
+    let (limits, odometry, matching) = (&settings.locomotion.limits, &settings.odometry, &settings.odometry.matching);
     for (name, value, from, to) in [
         ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
@@ -295,6 +312,12 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("depth.redwood", settings.depth.redwood, 0.0, 10.0),
         ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
         ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
+        ("odometry.matching.place_sigma_m", matching.place_sigma_m.get(), 0.001, 1.0),
+        ("odometry.matching.yaw_sigma_rad", matching.yaw_sigma_rad.get(), 0.001, 1.0),
+        ("odometry.matching.turn_sigma_rad", matching.turn_sigma_rad.get(), 0.001, 1.0),
+        // Locomotion takes what is more than 5 cm or 0.1 rad off in half a second for a contradiction.
+        ("odometry.matching.feed_mps", matching.feed_mps.get(), 0.001, 0.08),
+        ("odometry.matching.feed_radps", matching.feed_radps.get(), 0.001, 0.16),
         ("locomotion.limits.speed_mps", limits.speed_mps.get(), 0.05, 3.0),
         // More than Unitree's link can say.
         ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
@@ -434,6 +457,8 @@ mod tests {
             (real, "lidar.source"),
             (&format!("{real}[lidar]\nsource = \"device\"\n"), "depth.source"),
             ("[odometry]\nsource = \"device\"\n", "odometry.source"),
+            ("[odometry]\nsource = \"replayed\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
+            ("[lidar]\nsource = \"absent\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
             ("[simulation.emulated]\non = true\n", "simulation.emulated.on"),
             (&elsewhere, "locomotion.unitree.robot"),
             ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),

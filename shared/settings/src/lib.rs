@@ -15,8 +15,8 @@ pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DdsSettings, DepthDevice, DepthGstreamer, DepthIntrinsics,
     DepthRealsense, DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource,
-    Handler, HandlerModel, LidarSettings, Limits, LinkKind, Locomotion, MaxAge, MemorySettings, OdometrySettings,
-    PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings, ShieldSettings, Simulation, Source,
-    Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
+    Handler, HandlerModel, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
+    OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings, ShieldSettings,
+    Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

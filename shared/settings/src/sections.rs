@@ -4,16 +4,19 @@ mod depth;
 mod estop;
 mod lidar;
 mod locomotion;
+mod odometry;
 mod policy;
 mod shield;
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
 
+use guidance::se2::Point;
 use guidance::{
-    DelayedHarness, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness, RotatingRod,
-    ShieldConfig,
+    DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness,
+    RotatingRod, ShieldConfig,
 };
+use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
 use rplidar::Model;
 use serde::{Deserialize, Serialize};
@@ -27,6 +30,7 @@ pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthRealsense, De
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
 pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, UnitreeSettings};
+pub use odometry::{MatchingSettings, OdometrySettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 
@@ -159,6 +163,23 @@ impl Settings {
         }
     }
 
+    /// Whether scans correct the odometry: as it is said, else where both come from devices.
+    #[must_use]
+    pub fn matches_scans(&self) -> bool {
+        let are_devices = (self.lidar.source, self.odometry.source) == (Source::Device, Source::Device);
+        self.odometry.matching.on.unwrap_or(are_devices)
+    }
+
+    /// How odometry is corrected by scans: robot and handler, who move with the lidar, are left out of them.
+    ///
+    /// # Errors
+    /// Where the handler's parameters are no handler's.
+    pub fn matching_config(&self) -> Result<CorrectedConfig, HarnessError> {
+        let robot = Disc { center: Point::origin(), radius_m: self.robot.radius_m.get() };
+        let handler = HandlerEstimate::new(self.interaction()?, self.handler_limits()).everywhere();
+        Ok(self.odometry.matching.config(vec![robot, handler]))
+    }
+
     /// How the shield judges.
     #[must_use]
     pub fn shield_config(&self) -> ShieldConfig {
@@ -286,31 +307,6 @@ pub enum Source {
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// The odometry driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct OdometrySettings {
-    /// Where poses come from.
-    pub source: Source,
-    /// Poses a second, at most 100 in this version.
-    pub rate_hz: Positive,
-    /// Drift of the simulated odometry: one standard deviation of its scale, drawn once for each incarnation.
-    pub scale_sigma: f64,
-    /// Drift of the simulated odometry: one standard deviation of the yaw after 1 m, radians.
-    pub yaw_walk_rad_per_sqrt_m: f64,
-}
-
-impl Default for OdometrySettings {
-    fn default() -> Self {
-        Self {
-            source: Source::Simulated,
-            rate_hz: Positive::of(50.0),
-            scale_sigma: 0.01,
-            yaw_walk_rad_per_sqrt_m: 0.01,
-        }
-    }
 }
 
 /// The cue recogniser.

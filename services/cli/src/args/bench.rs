@@ -36,6 +36,16 @@ pub enum Bench {
     },
     /// Decisions of simulated episodes a second, all cores: what training and evaluation are made of
     World,
+    /// The odometry of recorded CARMEN logs, raw and corrected by their scans: errors side by side
+    #[command(after_help = ODOMETRY_HELP)]
+    Odometry {
+        /// Logs (plain, .gz, .bz2)
+        #[arg(required = true, value_name = "LOG")]
+        logs: Vec<PathBuf>,
+        /// Hand-checked relations of the logs' scans, a line each: t1 t2 x y z roll pitch yaw
+        #[arg(long, value_name = "FILE")]
+        relations: Option<PathBuf>,
+    },
     /// Replays of one recording in stepped time: whether all actions and permits are equal, and how long one takes
     Replay {
         /// The recording (.mcap)
@@ -65,6 +75,15 @@ pub enum Bench {
         seconds: u32,
     },
 }
+
+const ODOMETRY_HELP: &str = "\
+raw        the robot's own odometry
+ours       the pose of each scan, as the matcher has it
+published  what the service would have said at that scan's stamp: before it is matched, corrections fed in slowly
+
+The times of a relation are those at which two scans were sent (ipc_time), within 1 ms; its error is how far the second
+scan's pose, seen from the first's, is from the checked one. Without relations: how far the walls that are seen are from
+the same walls seen 5 to 20 m of way before.";
 
 const FAULTS_EXAMPLES: &str = "\
 Examples:

@@ -4,6 +4,7 @@ pub mod decoders;
 pub mod faults;
 pub mod idle;
 pub mod link;
+pub mod odometry;
 mod plain;
 pub mod receiver;
 pub mod replay;

@@ -7,7 +7,7 @@ use messages::{Header, NS_PER_S, Odometry, Pose2, ScanHeader, s_from_ns};
 use super::input::{Lines, Next};
 use super::line::{Line, geometry, parse};
 use super::motion::odometry;
-use super::report::{Anomaly, ImportError, ImportReport};
+use super::report::{Anomaly, Clock, ImportError, ImportReport};
 use super::survey::{Survey, survey};
 use super::timeline::{choose, stamps_ns};
 use crate::{About, Existing, Record, Writer};
@@ -43,16 +43,10 @@ pub fn import(log: &Path, out: &Path, options: ImportOptions) -> Result<ImportRe
     }
     // Told before the work rather than after.
     let mut writer = Writer::create(out, options.existing)?;
-    let mut survey = survey(log, options.allow_truncated)?;
-    let clock = choose(&survey.entries);
-    let stamps_ns = stamps_ns(&survey.entries, clock, &mut survey.counts);
-    let (odometry, odometry_left_out) = odometry(&survey.entries, &stamps_ns);
-    let (distance_m, longest_gap_ns) = judge_scans(&mut survey, &stamps_ns);
+    let Ordered { mut survey, clock, scans, odometry, odometry_left_out, distance_m, longest_gap_ns } =
+        Ordered::of(log, options.allow_truncated)?;
     let range_max_m = survey.range_max_m();
-
-    let lasers = survey.entries.iter().zip(&stamps_ns).filter(|(entry, _)| entry.laser);
-    let scan_stamps_ns: Vec<u64> = lasers.map(|(_, &stamp_ns)| stamp_ns).collect();
-    write_all(log, &mut writer, &mut survey, &scan_stamps_ns, &odometry)?;
+    each(log, &mut survey, &scans, &odometry, |record, _| Ok(writer.write(&record)?))?;
 
     let (_, increment_rad) = geometry(survey.beams);
     let anomalies = survey.counts.by_name();
@@ -68,7 +62,7 @@ pub fn import(log: &Path, out: &Path, options: ImportOptions) -> Result<ImportRe
         source: log.to_owned(),
         recording: out.to_owned(),
         lines: survey.lines,
-        scans: scan_stamps_ns.len() as u64,
+        scans: scans.len() as u64,
         odometry: odometry.len() as u64,
         odometry_left_out,
         duration_s: s_from_ns(info.duration_ns),
@@ -105,29 +99,64 @@ fn judge_scans(survey: &mut Survey, stamps_ns: &[u64]) -> (f64, u64) {
     (distance_m, longest_ns)
 }
 
-/// Writes the scans as they stand in the log, and the odometry between them.
-fn write_all(
+/// Hands every scan and pose of the CARMEN log at `log` to `take`, as [`import`] would write them, in the same order; a
+/// scan with the time at which it was sent, in seconds of the log's own clock (`ipc_time`).
+///
+/// # Errors
+/// As [`import`], but for the recording; `take` has had a part of the log only where that changed meanwhile.
+pub fn read(log: &Path, mut take: impl FnMut(Record, Option<f64>)) -> Result<(), ImportError> {
+    let Ordered { mut survey, scans, odometry, .. } = Ordered::of(log, false)?;
+    each(log, &mut survey, &scans, &odometry, |record, sent_s| {
+        take(record, sent_s);
+        Ok(())
+    })
+}
+
+/// A log that was read once: its run time and its odometry are known.
+struct Ordered {
+    survey: Survey,
+    clock: Clock,
+    /// Stamp, nanoseconds, and time of sending, seconds, of each scan.
+    scans: Vec<(u64, f64)>,
+    odometry: Vec<Odometry>,
+    odometry_left_out: u64,
+    distance_m: f64,
+    longest_gap_ns: u64,
+}
+
+impl Ordered {
+    fn of(log: &Path, allow_truncated: bool) -> Result<Self, ImportError> {
+        let mut survey = survey(log, allow_truncated)?;
+        let clock = choose(&survey.entries);
+        let stamps_ns = stamps_ns(&survey.entries, clock, &mut survey.counts);
+        let (odometry, odometry_left_out) = odometry(&survey.entries, &stamps_ns);
+        let (distance_m, longest_gap_ns) = judge_scans(&mut survey, &stamps_ns);
+        let lasers = survey.entries.iter().zip(&stamps_ns).filter(|(entry, _)| entry.laser);
+        let scans = lasers.map(|(entry, &stamp_ns)| (stamp_ns, entry.ipc_s)).collect();
+        Ok(Self { survey, clock, scans, odometry, odometry_left_out, distance_m, longest_gap_ns })
+    }
+}
+
+/// Reads the scans once more, as they stand in the log, and gives them away with the odometry between them.
+fn each(
     log: &Path,
-    writer: &mut Writer,
     survey: &mut Survey,
-    scan_stamps_ns: &[u64],
+    scans: &[(u64, f64)],
     odometry: &[Odometry],
+    mut give: impl FnMut(Record, Option<f64>) -> Result<(), ImportError>,
 ) -> Result<(), ImportError> {
     let mut odometry = odometry.iter().peekable();
     let mut lines = Lines::open(log)?;
     let mut readings_m = Vec::new();
-    for (&stamp_ns, seq) in scan_stamps_ns.iter().zip(1..) {
+    for (&(stamp_ns, sent_s), seq) in scans.iter().zip(1..) {
         next_scan(log, &mut lines, &mut readings_m)?;
         while let Some(odometry) = odometry.next_if(|odometry| odometry.header.stamp_ns < stamp_ns) {
-            writer.write(&Record::Odometry(*odometry))?;
+            give(Record::Odometry(*odometry), None)?;
         }
         let header = Header { stamp_ns, seq, step: 0, published_ns: 0, incarnation: 1, reserved: 0 };
-        writer.write(&scan(survey, header, std::mem::take(&mut readings_m)))?;
+        give(scan(survey, header, std::mem::take(&mut readings_m)), Some(sent_s))?;
     }
-    for odometry in odometry {
-        writer.write(&Record::Odometry(*odometry))?;
-    }
-    Ok(())
+    odometry.try_for_each(|odometry| give(Record::Odometry(*odometry), None))
 }
 
 fn next_scan(log: &Path, lines: &mut Lines, readings_m: &mut Vec<f32>) -> Result<(), ImportError> {

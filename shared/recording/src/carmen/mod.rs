@@ -34,6 +34,6 @@ mod report;
 mod survey;
 mod timeline;
 
-pub use import::{ImportOptions, import};
+pub use import::{ImportOptions, import, read};
 pub use line::LineError;
 pub use report::{Anomaly, Clock, ImportError, ImportReport};

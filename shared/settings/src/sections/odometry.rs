@@ -1,0 +1,81 @@
+//! The odometry driver's section.
+
+use guidance::Disc;
+use matching::{CorrectedConfig, LegNoise, MatcherConfig};
+use serde::{Deserialize, Serialize};
+
+use super::Source;
+use crate::units::Positive;
+
+/// The odometry driver.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct OdometrySettings {
+    /// Where poses come from.
+    pub source: Source,
+    /// Poses a second, at most 100 in this version.
+    pub rate_hz: Positive,
+    /// Drift of the simulated odometry: one standard deviation of its scale, drawn once for each incarnation.
+    pub scale_sigma: f64,
+    /// Drift of the simulated odometry: one standard deviation of the yaw after 1 m, radians.
+    pub yaw_walk_rad_per_sqrt_m: f64,
+    /// Its correction by lidar scans.
+    pub matching: MatchingSettings,
+}
+
+impl Default for OdometrySettings {
+    fn default() -> Self {
+        Self {
+            source: Source::Simulated,
+            rate_hz: Positive::of(50.0),
+            scale_sigma: 0.01,
+            yaw_walk_rad_per_sqrt_m: 0.01,
+            matching: MatchingSettings::default(),
+        }
+    }
+}
+
+/// Odometry corrected by lidar scan matching.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct MatchingSettings {
+    /// Whether it is; without it, where the robot's own odometry is read.
+    pub on: Option<bool>,
+    /// How far off the source's odometry may be after 1 m, one standard deviation: of the place, metres,
+    pub place_sigma_m: Positive,
+    /// of the heading, radians,
+    pub yaw_sigma_rad: Positive,
+    /// and of the heading after a turn of 1 rad, radians. All grow with the root of way and turn.
+    pub turn_sigma_rad: Positive,
+    /// Corrections come into the pose at most so fast, metres per second,
+    pub feed_mps: Positive,
+    /// and radians per second.
+    pub feed_radps: Positive,
+}
+
+impl Default for MatchingSettings {
+    fn default() -> Self {
+        Self {
+            on: None,
+            place_sigma_m: Positive::of(0.15),
+            yaw_sigma_rad: Positive::of(0.1),
+            turn_sigma_rad: Positive::of(0.4),
+            feed_mps: Positive::of(0.05),
+            feed_radps: Positive::of(0.1),
+        }
+    }
+}
+
+impl MatchingSettings {
+    /// As the matcher has it; `left_out` is what moves with the robot.
+    #[must_use]
+    pub fn config(&self, left_out: Vec<Disc>) -> CorrectedConfig {
+        let legs = LegNoise {
+            place_m_per_sqrt_m: self.place_sigma_m.get(),
+            yaw_rad_per_sqrt_m: self.yaw_sigma_rad.get(),
+            yaw_rad_per_sqrt_rad: self.turn_sigma_rad.get(),
+        };
+        let matcher = MatcherConfig { legs, left_out };
+        CorrectedConfig { matcher, feed_mps: self.feed_mps.get(), feed_radps: self.feed_radps.get() }
+    }
+}
