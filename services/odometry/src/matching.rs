@@ -14,8 +14,9 @@ pub struct ScanMatching {
     is_told: bool,
 }
 
-/// So many scans refused in a row are worth a note: a second and more.
-const TELL_REFUSED: u32 = 15;
+/// So many scans refused in a row are worth a note: fewer than those after which the matcher begins anew and counts
+/// from 0.
+const TELL_REFUSED: u32 = 8;
 
 impl ScanMatching {
     /// Listens to the lidar from now on.

@@ -13,7 +13,7 @@ use crate::contour::ContourPoint;
 use crate::reference::Reference;
 use crate::uncertainty::Covariance;
 
-/// Rounds at most; most scans need five to eight.
+/// Rounds at most.
 const ROUNDS: usize = 20;
 /// Smaller steps change nothing, metres and radians.
 const STEP_MIN: f64 = 1e-4;
