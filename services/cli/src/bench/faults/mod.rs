@@ -268,8 +268,8 @@ mod tests {
             .map(|cell| Row { outcomes: vec![outcome(1.0), outcome(2.5)], cell })
             .collect();
         let report = report(&rows);
-        assert_eq!(report["cells"].as_array().map(Vec::len), Some(12));
-        assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&14.into(), &4.into()));
+        assert_eq!(report["cells"].as_array().map(Vec::len), Some(14));
+        assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&18.into(), &4.into()));
         assert_eq!(report["kills"]["max"], 2.5);
         assert_eq!(report["cells"][0]["stop_ms"]["p50"], 1.0);
         assert!(pooled(&[], |_| true)["p50"].is_null());

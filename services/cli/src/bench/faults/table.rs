@@ -183,7 +183,7 @@ mod tests {
     fn patterns_mean_cells() {
         assert!(matches("health/*", "health/lidar") && matches("*", "") && matches("a*c", "abbc"));
         assert!(!matches("health/*", "lidar/scan") && !matches("a*c", "abbd"));
-        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 11);
+        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 13);
         assert_eq!(cells(Some("lidar/scan:off, policy:exit-on-start")).expect("there are some").len(), 2);
         assert!(cells(Some("lidar/scan:kill")).is_err());
         assert!(cells(None).expect("the matrix is whole").iter().all(|cell| cell.target.to_string() != "host"));
