@@ -10,6 +10,8 @@ const TOKEN_LISTENER: u64 = 0;
 const TOKEN_BRIDGE: u64 = 1;
 /// Lines of the brake's lives are numbered from here on.
 const TOKEN_BRAKE: u64 = 2;
+/// So many may wait to say who they are.
+const UNKNOWN_MAX: usize = 8;
 /// After the brake's last word a stop is said for so long, nanoseconds: it says it every 20 ms while it means it.
 const MEANT_NS: u64 = 100_000_000;
 
@@ -19,6 +21,8 @@ pub struct Backstop {
     listener: LineListener,
     /// The brake's line, and its token.
     brake: Option<(Line, u64)>,
+    /// Who has not said yet that it is the brake.
+    unknown: Vec<(Line, u64)>,
     bridge: Option<Line>,
     tokens: u64,
     /// When the brake last asked for a stop, nanoseconds.
@@ -43,6 +47,7 @@ impl Backstop {
             voice,
             listener,
             brake: None,
+            unknown: Vec::new(),
             bridge: None,
             tokens: TOKEN_BRAKE,
             asked_ns: None,
@@ -60,9 +65,13 @@ impl Backstop {
         self.voice.speak();
     }
 
-    /// Seeks the bridge, where there is none.
+    /// Seeks the bridge, where there is none. Who does not hear the robot could not stop it, and is no backstop.
     fn seek(&mut self, io: &Io) -> Result<(), TransportError> {
-        if self.bridge.is_none() && !self.leaves {
+        if !self.voice.answers {
+            if let Some(line) = self.bridge.take() {
+                io.unwatch(&line);
+            }
+        } else if self.bridge.is_none() && !self.leaves {
             self.bridge = Line::connect(&io.domain.dir.bridge_socket()).filter(|line| ToBridge::Backstop.send(line));
             if let Some(line) = &self.bridge {
                 io.watch(line, TOKEN_BRIDGE)?;
@@ -71,16 +80,34 @@ impl Backstop {
         Ok(())
     }
 
-    /// The newest brake is the one that counts.
     fn admit(&mut self, io: &Io) -> Result<(), TransportError> {
         while let Some(line) = self.listener.accept() {
+            if self.unknown.len() == UNKNOWN_MAX {
+                io.unwatch(&self.unknown.remove(0).0);
+            }
             self.tokens += 1;
             io.watch(&line, self.tokens)?;
-            if let Some((old, _)) = self.brake.replace((line, self.tokens)) {
-                io.unwatch(&old);
-            }
+            self.unknown.push((line, self.tokens));
         }
         Ok(())
+    }
+
+    /// The newest brake is the one that counts.
+    fn greet(&mut self, io: &Io, token: u64) {
+        let Some(at) = self.unknown.iter().position(|(_, known)| *known == token) else { return };
+        let mut bytes = [0; WORD_MAX];
+        let received = self.unknown[at].0.receive_bytes(&mut bytes);
+        if matches!(received, Received::Nothing) {
+            return;
+        }
+        let (line, token) = self.unknown.remove(at);
+        let is_brake =
+            matches!(received, Received::Message(len, _) if ToBridge::of(&bytes[..len]) == Some(ToBridge::Brake));
+        let gone = if is_brake { self.brake.replace((line, token)) } else { Some((line, token)) };
+        if let Some((gone, _)) = gone {
+            io.unwatch(&gone);
+        }
+        self.hear_brake(io);
     }
 
     fn hear_bridge(&mut self, io: &Io) {
@@ -133,7 +160,7 @@ impl Service for Backstop {
             TOKEN_LISTENER => self.admit(io)?,
             TOKEN_BRIDGE => self.hear_bridge(io),
             token if self.brake.as_ref().is_some_and(|(_, newest)| *newest == token) => self.hear_brake(io),
-            _ => {}
+            token => self.greet(io, token),
         }
         self.judge();
         Ok(())

@@ -9,6 +9,10 @@ use crate::voice::Voice;
 use crate::{LOOK_NS, LOST_LIMIT_NS};
 
 const TOKEN_LISTENER: u64 = 0;
+/// So many lines at once: locomotion's, the backstop's, and those of their lives before.
+const PEERS_MAX: usize = 8;
+/// A stop that the robot does not answer for so long is the backstop's to say as well, nanoseconds.
+const UNANSWERED_NS: u64 = 100_000_000;
 
 /// Who is at the other end of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +71,10 @@ impl Bridge {
 
     fn admit(&mut self, io: &Io) -> Result<(), TransportError> {
         while let Some(line) = self.listener.accept() {
+            if self.peers.len() == PEERS_MAX {
+                let oldest = self.peers.remove(0);
+                io.unwatch(&oldest.line);
+            }
             self.tokens += 1;
             io.watch(&line, self.tokens)?;
             self.peers.push(Peer { line, token: self.tokens, who: Who::Unknown });
@@ -87,7 +95,7 @@ impl Bridge {
                     }
                 }
                 Received::Closed => {
-                    let gone = self.peers.swap_remove(at);
+                    let gone = self.peers.remove(at);
                     io.unwatch(&gone.line);
                 }
             }
@@ -119,7 +127,20 @@ impl Bridge {
     /// Whether both are there who see to it that the robot stops.
     fn may_move(&self) -> bool {
         let here = |who| self.peers.iter().any(|peer| peer.who == who);
-        !self.leaves && here(Who::Locomotion(self.life)) && here(Who::Backstop)
+        let hears = self.voice.hears_remote(monotonic_ns());
+        !self.leaves && hears && here(Who::Locomotion(self.life)) && here(Who::Backstop)
+    }
+
+    /// Where the robot does not answer a stop, the line to the backstop is closed: it then says stop by itself.
+    fn call_for_help(&mut self, io: &Io, now_ns: u64) {
+        if self.voice.driver.unanswered_ns(now_ns) > UNANSWERED_NS {
+            for peer in self.peers.extract_if(.., |peer| peer.who == Who::Backstop) {
+                io.unwatch(&peer.line);
+            }
+        }
+        if !self.may_move() {
+            self.voice.driver.wish(Twist2::ZERO, 0);
+        }
     }
 
     fn report(&mut self, now_ns: u64) {
@@ -129,7 +150,7 @@ impl Bridge {
         self.reported_ns = now_ns;
         let word = FromBridge {
             state: self.voice.newest.map(|(state, came_ns)| (state.velocity, state.own_from_robot, came_ns)),
-            charge_percent: self.voice.charge_percent,
+            charge_percent: self.voice.charge_percent(now_ns),
             remote_stop: self.voice.driver.remote_stop(),
             forgotten: self.forgotten,
         };
@@ -144,6 +165,7 @@ impl Service for Bridge {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         if io.now_ns() >= self.next_ns {
             self.next_ns = io.now_ns() + LOOK_NS;
+            self.call_for_help(io, monotonic_ns());
             self.voice.go_on(io);
             self.report(monotonic_ns());
         }

@@ -1,13 +1,16 @@
 //! What is said to the robot, and what has come of it.
 
-use dds::bus::{Place, Robot, Ros2Robot, Ros2Topics, SportRobot};
+use dds::bus::{Heard, Place, Robot, Ros2Robot, Ros2Topics, SportRobot};
 use dds::{Driver, Posture, RobotState};
 use messages::NS_PER_S;
 use settings::{LinkKind, Locomotion};
-use transport::{FromChild, Io, TransportError, hurry_robot_thread, monotonic_ns};
+use transport::{FromChild, Io, TransportError, hurry_network_thread, monotonic_ns};
 
 /// A robot that said nothing for so long does not answer, nanoseconds.
 const SILENT_NS: u64 = NS_PER_S;
+
+/// A state that is older says nothing about how the robot stands now, nanoseconds.
+const STATE_MAX_AGE_NS: u64 = 100_000_000;
 
 /// A participant, and what is said by it.
 pub struct Voice {
@@ -16,9 +19,13 @@ pub struct Voice {
     pub driver: Driver,
     /// The newest state and when it came, nanoseconds.
     pub newest: Option<(RobotState, u64)>,
-    /// Charge of the robot's battery, percent.
-    pub charge_percent: Option<u8>,
+    /// Charge of the robot's battery, percent, and when that and the hand remote were last told of, nanoseconds.
+    low: Option<(u8, u64)>,
+    /// Whether the robot has been heard lately.
+    pub answers: bool,
     begun_ns: u64,
+    /// The network's threads run before what is not real-time.
+    hurries: bool,
     told: Told,
 }
 
@@ -26,6 +33,8 @@ pub struct Voice {
 #[derive(Debug, Default)]
 struct Told {
     answers: Option<bool>,
+    hurry: bool,
+    remote: bool,
     refused: bool,
     invalid: bool,
     down: bool,
@@ -37,70 +46,104 @@ impl Voice {
     /// # Errors
     /// Where it cannot.
     pub fn open(settings: &Locomotion, now_ns: u64) -> Result<Self, TransportError> {
-        // The network's own threads are begun by this one, and run as it does then. Where it may not hurry, the
-        // supervisor's preflight has told.
-        let _ = hurry_robot_thread();
-        let place = Place { domain: settings.dds.domain, networks: settings.dds.networks.clone() };
-        let robot: Box<dyn Robot> = match settings.link {
-            LinkKind::Go2 => Box::new(SportRobot::open(&place).map_err(TransportError::service)?),
-            LinkKind::Ros2 => {
-                let ros2 = &settings.ros2;
-                let (cmd_vel, odom) = (ros2.cmd_vel.clone(), ros2.odom.clone());
-                let topics = Ros2Topics { cmd_vel, odom, stamped: ros2.stamped };
-                Box::new(Ros2Robot::open(&place, &topics).map_err(TransportError::service)?)
-            }
-            LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => {
-                return Err(TransportError::Service("locomotion.link names no robot on DDS".to_owned()));
-            }
-        };
+        // The network's threads are begun by one that hurries, and run as it does.
+        let settings = settings.clone();
+        let opened = std::thread::spawn(move || (hurry_network_thread(), open(&settings)));
+        let (hurries, robot) =
+            opened.join().map_err(|_| TransportError::Service("DDS could not be begun".to_owned()))?;
+        let robot = robot?;
         let driver = Driver::new(robot.stops(), now_ns);
-        Ok(Self { robot, driver, newest: None, charge_percent: None, begun_ns: now_ns, told: Told::default() })
+        let (newest, low, told) = (None, None, Told::default());
+        Ok(Self { robot, driver, newest, low, answers: false, begun_ns: now_ns, hurries, told })
     }
 
-    /// Says what is to be said now.
+    /// Says what is to be said now. What the network does not take is said again.
     pub fn speak(&mut self) {
         if let Some(say) = self.driver.say(monotonic_ns()) {
-            self.robot.say(say);
+            let _ = self.robot.say(say);
         }
+    }
+
+    /// Charge of the robot's battery, percent, where it told lately.
+    pub fn charge_percent(&self, now_ns: u64) -> Option<u8> {
+        self.low.filter(|(_, came_ns)| now_ns.saturating_sub(*came_ns) <= SILENT_NS).map(|(percent, _)| percent)
+    }
+
+    /// Whether a stop by the hand remote would be noticed, where the robot has one that tells.
+    pub fn hears_remote(&self, now_ns: u64) -> bool {
+        !self.robot.has_remote() || self.charge_percent(now_ns).is_some()
     }
 
     /// Hears what has come, and answers; what the operator is to know is told last.
     pub fn go_on(&mut self, io: &Io) {
         let (heard, now_ns) = (self.robot.hear(), monotonic_ns());
-        if let Some(state) = heard.state {
-            self.newest = Some((state, now_ns));
-        }
-        self.charge_percent = heard.charge_percent.or(self.charge_percent);
-        let answers = self.newest.is_some_and(|(_, came_ns)| now_ns.saturating_sub(came_ns) <= SILENT_NS);
-        // Of one that is silent nobody knows how it stands: it is commanded as if it stood.
-        let posture = self.newest.filter(|_| answers).map_or(Posture::Ready, |(state, _)| state.posture);
-        self.driver.stands(posture);
-        if heard.remote_stop {
-            self.driver.stopped_by_remote();
-        }
-        if heard.stop_answered {
-            self.driver.stop_answered();
-        }
+        self.take(heard, now_ns);
         self.speak();
-        let mut notes = Vec::new();
-        if let Some((api, code)) = heard.refused.filter(|_| !std::mem::replace(&mut self.told.refused, true)) {
-            notes.push(format!("the robot refuses {api:?} with error {code}"));
-        }
-        if heard.invalid > 0 && !std::mem::replace(&mut self.told.invalid, true) {
-            notes
-                .push("states of the robot are dropped: a number in them is not finite, or their attitude none".into());
-        }
-        let is_down = posture == Posture::Down;
-        if is_down != std::mem::replace(&mut self.told.down, is_down) && is_down {
-            notes.push("the robot lies or is limp: make it stand by its hand remote".to_owned());
-        }
-        notes.extend(self.answers(answers, now_ns));
-        for text in notes {
+        for text in self.news(heard, now_ns) {
             io.tell(&FromChild::Note { text });
         }
     }
 
-    fn answers(&mut self, answers: bool, now_ns: u64) -> Option<String> {
+    fn take(&mut self, heard: Heard, now_ns: u64) {
+        if let Some(state) = heard.state {
+            self.newest = Some((state, now_ns));
+        }
+        if let Some((percent, pressed)) = heard.low {
+            self.low = Some((percent, now_ns));
+            if pressed {
+                self.driver.stopped_by_remote();
+            }
+        }
+        let age_ns = self.newest.map_or(u64::MAX, |(_, came_ns)| now_ns.saturating_sub(came_ns));
+        match (self.answers, age_ns <= SILENT_NS) {
+            // What it has not heard by now it is not to hear later.
+            (true, false) => self.robot.renew(),
+            (false, true) => self.driver.begin_again(now_ns),
+            _ => {}
+        }
+        self.answers = age_ns <= SILENT_NS;
+        let young = self.newest.filter(|_| age_ns <= STATE_MAX_AGE_NS).map(|(state, _)| state);
+        // Who lies does not move, whatever it says; of one that is silent nobody knows how it stands.
+        self.driver.stands(match young {
+            Some(state) if state.posture != Posture::Down || state.velocity.is_standing() => state.posture,
+            _ => Posture::Ready,
+        });
+        if heard.stop_answered {
+            self.driver.stop_answered();
+            self.told.refused = false;
+        }
+    }
+
+    fn news(&mut self, heard: Heard, now_ns: u64) -> Vec<String> {
+        let mut notes = Vec::new();
+        if !self.hurries && !std::mem::replace(&mut self.told.hurry, true) {
+            let fix = "give the process CAP_SYS_NICE, or raise `ulimit -r`";
+            notes.push(format!("the robot's network has no real-time priority: words may be late; {fix}"));
+        }
+        if let Some((api, code)) = heard.refused.filter(|_| !std::mem::replace(&mut self.told.refused, true)) {
+            notes.push(format!("the robot refuses {api:?} with error {code}: is it in its sport mode, and standing?"));
+        }
+        if heard.invalid > 0 && !std::mem::replace(&mut self.told.invalid, true) {
+            notes.push("words of the robot are dropped: they are of another kind of robot, or no numbers".to_owned());
+        }
+        let is_down = self.newest.is_some_and(|(state, _)| state.posture == Posture::Down);
+        if is_down != std::mem::replace(&mut self.told.down, is_down) && is_down {
+            notes.push("the robot lies or is limp: make it stand by its hand remote".to_owned());
+        }
+        // Its states come first, and these a moment later.
+        let is_deaf =
+            self.answers && now_ns.saturating_sub(self.begun_ns) > 3 * SILENT_NS && !self.hears_remote(now_ns);
+        if is_deaf != std::mem::replace(&mut self.told.remote, is_deaf) && is_deaf {
+            notes.push(
+                "rt/lowstate does not come: hand remote and battery are unknown, and the robot is not moved".into(),
+            );
+        }
+        notes.extend(self.tell_answers(now_ns));
+        notes
+    }
+
+    fn tell_answers(&mut self, now_ns: u64) -> Option<String> {
+        let answers = self.answers;
         // Who has just begun has not been found by the network yet.
         let known = answers || self.newest.is_some() || now_ns.saturating_sub(self.begun_ns) > 3 * SILENT_NS;
         if !known || self.told.answers == Some(answers) {
@@ -110,4 +153,20 @@ impl Voice {
         let what = if answers { "answers" } else { "does not answer: is it on, is this its network and domain" };
         Some(format!("the robot on DDS {what}"))
     }
+}
+
+fn open(settings: &Locomotion) -> Result<Box<dyn Robot>, TransportError> {
+    let place = Place { domain: settings.dds.domain, networks: settings.dds.networks.clone() };
+    Ok(match settings.link {
+        LinkKind::Go2 => Box::new(SportRobot::open(&place).map_err(TransportError::service)?),
+        LinkKind::Ros2 => {
+            let ros2 = &settings.ros2;
+            let (cmd_vel, odom) = (ros2.cmd_vel.clone(), ros2.odom.clone());
+            let topics = Ros2Topics { cmd_vel, odom, stamped: ros2.stamped };
+            Box::new(Ros2Robot::open(&place, &topics).map_err(TransportError::service)?)
+        }
+        LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => {
+            return Err(TransportError::Service("locomotion.link names no robot on DDS".to_owned()));
+        }
+    })
 }

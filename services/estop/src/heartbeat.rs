@@ -8,9 +8,9 @@ use settings::EstopSerial;
 
 use crate::Input;
 
-/// A box that is silent for so long is lost, nanoseconds: three beats of the slowest that is allowed, 20 Hz. The robot
+/// A box that is silent for so long is lost, nanoseconds: four beats of the slowest that is allowed, 20 Hz. The robot
 /// then stands within the budget of a lost sensor, 250 ms.
-const SILENT_NS: u64 = 150_000_000;
+const SILENT_NS: u64 = 200_000_000;
 const RELEASED: u8 = b'r';
 const PRESSED: u8 = b'p';
 
@@ -101,8 +101,8 @@ mod tests {
             (10, b"", Unknown),
             (20, b"\xff\x00", Unknown),
             (100, b"r", Released),
-            (250, b"", Released),
-            (251, b"", Lost),
+            (300, b"", Released),
+            (301, b"", Lost),
             (402, b"xyz", Lost),
             (500, b"rrr", Released),
             (600, b"rpr", Pressed),
@@ -112,11 +112,11 @@ mod tests {
             (630, b"r\n", Released),
             (700, b"p", Pressed),
             (800, b"", Pressed),
-            (851, b"", Lost),
+            (901, b"", Lost),
         ];
         for (ms, bytes, expected) in said {
             assert_eq!(heartbeat.take(bytes, ms * MS), *expected, "at {ms} ms");
         }
-        assert_eq!(Heartbeat::new(0).take(b"", 151 * MS), Lost, "one that never spoke");
+        assert_eq!(Heartbeat::new(0).take(b"", 201 * MS), Lost, "one that never spoke");
     }
 }

@@ -9,6 +9,7 @@ mod gate;
 mod lines;
 
 use std::os::fd::OwnedFd;
+use std::rc::Rc;
 
 use links::{Link, RobotReport, open_link};
 use messages::{
@@ -16,7 +17,7 @@ use messages::{
     StopKind, StopReason, Twist2,
 };
 use settings::Settings;
-use transport::{ChildArgs, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
+use transport::{ChildArgs, Clock, FromChild, Io, Line, Publisher, Service, Subscriber, ToChild, TransportError};
 use transport::{inherited_fd, monotonic_ns};
 
 pub use gate::{Gate, GateLimits, Verdict};
@@ -40,6 +41,7 @@ pub struct Locomotion {
     estop: Subscriber<EmergencyStop>,
     odometry: Subscriber<Odometry>,
     states: Publisher<LocomotionState>,
+    clock: Rc<Clock>,
     period_ns: u64,
     next_tick_ns: u64,
     applied: Twist2,
@@ -75,6 +77,7 @@ impl Locomotion {
             estop: io.subscriber()?,
             odometry: io.subscriber()?,
             states: io.publisher()?,
+            clock: Rc::clone(&io.domain.clock),
             period_ns: period_ns(&settings),
             next_tick_ns: 0,
             applied: Twist2::ZERO,
@@ -126,7 +129,8 @@ impl Locomotion {
 
     fn write(&mut self, velocity: Twist2) -> Result<(), TransportError> {
         // Nothing holds for longer than the permit that it is of.
-        let for_ns = self.gate.expiry_ns().map_or(2 * self.period_ns, |expiry| expiry.saturating_sub(self.judged_ns));
+        let now_ns = self.clock.now_ns();
+        let for_ns = self.gate.expiry_ns().map_or(2 * self.period_ns, |expiry| expiry.saturating_sub(now_ns));
         self.link.write(velocity, for_ns)?;
         self.applied = velocity;
         Ok(())

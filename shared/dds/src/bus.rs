@@ -77,7 +77,7 @@ impl Bus {
     }
 }
 
-/// What has to arrive, and of which only the newest counts.
+/// What has to arrive. What is not acknowledged is kept, and sent again in its order: see [`Robot::renew`].
 fn reliable(depth: i32) -> QosPolicies {
     QosPolicyBuilder::new()
         .reliability(Reliability::Reliable { max_blocking_time: Duration::ZERO })
@@ -90,18 +90,19 @@ fn best_effort() -> QosPolicies {
     QosPolicyBuilder::new().reliability(Reliability::BestEffort).history(History::KeepLast { depth: 1 }).build()
 }
 
-/// Everything that waits; what cannot be read is passed over.
-fn each<T: DeserializeOwned + 'static>(reader: &mut DataReader<T>, mut take: impl FnMut(T)) {
+/// Everything that waits; what cannot be read is passed over and counted.
+fn each<T: DeserializeOwned + 'static>(reader: &mut DataReader<T>, mut take: impl FnMut(T)) -> u32 {
     /// So many that cannot be read are passed over at once.
-    const WRONG_MAX: usize = 16;
+    const WRONG_MAX: u32 = 16;
     let mut wrong = 0;
     while wrong < WRONG_MAX {
         match reader.take_next_sample() {
             Ok(Some(sample)) => take(sample.into_value()),
-            Ok(None) => return,
+            Ok(None) => break,
             Err(_) => wrong += 1,
         }
     }
+    wrong
 }
 
 /// What has come of a robot since it was last asked.
@@ -109,22 +110,27 @@ fn each<T: DeserializeOwned + 'static>(reader: &mut DataReader<T>, mut take: imp
 pub struct Heard {
     /// The newest state.
     pub state: Option<RobotState>,
-    /// Charge of its battery, percent.
-    pub charge_percent: Option<u8>,
-    /// Its hand remote says stop.
-    pub remote_stop: bool,
+    /// Charge of its battery, percent, and whether its hand remote says stop.
+    pub low: Option<(u8, bool)>,
     /// It has answered a stop of ours.
     pub stop_answered: bool,
     /// What it answered to something that it did not do.
     pub refused: Option<(Api, i32)>,
-    /// States with numbers that are none.
+    /// What was none of its messages, and states with numbers that are none.
     pub invalid: u32,
 }
 
 /// A robot to speak to.
-pub trait Robot {
-    /// Says it.
-    fn say(&mut self, say: Say);
+pub trait Robot: Send {
+    /// Says it: whether the network has taken it.
+    fn say(&mut self, say: Say) -> bool;
+
+    /// Forgets what the robot has not acknowledged. It is out of reach, and is not to hear the moves of before when it
+    /// is back.
+    fn renew(&mut self);
+
+    /// Whether it tells of its hand remote, without which it is not to be moved.
+    fn has_remote(&self) -> bool;
 
     /// What has come.
     fn hear(&mut self) -> Heard;
@@ -141,7 +147,9 @@ pub struct SportRobot {
     low_states: DataReader<LowState>,
     /// Of the last request. Ours begin with the number of this process.
     id: i64,
-    _bus: Bus,
+    /// Of the first stop since the robot was last told anything else: an answer to an older one says nothing of now.
+    first_stop: Option<i64>,
+    bus: Bus,
 }
 
 /// Bits of a request's number that count; above them stands who asks.
@@ -160,41 +168,58 @@ impl SportRobot {
             states: bus.reader(sport::STATE, &best_effort())?,
             low_states: bus.reader(sport::LOW_STATE, &best_effort())?,
             id: i64::from(std::process::id()) << COUNT_BITS,
-            _bus: bus,
+            first_stop: None,
+            bus,
         })
     }
 }
 
 impl Robot for SportRobot {
-    fn say(&mut self, say: Say) {
+    fn say(&mut self, say: Say) -> bool {
         self.id += 1;
+        self.first_stop = (say == Say::Stop).then(|| self.first_stop.unwrap_or(self.id));
         let request = match say {
             Say::Move(velocity) => Request::walk(self.id, velocity),
             Say::Stop => Request::plain(self.id, Api::StopMove),
             Say::Balance => Request::plain(self.id, Api::BalanceStand),
         };
-        let _ = self.requests.write(request, None);
+        self.requests.write(request, None).is_ok()
+    }
+
+    fn renew(&mut self) {
+        if let Ok(requests) = self.bus.writer(sport::REQUEST, &reliable(1)) {
+            self.requests = requests;
+        }
+    }
+
+    fn has_remote(&self) -> bool {
+        true
     }
 
     fn hear(&mut self) -> Heard {
         let mut heard = Heard::default();
-        let ours = self.id >> COUNT_BITS;
-        each(&mut self.responses, |response| {
-            let api = Api::of(response.identity.api_id).filter(|_| response.identity.id >> COUNT_BITS == ours);
+        let (first_stop, last, ours) = (self.first_stop, self.id, self.id >> COUNT_BITS);
+        heard.invalid += each(&mut self.responses, |response| {
+            let id = response.identity.id;
+            let api = Api::of(response.identity.api_id).filter(|_| id >> COUNT_BITS == ours);
             match (api, response.code) {
-                (Some(Api::StopMove), 0) => heard.stop_answered = true,
+                (Some(Api::StopMove), 0) => {
+                    heard.stop_answered |= first_stop.is_some_and(|first| (first..=last).contains(&id));
+                }
                 (Some(api), code) if code != 0 => heard.refused = Some((api, code)),
                 _ => {}
             }
         });
-        each(&mut self.states, |state| match state.state() {
+        let mut none = 0;
+        none += each(&mut self.states, |state| match state.state() {
             Some(state) => heard.state = Some(state),
             None => heard.invalid += 1,
         });
-        each(&mut self.low_states, |low| {
-            heard.charge_percent = Some(low.bms_state.soc);
-            heard.remote_stop |= low.remote().says_stop();
+        none += each(&mut self.low_states, |low| {
+            let pressed = heard.low.is_some_and(|(_, pressed)| pressed) || low.remote().says_stop();
+            heard.low = Some((low.bms_state.soc, pressed));
         });
+        heard.invalid += none;
         heard
     }
 
@@ -208,11 +233,23 @@ enum Velocities {
     Stamped(DataWriter<TwistStamped>),
 }
 
+impl Velocities {
+    fn open(bus: &Bus, topics: &Ros2Topics) -> Result<Self, BusError> {
+        let cmd_vel = dds_topic(&topics.cmd_vel);
+        Ok(if topics.stamped {
+            Self::Stamped(bus.writer([&cmd_vel, TWIST_STAMPED], &reliable(1))?)
+        } else {
+            Self::Plain(bus.writer([&cmd_vel, TWIST], &reliable(1))?)
+        })
+    }
+}
+
 /// A robot that takes velocities of ROS 2.
 pub struct Ros2Robot {
     velocities: Velocities,
+    topics: Ros2Topics,
     odometry: DataReader<Odometry>,
-    _bus: Bus,
+    bus: Bus,
 }
 
 /// What a ROS 2 robot's topics are called.
@@ -233,38 +270,43 @@ impl Ros2Robot {
     /// Where it cannot.
     pub fn open(place: &Place, topics: &Ros2Topics) -> Result<Self, BusError> {
         let bus = Bus::open(place)?;
-        let cmd_vel = dds_topic(&topics.cmd_vel);
-        let velocities = if topics.stamped {
-            Velocities::Stamped(bus.writer([&cmd_vel, TWIST_STAMPED], &reliable(1))?)
-        } else {
-            Velocities::Plain(bus.writer([&cmd_vel, TWIST], &reliable(1))?)
-        };
         let odometry = bus.reader([&dds_topic(&topics.odom), ODOMETRY], &best_effort())?;
-        Ok(Self { velocities, odometry, _bus: bus })
+        Ok(Self { velocities: Velocities::open(&bus, topics)?, topics: topics.clone(), odometry, bus })
     }
 }
 
 impl Robot for Ros2Robot {
-    fn say(&mut self, say: Say) {
+    fn say(&mut self, say: Say) -> bool {
         let twist = Twist::from(match say {
             Say::Move(velocity) => velocity,
             Say::Stop | Say::Balance => Twist2::ZERO,
         });
         match &self.velocities {
-            Velocities::Plain(writer) => drop(writer.write(twist, None)),
+            Velocities::Plain(writer) => writer.write(twist, None).is_ok(),
             Velocities::Stamped(writer) => {
                 let header = Header { frame_id: "base_link".to_owned(), ..Header::default() };
-                drop(writer.write(TwistStamped { header, twist }, None));
+                writer.write(TwistStamped { header, twist }, None).is_ok()
             }
         }
     }
 
+    fn renew(&mut self) {
+        if let Ok(velocities) = Velocities::open(&self.bus, &self.topics) {
+            self.velocities = velocities;
+        }
+    }
+
+    fn has_remote(&self) -> bool {
+        false
+    }
+
     fn hear(&mut self) -> Heard {
         let mut heard = Heard::default();
-        each(&mut self.odometry, |odometry| match odometry.state() {
+        let none = each(&mut self.odometry, |odometry| match odometry.state() {
             Some(state) => heard.state = Some(state),
             None => heard.invalid += 1,
         });
+        heard.invalid += none;
         heard
     }
 
@@ -300,7 +342,7 @@ impl SportServer {
 
     /// Every request that waits.
     pub fn each_request(&mut self, take: impl FnMut(Request)) {
-        each(&mut self.requests, take);
+        let _ = each(&mut self.requests, take);
     }
 
     /// Answers.
@@ -346,10 +388,10 @@ impl Ros2Server {
     /// The newest velocity that waits.
     pub fn velocity(&mut self) -> Option<Twist2> {
         let mut newest = None;
-        match &mut self.velocities {
+        let _ = match &mut self.velocities {
             VelocitiesIn::Plain(reader) => each(reader, |twist| newest = Some(twist.into())),
             VelocitiesIn::Stamped(reader) => each(reader, |stamped: TwistStamped| newest = Some(stamped.twist.into())),
-        }
+        };
         newest
     }
 

@@ -91,7 +91,25 @@ impl Driver {
 
     /// From now on, or no longer, a stop is said at every period, answered or not: somebody else may say the contrary.
     pub fn insist(&mut self, insists: bool) {
+        if self.insists && !insists && matches!(self.told, Told::Stop(_)) {
+            // Whoever walks the robot now is not interrupted, were the stop never answered.
+            self.told = Told::Nothing;
+        }
         self.insists = insists;
+    }
+
+    /// The robot is back: nobody knows what it has heard.
+    pub fn begin_again(&mut self, now_ns: u64) {
+        (self.told, self.said_ns) = (Told::Stop(now_ns), None);
+    }
+
+    /// For how long a stop has not been answered, nanoseconds, by a robot that answers them.
+    #[must_use]
+    pub fn unanswered_ns(&self, now_ns: u64) -> u64 {
+        match self.told {
+            Told::Stop(since_ns) if self.stops == Stops::Answered => now_ns.saturating_sub(since_ns),
+            _ => 0,
+        }
     }
 
     /// How the robot stands, as it told last.
@@ -146,9 +164,9 @@ impl Driver {
 
     fn stop(&mut self, now_ns: u64) -> Option<Say> {
         let since_ns = match self.told {
-            // It is left as it is.
-            Told::Stop(_) | Told::Nothing if self.posture == Posture::Down => return None,
             Told::Stop(since_ns) => since_ns,
+            // Who lies is left as it is.
+            Told::Nothing if self.posture == Posture::Down => return None,
             // At once, whatever was said a moment ago.
             Told::Move(_) => {
                 (self.told, self.said_ns) = (Told::Stop(now_ns), None);
@@ -158,7 +176,8 @@ impl Driver {
             Told::Nothing => return None,
         };
         let is_old = now_ns.saturating_sub(since_ns) > INSISTS_NS;
-        if is_old && self.stops == Stops::Unanswered && !self.insists {
+        let is_over = self.stops == Stops::Unanswered || self.posture == Posture::Down;
+        if is_old && is_over && !self.insists {
             self.told = Told::Nothing;
             return None;
         }
@@ -241,6 +260,9 @@ mod tests {
         driver.insist(false);
         driver.wish(Twist2::ZERO, 0);
         assert_eq!(said(&mut driver, 2100, 5000), []);
+        driver.begin_again(5000 * MS);
+        assert_eq!(said(&mut driver, 5000, 5100), [Say::Stop; 5], "it is back");
+        assert_eq!((driver.unanswered_ns(5100 * MS), quiet().unanswered_ns(5100 * MS)), (100 * MS, 0));
     }
 
     #[test]
@@ -255,8 +277,9 @@ mod tests {
         assert_eq!(driver.say(2000 * MS), Some(Say::Move(AHEAD)));
         driver.stands(Posture::Down);
         assert_eq!(driver.say(2001 * MS), Some(Say::Stop), "it fell");
+        assert_eq!(said(&mut driver, 2001, 9001).len(), 50, "for a second");
         driver.insist(true);
-        assert_eq!(said(&mut driver, 2002, 3000), []);
+        assert_eq!(said(&mut driver, 9001, 9500), []);
     }
 
     #[test]

@@ -157,27 +157,22 @@ struct Bound {
     path: PathBuf,
     hello: ToBridge,
     line: Option<Line>,
-    /// The line was made since this was last taken.
-    is_new: bool,
 }
 
 impl Bound {
     fn new(path: PathBuf, hello: ToBridge) -> Self {
-        Self { path, hello, line: None, is_new: false }
+        Self { path, hello, line: None }
     }
 }
 
 impl Bound {
-    /// The line, where the other end is there.
-    fn line(&mut self) -> Option<&Line> {
-        if self.line.as_ref().is_some_and(|line| !line.is_open()) {
-            self.line = None;
+    /// Sees to it that there is a line, where the other end is there: whether it is another one than before.
+    fn keep(&mut self) -> bool {
+        if self.line.as_ref().is_some_and(Line::is_open) {
+            return false;
         }
-        if self.line.is_none() {
-            self.line = Line::connect(&self.path).filter(|line| self.hello.send(line));
-            self.is_new |= self.line.is_some();
-        }
-        self.line.as_ref()
+        self.line = Line::connect(&self.path).filter(|line| self.hello.send(line));
+        true
     }
 }
 
@@ -199,28 +194,33 @@ impl BridgeLink {
     }
 }
 
+impl BridgeLink {
+    /// The line to the bridge; on a new one nothing has been heard or forgotten yet.
+    fn line(&mut self) -> Option<&Line> {
+        if self.bridge.keep() {
+            (self.newest, self.forgets) = (FromBridge::default(), 0);
+        }
+        self.bridge.line.as_ref()
+    }
+}
+
 impl Link for BridgeLink {
     /// Where there is no bridge nobody is commanded, and the backstop stops the robot; the supervisor tells of it.
     fn write(&mut self, velocity: Twist2, for_ns: u64) -> Result<(), TransportError> {
-        if let Some(line) = self.bridge.line() {
+        if let Some(line) = self.line() {
             let _ = ToBridge::Wish(velocity, monotonic_ns() + for_ns.min(DEAD_MAN_NS)).send(line);
         }
         Ok(())
     }
 
     fn report(&mut self) -> Result<RobotReport, TransportError> {
-        let mut bytes = [0; WORD_MAX];
-        match self.bridge.line() {
-            Some(line) => {
-                while let Received::Message(len, _) = line.receive_bytes(&mut bytes) {
-                    self.newest = FromBridge::of(&bytes[..len]).unwrap_or(self.newest);
-                }
+        let (mut bytes, mut newest) = ([0; WORD_MAX], None);
+        if let Some(line) = self.line() {
+            while let Received::Message(len, _) = line.receive_bytes(&mut bytes) {
+                newest = FromBridge::of(&bytes[..len]).or(newest);
             }
-            None => self.newest = FromBridge::default(),
         }
-        if std::mem::take(&mut self.bridge.is_new) {
-            self.forgets = 0;
-        }
+        self.newest = newest.unwrap_or(self.newest);
         let now_ns = monotonic_ns();
         let young = self.newest.state.filter(|(_, _, came_ns)| now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS);
         Ok(RobotReport {
@@ -233,8 +233,10 @@ impl Link for BridgeLink {
     }
 
     fn forget_remote_stop(&mut self) {
+        // On the line that there is now: a new one counts from its beginning.
+        let _ = self.line();
         self.forgets += 1;
-        if let Some(line) = self.bridge.line() {
+        if let Some(line) = &self.bridge.line {
             let _ = ToBridge::ForgetRemoteStop(self.forgets).send(line);
         }
     }
@@ -254,12 +256,13 @@ impl BridgeBrake {
 
 impl BrakePath for BridgeBrake {
     fn keep(&mut self) {
-        let _ = self.0.line();
+        let _ = self.0.keep();
     }
 
     fn zero(&mut self, _fenced: u32) {
         // Sent again 20 ms later: there is nothing better to do where the backstop is gone, too.
-        if let Some(line) = self.0.line() {
+        let _ = self.0.keep();
+        if let Some(line) = &self.0.line {
             let _ = ToBridge::Zero.send(line);
         }
     }

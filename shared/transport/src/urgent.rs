@@ -10,6 +10,7 @@ use crate::TransportError;
 
 /// Real-time priorities, above whatever is not real-time and below the kernel's own threads. The brake is last to act
 /// and first to run; the simulated robot is a machine of its own, which waits for no process of this one.
+const NETWORK_PRIORITY: libc::c_int = 19;
 const LOCOMOTION_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
 /// Whoever talks to a robot at a fixed rate takes microseconds of a tick; were it late, a brake that runs would have
@@ -38,6 +39,12 @@ pub(crate) fn hurry(service: ServiceId) {
 /// Lets the calling thread, which talks to a robot, run before everything but what measures: whether it may.
 pub fn hurry_robot_thread() -> bool {
     hurry_at(ROBOT_PRIORITY)
+}
+
+/// Lets the calling thread, and those that it begins, run before what is not real-time: threads of a network, whose
+/// work others decide on, so that whoever stops the robot comes first. Whether it may.
+pub fn hurry_network_thread() -> bool {
+    hurry_at(NETWORK_PRIORITY)
 }
 
 /// Lets the calling thread, which measures, run before everything of ours, for as long as it lives: whether it may.

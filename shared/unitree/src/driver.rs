@@ -204,6 +204,7 @@ mod tests {
         assert_eq!(rig.run(1000, Some(AHEAD)), Twist2::ZERO);
         assert!(rig.driver.remote_stop());
         assert_eq!(rig.driver.command(rig.now_ns).mode, Mode::Idle);
+        rig.run(10, Some(Twist2::ZERO));
         rig.driver.forget_remote_stop();
         assert_eq!(rig.driver.command(rig.now_ns).mode, Mode::Idle, "it stands up only to walk");
         assert_eq!(rig.run(10, Some(AHEAD)), Twist2::ZERO, "the robot itself lies limp");
