@@ -114,6 +114,29 @@ fn an_unplugged_lidar_stops_the_robot_and_a_replugged_one_is_read_again() {
     place.assert_empty();
 }
 
+#[test]
+fn the_doctor_tells_what_the_sensors_give_and_which_gives_nothing() {
+    let place = Place::new();
+    let config = config(&place, &port(&place), "");
+    let rates = || {
+        let (report, _) = place.json(&["doctor", "--config", &config, "--rates", "2s", "--json"]);
+        let found = |name: &str| {
+            let check = report["checks"].as_array()?.iter().find(|check| check["name"] == name)?;
+            let (rate_hz, _) = check["found"].as_str()?.split_once(" a second")?;
+            Some((rate_hz.parse::<f64>().ok()?, check["ok"].as_bool()?))
+        };
+        let found = ["lidar rate", "depth rate", "odometry rate"].map(found);
+        found.map(|rate| rate.unwrap_or_else(|| panic!("{report:#}")))
+    };
+    let [lidar, _, odometry] = rates();
+    assert_eq!(lidar, (0.0, false));
+    assert!(odometry.0 > 0.0);
+    let _lidar = Plugged::lidar(&place, "s2");
+    let [lidar, ..] = rates();
+    assert!(lidar.0 > 0.0);
+    place.assert_empty();
+}
+
 /// A robot on DDS is found by its network's own discovery, over loopback.
 #[test]
 fn robots_on_dds_are_guided_through_bridge_and_backstop() {

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use guidance::se2::{Se2, se2};
-use guidedog_tests::Place;
+use guidedog_tests::{Place, data};
 use recording::{Reader, Record};
 use serde_json::Value;
 
@@ -97,4 +97,24 @@ fn matching_what_is_not_there_is_refused_with_its_key() {
         assert!(output.status.code() == Some(2) && told.contains(key), "{text}: {told}");
     }
     place.assert_empty();
+}
+
+#[test]
+fn aces_is_less_than_half_as_far_off_as_by_its_wheels() {
+    let (Some(log), Some(relations)) = (data("lidar/radish_aces.clf.bz2"), data("lidar/radish_aces.relations")) else {
+        return;
+    };
+    let (log, relations) = (log.to_string_lossy().into_owned(), relations.to_string_lossy().into_owned());
+    let (report, code) = Place::new().json(&["bench", "odometry", &log, "--relations", &relations, "--json"]);
+    assert_eq!(code, 0, "{report:#}");
+    let (told, all) = (&report["logs"][0], &report["logs"][0]["relations"]["all"]);
+    assert_eq!((&all["n"], &told["relations"]["unmatched"]), (&1279.into(), &0.into()), "each is of two scans");
+    let mean = |whose: &str, what: &str| all[whose][what]["mean"].as_f64().expect("a mean");
+    for what in ["translation_m", "rotation_deg"] {
+        let (raw, ours) = (mean("raw", what), mean("ours", what));
+        eprintln!("{what}: {raw:.3} raw, {ours:.3} ours");
+        assert!(ours < 0.5 * raw, "{all:#}");
+    }
+    let count = |what: &str| told[what].as_u64().expect("a count");
+    assert!(count("refused") * 100 < count("accepted"), "{told:#}");
 }

@@ -3,28 +3,20 @@
 use links::{ToBridge, WORD_MAX};
 use transport::{Io, Line, LineListener, Received, Service, TransportError, monotonic_ns};
 
+use crate::peers::{Heard, Peers, TOKEN_LISTENER, Who};
 use crate::voice::Voice;
 use crate::{LOOK_NS, LOST_LIMIT_NS};
 
-const TOKEN_LISTENER: u64 = 0;
-const TOKEN_BRIDGE: u64 = 1;
-/// Lines of the brake's lives are numbered from here on.
-const TOKEN_BRAKE: u64 = 2;
-/// So many may wait to say who they are.
-const UNKNOWN_MAX: usize = 8;
+/// The line to the bridge; those of whoever comes by the listener are counted from one.
+const TOKEN_BRIDGE: u64 = 1 << 32;
 /// After the brake's last word a stop is said for so long, nanoseconds: it says it every 20 ms while it means it.
 const MEANT_NS: u64 = 100_000_000;
 
 /// The service.
 pub struct Backstop {
     voice: Voice,
-    listener: LineListener,
-    /// The brake's line, and its token.
-    brake: Option<(Line, u64)>,
-    /// Who has not said yet that it is the brake.
-    unknown: Vec<(Line, u64)>,
+    peers: Peers,
     bridge: Option<Line>,
-    tokens: u64,
     /// When the brake last asked for a stop, nanoseconds.
     asked_ns: Option<u64>,
     next_ns: u64,
@@ -41,26 +33,14 @@ impl Backstop {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let voice = Voice::open(&settings.locomotion, monotonic_ns())?;
-        let listener = LineListener::open(&io.domain.dir.backstop_socket())?;
-        io.watch(&listener, TOKEN_LISTENER)?;
-        Ok(Self {
-            voice,
-            listener,
-            brake: None,
-            unknown: Vec::new(),
-            bridge: None,
-            tokens: TOKEN_BRAKE,
-            asked_ns: None,
-            next_ns: 0,
-            leaves: false,
-            ends_by_ns: None,
-        })
+        let peers = Peers::of(LineListener::open(&io.domain.dir.backstop_socket())?, io)?;
+        Ok(Self { voice, peers, bridge: None, asked_ns: None, next_ns: 0, leaves: false, ends_by_ns: None })
     }
 
     /// Says stop for as long as somebody who can stop the robot is gone, or asks for it.
     fn judge(&mut self) {
         let asked = self.asked_ns.is_some_and(|asked_ns| monotonic_ns().saturating_sub(asked_ns) <= MEANT_NS);
-        let gone = !self.leaves && (self.bridge.is_none() || self.brake.is_none());
+        let gone = !self.leaves && (self.bridge.is_none() || !self.peers.has(Who::Brake));
         self.voice.driver.insist(asked || gone);
         self.voice.speak();
     }
@@ -80,34 +60,12 @@ impl Backstop {
         Ok(())
     }
 
-    fn admit(&mut self, io: &Io) -> Result<(), TransportError> {
-        while let Some(line) = self.listener.accept() {
-            if self.unknown.len() == UNKNOWN_MAX {
-                io.unwatch(&self.unknown.remove(0).0);
+    fn listen(&mut self, io: &Io, token: u64) {
+        while let Some(heard) = self.peers.hear(io, token) {
+            if heard == Heard::Word(Who::Brake, ToBridge::Zero) {
+                self.asked_ns = Some(monotonic_ns());
             }
-            self.tokens += 1;
-            io.watch(&line, self.tokens)?;
-            self.unknown.push((line, self.tokens));
         }
-        Ok(())
-    }
-
-    /// The newest brake is the one that counts.
-    fn greet(&mut self, io: &Io, token: u64) {
-        let Some(at) = self.unknown.iter().position(|(_, known)| *known == token) else { return };
-        let mut bytes = [0; WORD_MAX];
-        let received = self.unknown[at].0.receive_bytes(&mut bytes);
-        if matches!(received, Received::Nothing) {
-            return;
-        }
-        let (line, token) = self.unknown.remove(at);
-        let is_brake =
-            matches!(received, Received::Message(len, _) if ToBridge::of(&bytes[..len]) == Some(ToBridge::Brake));
-        let gone = if is_brake { self.brake.replace((line, token)) } else { Some((line, token)) };
-        if let Some((gone, _)) = gone {
-            io.unwatch(&gone);
-        }
-        self.hear_brake(io);
     }
 
     fn hear_bridge(&mut self, io: &Io) {
@@ -121,32 +79,16 @@ impl Backstop {
             }
         }
     }
-
-    fn hear_brake(&mut self, io: &Io) {
-        let mut bytes = [0; WORD_MAX];
-        let Some((line, _)) = &self.brake else { return };
-        loop {
-            match line.receive_bytes(&mut bytes) {
-                Received::Nothing => return,
-                Received::Message(len, _) if ToBridge::of(&bytes[..len]) == Some(ToBridge::Zero) => {
-                    self.asked_ns = Some(monotonic_ns());
-                }
-                Received::Message(..) => {}
-                Received::Closed => break,
-            }
-        }
-        io.unwatch(line);
-        self.brake = None;
-    }
 }
 
 impl Service for Backstop {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         if io.now_ns() >= self.next_ns {
             self.next_ns = io.now_ns() + LOOK_NS;
+            self.voice.hear();
             self.seek(io)?;
             self.judge();
-            self.voice.go_on(io);
+            self.voice.tell(io);
         }
         Ok(())
     }
@@ -157,10 +99,9 @@ impl Service for Backstop {
 
     fn on_fd(&mut self, io: &mut Io, token: u64) -> Result<(), TransportError> {
         match token {
-            TOKEN_LISTENER => self.admit(io)?,
+            TOKEN_LISTENER => self.peers.admit(io)?,
             TOKEN_BRIDGE => self.hear_bridge(io),
-            token if self.brake.as_ref().is_some_and(|(_, newest)| *newest == token) => self.hear_brake(io),
-            token => self.greet(io, token),
+            token => self.listen(io, token),
         }
         self.judge();
         Ok(())

@@ -7,6 +7,7 @@
 
 mod backstop;
 mod bridge;
+mod peers;
 mod voice;
 
 pub use backstop::Backstop;

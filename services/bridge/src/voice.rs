@@ -1,16 +1,14 @@
 //! What is said to the robot, and what has come of it.
 
-use dds::bus::{Heard, Place, Robot, Ros2Robot, Ros2Topics, SportRobot};
+use dds::bus::{Heard, Robot, Ros2Robot, SportRobot};
 use dds::{Driver, Posture, RobotState};
+use links::STATE_MAX_AGE_NS;
 use messages::NS_PER_S;
 use settings::{LinkKind, Locomotion};
 use transport::{FromChild, Io, TransportError, hurry_network_thread, monotonic_ns};
 
 /// A robot that said nothing for so long does not answer, nanoseconds.
 const SILENT_NS: u64 = NS_PER_S;
-
-/// A state that is older says nothing about how the robot stands now, nanoseconds.
-const STATE_MAX_AGE_NS: u64 = 100_000_000;
 
 /// A participant, and what is said by it.
 pub struct Voice {
@@ -26,6 +24,8 @@ pub struct Voice {
     begun_ns: u64,
     /// The network's threads run before what is not real-time.
     hurries: bool,
+    /// What came at the last look.
+    heard: Heard,
     told: Told,
 }
 
@@ -53,14 +53,14 @@ impl Voice {
             opened.join().map_err(|_| TransportError::Service("DDS could not be begun".to_owned()))?;
         let robot = robot?;
         let driver = Driver::new(robot.stops(), now_ns);
-        let (newest, low, told) = (None, None, Told::default());
-        Ok(Self { robot, driver, newest, low, answers: false, begun_ns: now_ns, hurries, told })
+        let (newest, low, heard, told) = (None, None, Heard::default(), Told::default());
+        Ok(Self { robot, driver, newest, low, answers: false, begun_ns: now_ns, hurries, heard, told })
     }
 
     /// Says what is to be said now. What the network does not take is said again.
     pub fn speak(&mut self) {
         if let Some(say) = self.driver.say(monotonic_ns()) {
-            let _ = self.robot.say(say);
+            self.robot.say(say);
         }
     }
 
@@ -74,17 +74,10 @@ impl Voice {
         !self.robot.has_remote() || self.charge_percent(now_ns).is_some()
     }
 
-    /// Hears what has come, and answers; what the operator is to know is told last.
-    pub fn go_on(&mut self, io: &Io) {
+    /// Takes what has come of the robot.
+    pub fn hear(&mut self) {
         let (heard, now_ns) = (self.robot.hear(), monotonic_ns());
-        self.take(heard, now_ns);
-        self.speak();
-        for text in self.news(heard, now_ns) {
-            io.tell(&FromChild::Note { text });
-        }
-    }
-
-    fn take(&mut self, heard: Heard, now_ns: u64) {
+        self.heard = heard;
         if let Some(state) = heard.state {
             self.newest = Some((state, now_ns));
         }
@@ -114,8 +107,15 @@ impl Voice {
         }
     }
 
-    fn news(&mut self, heard: Heard, now_ns: u64) -> Vec<String> {
-        let mut notes = Vec::new();
+    /// Tells the operator what is new since the last look.
+    pub fn tell(&mut self, io: &Io) {
+        for text in self.news(monotonic_ns()) {
+            io.tell(&FromChild::Note { text });
+        }
+    }
+
+    fn news(&mut self, now_ns: u64) -> Vec<String> {
+        let (heard, mut notes) = (self.heard, Vec::new());
         if !self.hurries && !std::mem::replace(&mut self.told.hurry, true) {
             let fix = "give the process CAP_SYS_NICE, or raise `ulimit -r`";
             notes.push(format!("the robot's network has no real-time priority: words may be late; {fix}"));
@@ -156,15 +156,10 @@ impl Voice {
 }
 
 fn open(settings: &Locomotion) -> Result<Box<dyn Robot>, TransportError> {
-    let place = Place { domain: settings.dds.domain, networks: settings.dds.networks.clone() };
+    let dds = &settings.dds;
     Ok(match settings.link {
-        LinkKind::Go2 => Box::new(SportRobot::open(&place).map_err(TransportError::service)?),
-        LinkKind::Ros2 => {
-            let ros2 = &settings.ros2;
-            let (cmd_vel, odom) = (ros2.cmd_vel.clone(), ros2.odom.clone());
-            let topics = Ros2Topics { cmd_vel, odom, stamped: ros2.stamped };
-            Box::new(Ros2Robot::open(&place, &topics).map_err(TransportError::service)?)
-        }
+        LinkKind::Go2 => Box::new(SportRobot::open(dds).map_err(TransportError::service)?),
+        LinkKind::Ros2 => Box::new(Ros2Robot::open(dds, &settings.ros2).map_err(TransportError::service)?),
         LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => {
             return Err(TransportError::Service("locomotion.link names no robot on DDS".to_owned()));
         }

@@ -275,6 +275,9 @@ pub struct DoctorArgs {
     /// The configuration whose depth frames are to fit, and whose devices are looked at
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+    /// Also run the sensors for so long, such as 5s, nobody giving cues, and hold their rates against the configuration
+    #[arg(long, value_name = "TIME", value_parser = duration)]
+    pub rates: Option<Millis>,
 }
 
 /// `guidedog import`.

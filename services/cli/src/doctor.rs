@@ -1,6 +1,7 @@
 //! `doctor`: what a run needs of this machine, and how to mend what is missing.
 
 mod devices;
+mod rates;
 
 use std::os::unix::fs::PermissionsExt;
 
@@ -64,6 +65,9 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
         clock(),
     ];
     checks.extend(devices::checks(&settings));
+    if let Some(span) = args.rates {
+        checks.extend(rates::checks(args.config.as_deref(), span)?);
+    }
     let ok = checks.iter().all(|check| check.ok);
     if as_json {
         out::json(&report(ok, &checks, &pools))?;

@@ -4,11 +4,10 @@ use std::net::{SocketAddr, UdpSocket};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use dds::bus::{Place, Ros2Topics};
 use emulators::{EmulatedRobot, EmulatedRos2, EmulatedRplidar, EmulatedSport, EmulatedUnitree, OpenFloor};
 use rplidar::Model;
 use serial::PseudoTerminal;
-use settings::{Millis, Settings};
+use settings::{DdsSettings, Millis, Ros2Settings, Settings};
 use transport::monotonic_ns;
 use unitree::{Profile, Silence};
 use world::{LidarConfig, Scenario, Scene};
@@ -31,13 +30,13 @@ pub fn emulate(args: &EmulateArgs) -> Result<(), Failure> {
         Device::Rplidar { port, model, scenario, duration } => rplidar(port, *model, scenario, *duration),
         Device::Unitree { profile, listen, silence, duration } => unitree(*profile, *listen, *silence, *duration),
         Device::Go2(dds) => {
-            let robot = EmulatedSport::new(&place(dds), dds.silence).map_err(Failure::of_run)?;
+            let robot = EmulatedSport::new(&network(dds), dds.silence).map_err(Failure::of_run)?;
             say(format!("a Go2 on DDS, domain {}; Ctrl-C ends it", dds.domain));
             walk(Box::new(robot), dds.duration)
         }
         Device::Ros2 { cmd_vel, odom, stamped, dds } => {
-            let topics = Ros2Topics { cmd_vel: cmd_vel.clone(), odom: odom.clone(), stamped: *stamped };
-            let robot = EmulatedRos2::new(&place(dds), &topics, dds.silence).map_err(Failure::of_run)?;
+            let topics = Ros2Settings { cmd_vel: cmd_vel.clone(), odom: odom.clone(), stamped: *stamped };
+            let robot = EmulatedRos2::new(&network(dds), &topics, dds.silence).map_err(Failure::of_run)?;
             say(format!("a robot of ROS 2 at {cmd_vel} on DDS, domain {}; Ctrl-C ends it", dds.domain));
             walk(Box::new(robot), dds.duration)
         }
@@ -57,8 +56,8 @@ fn rplidar(port: &Path, model: Model, scenario: &str, duration: Option<Millis>) 
     until_ended(duration, |now_ns| lidar.serve(now_ns))
 }
 
-fn place(dds: &DdsArgs) -> Place {
-    Place { domain: dds.domain, networks: dds.network.clone() }
+fn network(dds: &DdsArgs) -> DdsSettings {
+    DdsSettings { domain: dds.domain, networks: dds.network.clone() }
 }
 
 fn unitree(profile: Profile, at: SocketAddr, silence: Silence, duration: Option<Millis>) -> Result<(), Failure> {

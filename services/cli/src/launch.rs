@@ -9,7 +9,7 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
@@ -264,6 +264,33 @@ impl Running {
     /// Whether the supervisor has ended; what is left is to [`Running::wait`].
     pub fn has_ended(&mut self) -> bool {
         !matches!(self.child.try_wait(), Ok(None))
+    }
+
+    /// Lets the run go on for a while.
+    ///
+    /// # Errors
+    /// Where it ends meanwhile, or this process is signalled.
+    pub fn sleep(&mut self, span: Duration) -> Result<(), Failure> {
+        let until = Instant::now() + span;
+        while Instant::now() < until {
+            if self.interrupted() || self.has_ended() {
+                return Err(Failure::run("the run ended early"));
+            }
+            std::thread::sleep((until - Instant::now().min(until)).min(TICK / 2));
+        }
+        Ok(())
+    }
+
+    /// Ends the run, of which something was asked: why a run ended says more than that it no longer answers.
+    ///
+    /// # Errors
+    /// Where the run failed, or what was asked of it did.
+    pub fn finish<T>(mut self, asked: Result<T, Failure>) -> Result<T, Failure> {
+        self.end();
+        match (asked, self.wait(|| {})) {
+            (Err(_), Err(failure)) => Err(failure),
+            (asked, _) => asked,
+        }
     }
 
     /// Waits for the end of the run, calling `tick` five times a second.

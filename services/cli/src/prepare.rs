@@ -70,6 +70,31 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
     Ok(settings)
 }
 
+/// The settings of a run in which nobody gives cues, whatever the configuration says, and nothing is recorded: the
+/// robot stands.
+///
+/// # Errors
+/// As [`up`].
+pub fn standing(config: Option<&Path>) -> Result<Settings, Failure> {
+    let pace = PaceArgs { config: config.map(Path::to_owned), ..PaceArgs::default() };
+    let mut settings = up(&WorldArgs { pace, ..WorldArgs::default() })?;
+    only_place(&mut settings.walk)?;
+    settings.walk.cues = None;
+    (settings.cue.script, settings.cue.forward_when_ready) = (None, false);
+    settings.record.path = None;
+    settings.planned.clear();
+    Ok(settings)
+}
+
+/// Leaves of a scenario its world and where it begins.
+fn only_place(walk: &mut settings::Walk) -> Result<(), Failure> {
+    if let Some(file) = walk.scenario.take() {
+        let scenario = Scenario::load(&file).map_err(Failure::of_input)?;
+        (walk.map, walk.start) = (Some(absolute(&scenario.world)?), Some(scenario.start));
+    }
+    Ok(())
+}
+
 /// The recording that `--record` names, absolute.
 ///
 /// # Errors
@@ -189,11 +214,9 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         };
     } else if simulated && walk.scenario.is_none() && walk.map.is_none() {
         let file = scenario_file(DEFAULT_SCENARIO)?;
+        walk.scenario = Some(file);
         if operator_only {
-            let scenario = Scenario::load(&file).map_err(Failure::of_input)?;
-            (walk.map, walk.start) = (Some(absolute(&scenario.world)?), Some(scenario.start));
-        } else {
-            walk.scenario = Some(file);
+            only_place(walk)?;
         }
     }
     if let Some(cues) = &args.cues {

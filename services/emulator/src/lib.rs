@@ -9,7 +9,6 @@ mod camera;
 use std::net::UdpSocket;
 use std::path::Path;
 
-use dds::bus::{Place, Ros2Topics};
 use emulators::{
     EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRos2, EmulatedRplidar, EmulatedSport, EmulatedUnitree,
 };
@@ -147,13 +146,12 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
 
 fn robot(settings: &Settings) -> Result<Box<dyn EmulatedRobot>, TransportError> {
     let (locomotion, silence) = (&settings.locomotion, settings.simulation.emulated.silence);
-    let place = Place { domain: locomotion.dds.domain, networks: locomotion.dds.networks.clone() };
+    let dds = &locomotion.dds;
     match locomotion.link {
-        LinkKind::Go2 => Ok(Box::new(EmulatedSport::new(&place, silence).map_err(TransportError::service)?)),
+        LinkKind::Go2 => Ok(Box::new(EmulatedSport::new(dds, silence).map_err(TransportError::service)?)),
         LinkKind::Ros2 => {
-            let (cmd_vel, odom) = (locomotion.ros2.cmd_vel.clone(), locomotion.ros2.odom.clone());
-            let topics = Ros2Topics { cmd_vel, odom, stamped: locomotion.ros2.stamped };
-            Ok(Box::new(EmulatedRos2::new(&place, &topics, silence).map_err(TransportError::service)?))
+            let robot = EmulatedRos2::new(dds, &locomotion.ros2, silence);
+            Ok(Box::new(robot.map_err(TransportError::service)?))
         }
         LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => unitree(&locomotion.unitree, silence),
     }

@@ -10,7 +10,7 @@ use nix::libc;
 use settings::EstopInput;
 
 use crate::Input;
-use crate::keys::{EVENT_LEN, Keys};
+use crate::keys::{EVENT_LEN, Keys, is_set};
 
 /// Events that are read at once.
 const EVENTS: usize = 64;
@@ -71,9 +71,8 @@ impl InputDevice {
         if unsafe { keys_there(self.file.as_raw_fd(), &mut bits) }.is_err() {
             return Ok(());
         }
-        let is_there = |key: u16| bits.get(usize::from(key / 8)).is_some_and(|byte| byte >> (key % 8) & 1 == 1);
         match key {
-            Some(key) if !is_there(key) => {
+            Some(key) if !is_set(&bits, usize::from(key)) => {
                 Err(format!("{} has no key {key}: name one of its own (evtest {0} lists them)", self.name))
             }
             None if bits.iter().all(|byte| *byte == 0) => {

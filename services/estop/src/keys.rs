@@ -11,6 +11,12 @@ const SYN_DROPPED: u16 = 3;
 /// Keys that there are.
 const KEYS: usize = 0x300;
 
+/// Whether a key's bit is set, where a device tells of each of its keys by one.
+#[must_use]
+pub fn is_set(bits: &[u8], key: usize) -> bool {
+    bits.get(key / 8).is_some_and(|byte| byte >> (key % 8) & 1 == 1)
+}
+
 /// Which keys are down.
 #[derive(Debug, Clone)]
 pub struct Keys {
@@ -41,7 +47,7 @@ impl Keys {
     /// What the device says is down, a bit for each key.
     pub fn answered(&mut self, bits: &[u8]) {
         for (key, down) in self.down.iter_mut().enumerate() {
-            *down = bits.get(key / 8).is_some_and(|byte| byte >> (key % 8) & 1 == 1);
+            *down = is_set(bits, key);
         }
         self.known = true;
     }

@@ -128,6 +128,7 @@ impl Supervisor {
             "mode": report::mode_json(self.machine.mode()),
             "services": report::services_json(&self.machine.status(now)),
             "stream_age_ms": ages,
+            "published": self.figures.published(),
             "world": truth,
             "locomotion": locomotion,
             "invalid_messages": self.figures.invalid_messages(),

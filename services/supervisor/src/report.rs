@@ -100,7 +100,8 @@ impl Figures {
     }
 
     /// Messages published by topic.
-    fn published(&self) -> Value {
+    #[must_use]
+    pub fn published(&self) -> Value {
         let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
         for port in self.ports(PortRole::Publisher) {
             add(counts.entry(port.0.topic.name()).or_default(), port.0.count);

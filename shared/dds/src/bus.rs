@@ -2,14 +2,13 @@
 //!
 //! A write never waits: what the network cannot take now is said again at the next period.
 
-use std::net::Ipv4Addr;
-
 use messages::Twist2;
 use rustdds::no_key::{DataReader, DataWriter};
 use rustdds::policy::{History, Reliability};
 use rustdds::{DomainParticipant, DomainParticipantBuilder, Duration, QosPolicies, QosPolicyBuilder, TopicKind};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
+use settings::{DdsSettings, Ros2Settings};
 
 use crate::ros2::{Header, ODOMETRY, Odometry, TWIST, TWIST_STAMPED, Twist, TwistStamped, dds_topic};
 use crate::sport::{self, Api, LowState, Request, Response, SportModeState};
@@ -24,27 +23,18 @@ pub struct BusError {
     why: String,
 }
 
-/// Who takes part in which domain, over which of this machine's networks.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Place {
-    /// The domain.
-    pub domain: u16,
-    /// This machine's own addresses in them; all of them, where none is told.
-    pub networks: Vec<Ipv4Addr>,
-}
-
 struct Bus {
     domain: u16,
     participant: DomainParticipant,
 }
 
 impl Bus {
-    fn open(place: &Place) -> Result<Self, BusError> {
-        let mut builder = DomainParticipantBuilder::new(place.domain);
-        if !place.networks.is_empty() {
-            builder = builder.with_only_networks(place.networks.iter().copied());
+    fn open(dds: &DdsSettings) -> Result<Self, BusError> {
+        let mut builder = DomainParticipantBuilder::new(dds.domain);
+        if !dds.networks.is_empty() {
+            builder = builder.with_only_networks(dds.networks.iter().copied());
         }
-        let domain = place.domain;
+        let domain = dds.domain;
         let failed = |why: String| BusError { domain, what: "a participant".to_owned(), why };
         let participant = builder.build().map_err(|error| failed(error.to_string()))?;
         Ok(Self { domain, participant })
@@ -122,8 +112,8 @@ pub struct Heard {
 
 /// A robot to speak to.
 pub trait Robot: Send {
-    /// Says it: whether the network has taken it.
-    fn say(&mut self, say: Say) -> bool;
+    /// Says it. Whether the network has taken it the robot's answers tell.
+    fn say(&mut self, say: Say);
 
     /// Forgets what the robot has not acknowledged. It is out of reach, and is not to hear the moves of before when it
     /// is back.
@@ -160,8 +150,8 @@ impl SportRobot {
     ///
     /// # Errors
     /// Where it cannot.
-    pub fn open(place: &Place) -> Result<Self, BusError> {
-        let bus = Bus::open(place)?;
+    pub fn open(dds: &DdsSettings) -> Result<Self, BusError> {
+        let bus = Bus::open(dds)?;
         Ok(Self {
             requests: bus.writer(sport::REQUEST, &reliable(1))?,
             responses: bus.reader(sport::RESPONSE, &reliable(16))?,
@@ -175,7 +165,7 @@ impl SportRobot {
 }
 
 impl Robot for SportRobot {
-    fn say(&mut self, say: Say) -> bool {
+    fn say(&mut self, say: Say) {
         self.id += 1;
         self.first_stop = (say == Say::Stop).then(|| self.first_stop.unwrap_or(self.id));
         let request = match say {
@@ -183,7 +173,7 @@ impl Robot for SportRobot {
             Say::Stop => Request::plain(self.id, Api::StopMove),
             Say::Balance => Request::plain(self.id, Api::BalanceStand),
         };
-        self.requests.write(request, None).is_ok()
+        let _ = self.requests.write(request, None);
     }
 
     fn renew(&mut self) {
@@ -234,7 +224,7 @@ enum Velocities {
 }
 
 impl Velocities {
-    fn open(bus: &Bus, topics: &Ros2Topics) -> Result<Self, BusError> {
+    fn open(bus: &Bus, topics: &Ros2Settings) -> Result<Self, BusError> {
         let cmd_vel = dds_topic(&topics.cmd_vel);
         Ok(if topics.stamped {
             Self::Stamped(bus.writer([&cmd_vel, TWIST_STAMPED], &reliable(1))?)
@@ -247,20 +237,9 @@ impl Velocities {
 /// A robot that takes velocities of ROS 2.
 pub struct Ros2Robot {
     velocities: Velocities,
-    topics: Ros2Topics,
+    topics: Ros2Settings,
     odometry: DataReader<Odometry>,
     bus: Bus,
-}
-
-/// What a ROS 2 robot's topics are called.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Ros2Topics {
-    /// Where it takes velocities, as ROS 2 has it: `/cmd_vel`.
-    pub cmd_vel: String,
-    /// Where it gives odometry.
-    pub odom: String,
-    /// Whether velocities have stamps: they are zero, which ROS takes for none.
-    pub stamped: bool,
 }
 
 impl Ros2Robot {
@@ -268,26 +247,26 @@ impl Ros2Robot {
     ///
     /// # Errors
     /// Where it cannot.
-    pub fn open(place: &Place, topics: &Ros2Topics) -> Result<Self, BusError> {
-        let bus = Bus::open(place)?;
+    pub fn open(dds: &DdsSettings, topics: &Ros2Settings) -> Result<Self, BusError> {
+        let bus = Bus::open(dds)?;
         let odometry = bus.reader([&dds_topic(&topics.odom), ODOMETRY], &best_effort())?;
         Ok(Self { velocities: Velocities::open(&bus, topics)?, topics: topics.clone(), odometry, bus })
     }
 }
 
 impl Robot for Ros2Robot {
-    fn say(&mut self, say: Say) -> bool {
+    fn say(&mut self, say: Say) {
         let twist = Twist::from(match say {
             Say::Move(velocity) => velocity,
             Say::Stop | Say::Balance => Twist2::ZERO,
         });
-        match &self.velocities {
+        let _ = match &self.velocities {
             Velocities::Plain(writer) => writer.write(twist, None).is_ok(),
             Velocities::Stamped(writer) => {
                 let header = Header { frame_id: "base_link".to_owned(), ..Header::default() };
                 writer.write(TwistStamped { header, twist }, None).is_ok()
             }
-        }
+        };
     }
 
     fn renew(&mut self) {
@@ -329,8 +308,8 @@ impl SportServer {
     ///
     /// # Errors
     /// Where it cannot.
-    pub fn open(place: &Place) -> Result<Self, BusError> {
-        let bus = Bus::open(place)?;
+    pub fn open(dds: &DdsSettings) -> Result<Self, BusError> {
+        let bus = Bus::open(dds)?;
         Ok(Self {
             requests: bus.reader(sport::REQUEST, &reliable(16))?,
             responses: bus.writer(sport::RESPONSE, &reliable(16))?,
@@ -374,8 +353,8 @@ impl Ros2Server {
     ///
     /// # Errors
     /// Where it cannot.
-    pub fn open(place: &Place, topics: &Ros2Topics) -> Result<Self, BusError> {
-        let bus = Bus::open(place)?;
+    pub fn open(dds: &DdsSettings, topics: &Ros2Settings) -> Result<Self, BusError> {
+        let bus = Bus::open(dds)?;
         let cmd_vel = dds_topic(&topics.cmd_vel);
         let velocities = if topics.stamped {
             VelocitiesIn::Stamped(bus.reader([&cmd_vel, TWIST_STAMPED], &reliable(1))?)

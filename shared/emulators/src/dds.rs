@@ -1,10 +1,11 @@
 //! Robots on a DDS network.
 
 use ::dds::EmulatedGo2;
-use ::dds::bus::{BusError, Place, Ros2Server, Ros2Topics, SportServer};
+use ::dds::bus::{BusError, Ros2Server, SportServer};
 use ::dds::ros2::{Header, Odometry, Twist};
 use ::dds::sport::{LowState, Request, SportModeState};
 use messages::{Fault, NS_PER_S, Pose2, Twist2};
+use settings::{DdsSettings, Ros2Settings};
 use unitree::{Button, Remote, SILENT_NS, Silence, State};
 
 use crate::EmulatedRobot;
@@ -33,8 +34,8 @@ impl EmulatedSport {
     ///
     /// # Errors
     /// Where it cannot take part in its network.
-    pub fn new(place: &Place, silence: Silence) -> Result<Self, BusError> {
-        let (server, robot) = (SportServer::open(place)?, EmulatedGo2::new(silence));
+    pub fn new(dds: &DdsSettings, silence: Silence) -> Result<Self, BusError> {
+        let (server, robot) = (SportServer::open(dds)?, EmulatedGo2::new(silence));
         Ok(Self { server, robot, told_ns: 0, line: Trouble::none() })
     }
 }
@@ -109,9 +110,9 @@ impl EmulatedRos2 {
     ///
     /// # Errors
     /// Where it cannot take part in its network.
-    pub fn new(place: &Place, topics: &Ros2Topics, silence: Silence) -> Result<Self, BusError> {
+    pub fn new(dds: &DdsSettings, topics: &Ros2Settings, silence: Silence) -> Result<Self, BusError> {
         Ok(Self {
-            server: Ros2Server::open(place, topics)?,
+            server: Ros2Server::open(dds, topics)?,
             silence,
             velocity: Twist2::ZERO,
             commanded_ns: 0,

@@ -10,14 +10,10 @@ use messages::{Pose2, Twist2};
 use transport::{Io, Line, Received, TransportError, monotonic_ns};
 use zerocopy::{FromBytes, Immutable, IntoBytes, KnownLayout};
 
-use crate::{BrakePath, Link, RobotReport};
+use crate::{BrakePath, DEAD_MAN_NS, Link, RobotReport, STATE_MAX_AGE_NS};
 
 /// Room for the longest word, bytes.
 pub const WORD_MAX: usize = 128;
-/// No wish holds for longer, nanoseconds: as on the other lines to robots.
-const DEAD_MAN_NS: u64 = ::unitree::DEAD_MAN_NS;
-/// A state that is older says nothing about now, nanoseconds.
-const STATE_MAX_AGE_NS: u64 = ::unitree::STATE_MAX_AGE_NS;
 
 /// What is said to bridge and backstop.
 #[derive(Debug, Clone, Copy, PartialEq)]

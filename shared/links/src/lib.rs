@@ -10,6 +10,9 @@ use messages::{Pose2, Twist2};
 use settings::{LinkKind, Locomotion};
 use transport::{Io, TransportError};
 
+/// How long the robots' own dead man's switch and their states hold, whatever the line to them.
+pub use ::unitree::{DEAD_MAN_NS, STATE_MAX_AGE_NS};
+
 pub use self::unitree::{PERIOD_NS as UNITREE_PERIOD_NS, UnitreeBrake, UnitreeLink};
 pub use bridge::{BridgeBrake, BridgeLink, FromBridge, ToBridge, WORD_MAX};
 pub use null::{NullBrake, NullLink};

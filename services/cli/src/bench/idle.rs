@@ -51,13 +51,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let launch = Launch { settings: &prepared.settings, name: free_name("idle"), speed: None };
     let mut running = launch.spawn()?;
     let measured = measure(&mut running, Duration::from_secs(u64::from(seconds)));
-    running.end();
-    let ended = running.wait(|| {});
-    let report = match (measured, ended) {
-        // Why a run ended says more than that it no longer answers.
-        (Err(_), Err(failure)) => return Err(failure),
-        (measured, _) => measured?,
-    };
+    let report = running.finish(measured)?;
     if as_json {
         out::json(&report)?;
     } else {
@@ -69,10 +63,10 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
 fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
     let mut client = connect(running)?;
     let processes = processes(&client_status(&mut client)?);
-    sleep(running, SETTLE)?;
+    running.sleep(SETTLE)?;
     let started = Instant::now();
     let before: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
-    sleep(running, span)?;
+    running.sleep(span)?;
     let after: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
     let seconds = started.elapsed().as_secs_f64();
     let percent = |cpu_s: f64| (cpu_s / seconds * 10_000.0).round() / 100.0;
@@ -102,7 +96,7 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
     let until = Instant::now() + READY_WITHIN;
     let mut last = "the supervisor does not answer".to_owned();
     while Instant::now() < until {
-        sleep(running, Duration::from_millis(100))?;
+        running.sleep(Duration::from_millis(100))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
         let Ok(status) = client.ask(&json!({ "verb": "status" })) else { continue };
         let services: Vec<&Value> = wanted(&status).collect();
@@ -129,17 +123,6 @@ fn processes(status: &Value) -> Vec<(String, u64)> {
     let supervisor = ("supervisor".to_owned(), count(status, "/supervisor_pid"));
     let services = wanted(status).map(|s| (text(s, "/name").to_owned(), count(s, "/pid")));
     std::iter::once(supervisor).chain(services).collect()
-}
-
-fn sleep(running: &mut Running, span: Duration) -> Result<(), Failure> {
-    let until = Instant::now() + span;
-    while Instant::now() < until {
-        if running.interrupted() || running.has_ended() {
-            return Err(Failure::run("the run ended early"));
-        }
-        std::thread::sleep((until - Instant::now().min(until)).min(Duration::from_millis(100)));
-    }
-    Ok(())
 }
 
 fn usage(pid: u64) -> Option<Usage> {
