@@ -150,9 +150,10 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
         *path = folder.join(&path);
     }
     settings.depth.socket.path = folder.join(&settings.depth.socket.path);
-    let realsense = &mut settings.depth.realsense;
-    for path in [&mut realsense.library, &mut realsense.file].into_iter().flatten() {
-        *path = folder.join(&path);
+    for camera in [&mut settings.depth.realsense, &mut settings.odometry.t265] {
+        for path in [&mut camera.library, &mut camera.file].into_iter().flatten() {
+            *path = folder.join(&path);
+        }
     }
     let policy = &mut settings.policy;
     for path in [policy.model.file_mut(), policy.onnx_runtime.as_mut()].into_iter().flatten() {

@@ -4,14 +4,16 @@
 mod matching;
 mod robot;
 mod simulated;
+mod tracked;
 
 use messages::Odometry;
-use settings::Source;
+use settings::{OdometryDevice, Source};
 use transport::{Io, Publisher, Service, TransportError};
 
 pub use matching::ScanMatching;
 pub use robot::RobotOdometry;
 pub use simulated::SimulatedOdometry;
+pub use tracked::TrackedOdometry;
 
 /// Where poses come from: the simulated world, or a device.
 pub trait PoseSource {
@@ -21,8 +23,8 @@ pub trait PoseSource {
     /// The next pose with its stamp, if there is one.
     ///
     /// # Errors
-    /// Where the source is broken for good.
-    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError>;
+    /// Where the source is broken for good, or a new life with a frame of its own has to go on.
+    fn poll(&mut self, io: &Io) -> Result<Option<(u64, Odometry)>, TransportError>;
 }
 
 /// The service.
@@ -41,7 +43,10 @@ impl OdometryDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn PoseSource> = match settings.odometry.source {
             Source::Simulated => Box::new(SimulatedOdometry::open(&settings, io)?),
-            Source::Device => Box::new(RobotOdometry::open(&settings, io)?),
+            Source::Device => match settings.odometry.device {
+                OdometryDevice::Robot => Box::new(RobotOdometry::open(&settings, io)?),
+                OdometryDevice::T265 => Box::new(TrackedOdometry::open(&settings.odometry, io)?),
+            },
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));
             }
@@ -53,7 +58,7 @@ impl OdometryDriver {
 
 impl Service for OdometryDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
-        while let Some((stamp_ns, pose)) = self.source.poll(io.now_ns())? {
+        while let Some((stamp_ns, pose)) = self.source.poll(io)? {
             let pose = self.matching.as_mut().map_or(pose, |matching| matching.correct(stamp_ns, pose));
             self.poses.publish(stamp_ns, pose)?;
         }

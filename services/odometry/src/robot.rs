@@ -59,8 +59,8 @@ impl PoseSource for RobotOdometry {
         Some(self.rhythm.next_ns() + BEHIND_NS)
     }
 
-    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError> {
-        if self.rhythm.due(now_ns.saturating_sub(BEHIND_NS)).is_none() {
+    fn poll(&mut self, io: &Io) -> Result<Option<(u64, Odometry)>, TransportError> {
+        if self.rhythm.due(io.now_ns().saturating_sub(BEHIND_NS)).is_none() {
             return Ok(None);
         }
         // A state without a pose, or with one that was told already, is no news: the stream grows old, and that stops.

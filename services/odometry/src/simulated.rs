@@ -35,7 +35,7 @@ impl PoseSource for SimulatedOdometry {
         Some(self.rhythm.next_ns())
     }
 
-    fn poll(&mut self, now_ns: u64) -> Result<Option<(u64, Odometry)>, TransportError> {
+    fn poll(&mut self, io: &Io) -> Result<Option<(u64, Odometry)>, TransportError> {
         while let Some(truth) = self.truths.take()? {
             let reading = self.sensor.update(truth.header.seq, truth.world_from_robot, truth.robot_twist);
             let pose = Odometry {
@@ -46,6 +46,6 @@ impl PoseSource for SimulatedOdometry {
             };
             self.newest = Some((truth.header.stamp_ns, pose));
         }
-        Ok(self.rhythm.due(now_ns).and_then(|_| self.newest.take()))
+        Ok(self.rhythm.due(io.now_ns()).and_then(|_| self.newest.take()))
     }
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::sections::{DepthDevice, DepthSettings, EstopSource, LinkKind, Settings, Source};
+use crate::sections::{DepthDevice, DepthSettings, EstopSource, LinkKind, OdometryDevice, Settings, Source};
 use crate::units::Millis;
 
 /// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
@@ -211,7 +211,8 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
     let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
     let is_device = settings.locomotion.link.is_device();
-    if odometry == Source::Device && !is_device {
+    let own = odometry == Source::Device && settings.odometry.device == OdometryDevice::Robot;
+    if own && !is_device {
         let links = "\"unitree\", \"go2\" or \"ros2\"";
         return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
     }
@@ -225,7 +226,10 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
             }
         }
     }
-    if emulated && (lidar, odometry, is_device) != (Source::Device, Source::Device, true) {
+    if settings.odometry.t265.file.is_some() && settings.commands_robot() {
+        return Err("odometry.t265.file is a recording, and locomotion.link commands a real robot".to_owned());
+    }
+    if emulated && (lidar, own, is_device) != (Source::Device, true, true) {
         let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
         return Err(format!("simulation.emulated.on needs {needed}"));
     }
@@ -485,6 +489,7 @@ mod tests {
             |fx: &str| format!("[depth.intrinsics]\nfx_px = {fx}\nfy_px = 380.0\ncx_px = 320.0\ncy_px = 240.0\n");
         let real = "[lidar]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"unitree\"\n";
         let file = "[depth]\nsource = \"device\"\ndevice = \"realsense\"\n[depth.realsense]\nfile = \"x.db3\"\n";
+        let depth = "[depth]\nsource = \"device\"\n";
         let check_of = |text: &str| check(&toml::from_str::<Settings>(text).expect("each key by itself is right"));
         for (text, key) in [
             (gstreamer.to_owned(), "depth.gstreamer.pipeline"),
@@ -494,6 +499,7 @@ mod tests {
             ("[depth.gstreamer]\nunit_m = 1.0\n".to_owned(), "depth.gstreamer.unit_m = 1"),
             ("[depth.gstreamer]\nlatency = \"2s\"\n".to_owned(), "depth.gstreamer.latency = 2"),
             (format!("{real}{file}"), "depth.realsense.file"),
+            (format!("{real}{depth}[odometry.t265]\nfile = \"x.bag\"\n"), "odometry.t265.file"),
         ] {
             let why = check_of(&text).expect_err(&text);
             assert!(why.starts_with(key), "{text}: {why}");

@@ -14,9 +14,9 @@ pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
     Access, ActionTableName, Choice, CueSettings, DdsSettings, DepthDevice, DepthGstreamer, DepthIntrinsics,
-    DepthRealsense, DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource,
-    Handler, HandlerModel, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
-    OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings, ShieldSettings,
-    Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
+    DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler,
+    HandlerModel, Librealsense, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
+    OdometryDevice, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings,
+    ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

@@ -26,11 +26,11 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
-pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthRealsense, DepthSettings, DepthSocket};
+pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthSettings, DepthSocket, Librealsense};
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
 pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, UnitreeSettings};
-pub use odometry::{MatchingSettings, OdometrySettings};
+pub use odometry::{MatchingSettings, OdometryDevice, OdometrySettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 
@@ -104,6 +104,7 @@ impl Settings {
     pub fn emulate(&mut self) {
         self.simulation.emulated.on = true;
         (self.lidar.source, self.odometry.source) = (Source::Device, Source::Device);
+        self.odometry.device = OdometryDevice::Robot;
         (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
         if !self.locomotion.link.is_device() {
             self.locomotion.link = LinkKind::Unitree;

@@ -8,9 +8,10 @@ use std::os::unix::fs::OpenOptionsExt;
 use std::path::Path;
 
 use grabber::Trouble;
+use grabber::realsense::{self, Kind};
 use rustix::fs::{Access, OFlags};
 use serial::SerialPort;
-use settings::{DepthDevice, EstopSource, LinkKind, Settings, Source};
+use settings::{DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source};
 
 use super::Check;
 
@@ -30,9 +31,12 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     if settings.depth.source == Source::Device {
         checks.push(match settings.depth.device {
             DepthDevice::Socket => frame_socket(&settings.depth.socket.path),
-            DepthDevice::Gstreamer => camera(grabber::gstreamer::check(&settings.depth)),
-            DepthDevice::Realsense => camera(grabber::realsense::check(&settings.depth)),
+            DepthDevice::Gstreamer => camera("depth camera", grabber::gstreamer::check(&settings.depth)),
+            DepthDevice::Realsense => camera("depth camera", realsense::check(Kind::Depth, &settings.depth.realsense)),
         });
+    }
+    if (settings.odometry.source, settings.odometry.device) == (Source::Device, OdometryDevice::T265) {
+        checks.push(camera("tracking camera", realsense::check(Kind::Tracking, &settings.odometry.t265)));
     }
     match settings.estop.source {
         EstopSource::Input => checks.push(input(&settings.estop.input.device)),
@@ -70,12 +74,12 @@ fn frame_socket(path: &Path) -> Check {
 }
 
 /// A camera by its library.
-fn camera(looked: Result<String, Trouble>) -> Check {
+fn camera(name: &'static str, looked: Result<String, Trouble>) -> Check {
     let (ok, (found, fix)) = match looked {
         Ok(found) => (true, (found, String::new())),
         Err(Trouble { found, fix }) => (false, (found, fix)),
     };
-    Check { name: "depth camera", ok, found, fix }
+    Check { name, ok, found, fix }
 }
 
 fn input(path: &Path) -> Check {

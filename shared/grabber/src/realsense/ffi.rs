@@ -10,9 +10,10 @@ use crate::library::{self, Handle, functions, text};
 /// As its developers' package has it; what runs alone is called after its version.
 const LIBRARY: &str = "librealsense2.so";
 const MINORS: std::ops::RangeInclusive<u32> = 43..=99;
-/// `RS2_STREAM_DEPTH`, `RS2_FORMAT_Z16`, `RS2_CAMERA_INFO_NAME`, `RS2_CAMERA_INFO_SERIAL_NUMBER`
-const STREAM_DEPTH: c_int = 1;
-const FORMAT_Z16: c_int = 1;
+/// `RS2_STREAM_DEPTH` and `RS2_FORMAT_Z16`; `RS2_STREAM_POSE` and `RS2_FORMAT_6DOF`.
+const DEPTH: [c_int; 2] = [1, 1];
+const POSE: [c_int; 2] = [8, 18];
+/// `RS2_CAMERA_INFO_NAME`, `RS2_CAMERA_INFO_SERIAL_NUMBER`
 const INFO: [c_int; 2] = [0, 1];
 /// `RS2_TIMESTAMP_DOMAIN_HARDWARE_CLOCK`: the camera's own.
 const CAMERA_CLOCK: c_int = 0;
@@ -56,6 +57,7 @@ functions! {
         rs2_get_frame_timestamp(*const c_void, Errors) -> f64;
         rs2_get_frame_timestamp_domain(*const c_void, Errors) -> c_int;
         rs2_depth_frame_get_units(*const c_void, Errors) -> c_float;
+        rs2_pose_frame_get_pose_data(*const c_void, *mut Pose, Errors);
     }
 }
 
@@ -75,17 +77,49 @@ pub struct Intrinsics {
     pub coefficients: [c_float; 5],
 }
 
+/// `rs2_pose`: by the library's axes (x right, y up, z backward), in a frame that begins where the camera did, level
+/// with the ground.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Pose {
+    /// Place, metres.
+    pub place_m: [c_float; 3],
+    /// Velocity, metres per second.
+    pub velocity_mps: [c_float; 3],
+    /// Acceleration, metres per second squared.
+    pub acceleration_mps2: [c_float; 3],
+    /// Rotation, a unit quaternion: x, y, z, w.
+    pub rotation: [c_float; 4],
+    /// Angular velocity, radians per second.
+    pub turn_radps: [c_float; 3],
+    /// Angular acceleration, radians per second squared.
+    pub turn_radps2: [c_float; 3],
+    /// How sure its tracker is: 0 (it is lost) to 3.
+    pub confidence: c_uint,
+    /// How sure its map is.
+    pub map_confidence: c_uint,
+}
+
 /// The library.
 #[derive(Debug)]
 pub struct Rs2(Functions);
 
 static RS2: OnceLock<Rs2> = OnceLock::new();
 
-/// Which camera, and what it is to give.
+/// What a camera is to give.
+#[derive(Debug, Clone, Copy)]
+pub enum Stream {
+    /// Depth frames: columns, rows, frames a second; 0 lets the library choose.
+    Depth([u32; 3]),
+    /// Poses.
+    Pose,
+}
+
+/// Which camera.
 #[derive(Debug, Clone, Copy)]
 pub enum Wanted<'a> {
-    /// A camera: columns, rows, frames a second, and which one, where that matters.
-    Live([u32; 3], Option<&'a str>),
+    /// One that is plugged in, by its serial number where that matters.
+    Live(Option<&'a str>),
     /// A file, again and again.
     File(&'a Path),
 }
@@ -153,6 +187,29 @@ impl Rs2 {
         })
     }
 
+    /// Stream and format of a frame, which is alive.
+    fn kind(&self, frame: *const c_void) -> Result<[c_int; 2], String> {
+        // SAFETY: the frame is alive, and its profile for as long as it.
+        let profile = self.call(|e| unsafe { (self.0.rs2_get_frame_stream_profile)(frame, e) })?;
+        let (mut stream, mut format, [mut index, mut id, mut rate]) = (0, 0, [0; 3]);
+        let (which, what) = (&raw mut stream, &raw mut format);
+        let others = [&raw mut index, &raw mut id, &raw mut rate];
+        self.call(|e| {
+            // SAFETY: as above; five places for what is told.
+            unsafe { (self.0.rs2_get_stream_profile_data)(profile, which, what, others[0], others[1], others[2], e) }
+        })?;
+        Ok([stream, format])
+    }
+
+    /// When a frame, which is alive, was taken.
+    fn taken_ms(&self, frame: *const c_void) -> Result<Option<f64>, String> {
+        // SAFETY: the frame is alive.
+        let domain = self.call(|e| unsafe { (self.0.rs2_get_frame_timestamp_domain)(frame, e) })?;
+        // SAFETY: as above.
+        let taken_ms = self.call(|e| unsafe { (self.0.rs2_get_frame_timestamp)(frame, e) })?;
+        Ok((domain != CAMERA_CLOCK).then_some(taken_ms))
+    }
+
     /// Names and serial numbers of the cameras that are plugged in.
     ///
     /// # Errors
@@ -187,14 +244,18 @@ impl Streaming {
     ///
     /// # Errors
     /// Where there is no such camera or file, or it cannot give that: in the library's words.
-    pub fn start(rs2: &'static Rs2, wanted: Wanted<'_>) -> Result<Self, String> {
+    pub fn start(rs2: &'static Rs2, stream: Stream, wanted: Wanted<'_>) -> Result<Self, String> {
         let (f, context) = (&rs2.0, rs2.context()?);
         let c_text = |text: &str| CString::new(text).map_err(|_| "it has a zero in it".to_owned());
         // SAFETY: no argument but a place for the error.
         let config = rs2.make(f.rs2_delete_config, |e| unsafe { (f.rs2_create_config)(e) })?;
-        let ([width, height, rate_hz], serial, file) = match wanted {
-            Wanted::Live(size, serial) => (size.map(u32::cast_signed), serial.map(c_text).transpose()?, None),
-            Wanted::File(path) => ([0; 3], None, Some(c_text(&path.to_string_lossy())?)),
+        let (serial, file) = match wanted {
+            Wanted::Live(serial) => (serial.map(c_text).transpose()?, None),
+            Wanted::File(path) => (None, Some(c_text(&path.to_string_lossy())?)),
+        };
+        let ([kind, format], [width, height, rate_hz]) = match stream {
+            Stream::Depth(size) => (DEPTH, size.map(u32::cast_signed)),
+            Stream::Pose => (POSE, [0; 3]),
         };
         if let Some(serial) = serial {
             // SAFETY: here and below every object is alive while it is used, and every text ends in zero.
@@ -205,9 +266,8 @@ impl Streaming {
             rs2.call(|e| unsafe { (f.rs2_config_enable_device_from_file)(config.get(), file.as_ptr(), e) })?;
         }
         rs2.call(|e| {
-            let (stream, format) = (STREAM_DEPTH, FORMAT_Z16);
             // SAFETY: as above; 0 for a number lets the library choose.
-            unsafe { (f.rs2_config_enable_stream)(config.get(), stream, 0, width, height, format, rate_hz, e) }
+            unsafe { (f.rs2_config_enable_stream)(config.get(), kind, 0, width, height, format, rate_hz, e) }
         })?;
         // SAFETY: as above.
         let pipeline = rs2.make(f.rs2_delete_pipeline, |e| unsafe { (f.rs2_create_pipeline)(context.get(), e) })?;
@@ -225,7 +285,33 @@ impl Streaming {
     ///
     /// # Errors
     /// In the library's words.
-    pub fn next(&self, limit_ms: u32) -> Result<Option<Shot>, String> {
+    pub fn next_depth(&self, limit_ms: u32) -> Result<Option<Shot>, String> {
+        self.next(limit_ms, Shot::of)
+    }
+
+    /// The next pose, if it comes so soon, and when it was taken, as [`Shot::taken_ms`].
+    ///
+    /// # Errors
+    /// In the library's words.
+    pub fn next_pose(&self, limit_ms: u32) -> Result<Option<(Pose, Option<f64>)>, String> {
+        self.next(limit_ms, |rs2, frame| {
+            let (f, it) = (&rs2.0, frame.get().cast_const());
+            if rs2.kind(it)? != POSE {
+                return Ok(None);
+            }
+            let mut pose = Pose::default();
+            let place = &raw mut pose;
+            // SAFETY: the frame is alive, and one of poses; a place of the library's own layout.
+            rs2.call(|e| unsafe { (f.rs2_pose_frame_get_pose_data)(it, place, e) })?;
+            Ok(Some((pose, rs2.taken_ms(it)?)))
+        })
+    }
+
+    fn next<T>(
+        &self,
+        limit_ms: u32,
+        of: impl Fn(&Rs2, Handle) -> Result<Option<T>, String>,
+    ) -> Result<Option<T>, String> {
         let (rs2, f, mut frames) = (self.rs2, &self.rs2.0, null_mut());
         // SAFETY: the pipeline is alive; what comes is ours.
         let wait =
@@ -238,8 +324,8 @@ impl Streaming {
         for i in 0..count {
             // SAFETY: as above; it is one of so many.
             let frame = rs2.make(f.rs2_release_frame, |e| unsafe { (f.rs2_extract_frame)(set.get(), i, e) })?;
-            if let Some(shot) = Shot::of(rs2, frame)? {
-                return Ok(Some(shot));
+            if let Some(it) = of(rs2, frame)? {
+                return Ok(Some(it));
             }
         }
         Ok(None)
@@ -269,18 +355,11 @@ impl Shot {
     /// All that is to be known of a frame; none of one that is not depth.
     fn of(rs2: &Rs2, frame: Handle) -> Result<Option<Self>, String> {
         let (f, it) = (&rs2.0, frame.get().cast_const());
-        // SAFETY: the frame is alive for all these calls, and its profile for as long as it.
-        let profile = rs2.call(|e| unsafe { (f.rs2_get_frame_stream_profile)(it, e) })?;
-        let (mut stream, mut format, [mut index, mut id, mut rate]) = (0, 0, [0; 3]);
-        let (which, what) = (&raw mut stream, &raw mut format);
-        let others = [&raw mut index, &raw mut id, &raw mut rate];
-        rs2.call(|e| {
-            // SAFETY: as above; five places for what is told.
-            unsafe { (f.rs2_get_stream_profile_data)(profile, which, what, others[0], others[1], others[2], e) }
-        })?;
-        if (stream, format) != (STREAM_DEPTH, FORMAT_Z16) {
+        if rs2.kind(it)? != DEPTH {
             return Ok(None);
         }
+        // SAFETY: the frame is alive for all these calls, and its profile for as long as it.
+        let profile = rs2.call(|e| unsafe { (f.rs2_get_frame_stream_profile)(it, e) })?;
         let mut lens = Intrinsics::default();
         let place = &raw mut lens;
         // SAFETY: as above; a place of the library's own layout.
@@ -289,10 +368,7 @@ impl Shot {
         let row_bytes = rs2.call(|e| unsafe { (f.rs2_get_frame_stride_in_bytes)(it, e) })?;
         // SAFETY: as above.
         let len = rs2.call(|e| unsafe { (f.rs2_get_frame_data_size)(it, e) })?;
-        // SAFETY: as above.
-        let domain = rs2.call(|e| unsafe { (f.rs2_get_frame_timestamp_domain)(it, e) })?;
-        // SAFETY: as above.
-        let taken_ms = rs2.call(|e| unsafe { (f.rs2_get_frame_timestamp)(it, e) })?;
+        let taken_ms = rs2.taken_ms(it)?;
         // SAFETY: as above.
         let unit_m = rs2.call(|e| unsafe { (f.rs2_depth_frame_get_units)(it, e) })?;
         // SAFETY: as above; so many bytes for as long as the frame lives.
@@ -304,7 +380,7 @@ impl Shot {
             row_bytes: usize::try_from(row_bytes).unwrap_or(0),
             lens,
             unit_m,
-            taken_ms: (domain != CAMERA_CLOCK).then_some(taken_ms),
+            taken_ms,
         }))
     }
 

@@ -50,7 +50,7 @@ pub struct DepthSettings {
     /// The pipeline, where that is the device.
     pub gstreamer: DepthGstreamer,
     /// The RealSense camera, where that is the device.
-    pub realsense: DepthRealsense,
+    pub realsense: Librealsense,
     /// The lens, for a device that does not tell it: frames of a GStreamer pipeline have none.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intrinsics: Option<DepthIntrinsics>,
@@ -71,7 +71,7 @@ impl Default for DepthSettings {
             needed: true,
             socket: DepthSocket::default(),
             gstreamer: DepthGstreamer::default(),
-            realsense: DepthRealsense::default(),
+            realsense: Librealsense::default(),
             intrinsics: None,
         }
     }
@@ -110,10 +110,10 @@ impl Default for DepthGstreamer {
     }
 }
 
-/// A RealSense camera, by librealsense.
+/// A RealSense camera, by its maker's library librealsense.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
-pub struct DepthRealsense {
+pub struct Librealsense {
     /// The library; where none is told, the loader looks for `librealsense2.so`.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub library: Option<PathBuf>,

@@ -2,10 +2,22 @@
 
 use guidance::Disc;
 use matching::{CorrectedConfig, LegNoise, MatcherConfig};
+use messages::Pose3;
 use serde::{Deserialize, Serialize};
 
-use super::Source;
+use super::{Librealsense, Source};
 use crate::units::Positive;
+
+/// Which device gives poses.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum OdometryDevice {
+    /// The robot itself, over its link.
+    #[default]
+    Robot,
+    /// Intel's tracking camera T265, by librealsense.
+    T265,
+}
 
 /// The odometry driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -13,6 +25,8 @@ use crate::units::Positive;
 pub struct OdometrySettings {
     /// Where poses come from.
     pub source: Source,
+    /// Which device, where they come from one.
+    pub device: OdometryDevice,
     /// Poses a second, at most 100 in this version.
     pub rate_hz: Positive,
     /// Drift of the simulated odometry: one standard deviation of its scale, drawn once for each incarnation.
@@ -21,16 +35,23 @@ pub struct OdometrySettings {
     pub yaw_walk_rad_per_sqrt_m: f64,
     /// Its correction by lidar scans.
     pub matching: MatchingSettings,
+    /// The tracking camera.
+    pub t265: Librealsense,
+    /// Where the tracking camera is on the robot, and how it looks.
+    pub robot_from_camera: Pose3,
 }
 
 impl Default for OdometrySettings {
     fn default() -> Self {
         Self {
             source: Source::Simulated,
+            device: OdometryDevice::Robot,
             rate_hz: Positive::of(50.0),
             scale_sigma: 0.01,
             yaw_walk_rad_per_sqrt_m: 0.01,
             matching: MatchingSettings::default(),
+            t265: Librealsense::default(),
+            robot_from_camera: Pose3::default(),
         }
     }
 }
