@@ -3,7 +3,7 @@
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
-use rplidar::{Beams, Decoder, Format, Requests, Session, Timing, Turns, Wanted};
+use rplidar::{Beams, Decoder, Fan, Format, Requests, Session, Timing, Turns, Wanted};
 
 const MS: u64 = 1_000_000;
 
@@ -11,7 +11,7 @@ fuzz_target!(|input: &[u8]| {
     let [piece, mode, bytes @ ..] = input else { return };
     let size = usize::from(*piece).max(1);
     let beams = Beams { count: 360, angle_min_rad: -3.2, angle_increment_rad: 0.0175 };
-    let mut turns = Turns::new(beams);
+    let (mut turns, mut fan) = (Turns::default(), Fan::new(beams, 0.1));
     let mut samples = Vec::new();
     let wanted = Wanted { baud: 115_200, mode: (*mode > 127).then(|| "Boost".to_owned()), motor_rpm: 600 };
     let mut session = Session::new(wanted, 0);
@@ -30,7 +30,8 @@ fuzz_target!(|input: &[u8]| {
     for sample in &samples {
         assert!((0.0..360.0).contains(&sample.angle_deg) && sample.range_m.is_none_or(|range_m| range_m > 0.0));
         if let Some(turn) = turns.push(sample) {
-            assert_eq!(turn.ranges_m.len(), beams.count);
+            turn.iter().for_each(|sample| fan.enter(sample));
+            assert_eq!(fan.ranges_m().len(), beams.count);
         }
     }
     let _ = Requests::default().push(bytes);

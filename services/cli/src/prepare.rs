@@ -149,7 +149,11 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     for path in paths.into_iter().flatten() {
         *path = folder.join(&path);
     }
-    settings.depth.socket.path = folder.join(&settings.depth.socket.path);
+    let (estop, lidar) = (&mut settings.estop, &mut settings.lidar.rplidar);
+    let devices = [&mut estop.input.device, &mut estop.serial.port, &mut lidar.port, &mut settings.depth.socket.path];
+    for path in devices {
+        *path = folder.join(&path);
+    }
     for camera in [&mut settings.depth.realsense, &mut settings.odometry.t265] {
         for path in [&mut camera.library, &mut camera.file].into_iter().flatten() {
             *path = folder.join(&path);

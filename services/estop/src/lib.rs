@@ -19,6 +19,8 @@ pub use keys::{EVENT_LEN, Keys};
 
 /// Words a second, besides every change.
 const RATE_HZ: f64 = 50.0;
+/// Told of what cannot be watched.
+const NO_DEVICE: &str = "what estop.input.device or estop.serial.port names is no device whose news can be waited for";
 /// Between two tries to open what is not there, nanoseconds.
 const REOPEN_NS: u64 = 200_000_000;
 /// As long as this after its start nothing is lost yet, only unknown, nanoseconds: nobody has to resume a run that has
@@ -86,11 +88,13 @@ impl EstopDriver {
     fn look(&mut self, io: &Io) -> Result<StopInput, TransportError> {
         let now_ns = io.now_ns();
         if self.input.is_none() && now_ns >= self.reopen_ns {
-            match (self.opens)(now_ns) {
-                Ok(input) => {
-                    io.watch(input.fd(), TOKEN)?;
-                    self.input = Some(input);
-                }
+            // A plain file, for one, has no news that could be waited for.
+            let watched = |input: Box<dyn Input>| match io.watch(input.fd(), TOKEN) {
+                Ok(()) => Ok(input),
+                Err(_) => Err(NO_DEVICE.to_owned()),
+            };
+            match (self.opens)(now_ns).and_then(watched) {
+                Ok(input) => self.input = Some(input),
                 Err(why) => self.lose(io, why),
             }
         }

@@ -1,5 +1,6 @@
 //! The lidar driver: scans from a source, straight into shared memory.
 
+mod deskew;
 mod rplidar;
 mod simulated;
 
@@ -43,7 +44,7 @@ impl LidarDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn ScanSource> = match settings.lidar.source {
             Source::Simulated => Box::new(SimulatedLidar::open(&settings, io)?),
-            Source::Device => Box::new(RplidarSource::new(&settings.lidar)),
+            Source::Device => Box::new(RplidarSource::open(&settings.lidar, io)?),
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));
             }

@@ -3,14 +3,16 @@
 //! A lidar that is not there is no reason to end: without scans nothing moves, and the operator is told once what is
 //! missing and what to do.
 
-use messages::{LidarScan, NS_PER_S, ScanHeader};
-use rplidar::{Beams, Do, Found, Sample, Session, Turns, Wanted};
+use guidance::se2::se2;
+use messages::{LidarScan, NS_PER_S, Odometry, ScanHeader};
+use rplidar::{Beams, Do, Fan, Found, Sample, Session, Turns, Wanted};
 use serial::{SerialError, SerialPort};
 use settings::LidarSettings;
-use transport::{FramePublisher, FromChild, Io, TransportError};
+use transport::{FramePublisher, FromChild, Io, Subscriber, TransportError};
 use world::LidarConfig;
 
 use crate::ScanSource;
+use crate::deskew::{Deskew, Motion};
 
 /// Between two tries to open a port: short, since fresh scans are to come within a second of replugging.
 const REOPEN_NS: u64 = 200_000_000;
@@ -29,8 +31,13 @@ pub struct RplidarSource {
     settings: LidarSettings,
     header: ScanHeader,
     line: Option<Line>,
-    turns: Turns,
     samples: Vec<Sample>,
+    turns: Turns,
+    odometry: Subscriber<Odometry>,
+    deskew: Deskew,
+    fan: Fan,
+    /// Angle and range of what the last turn measured.
+    before: Vec<(f64, Option<f32>)>,
     reopen_ns: u64,
     /// Ports opened so far without a scan: which speed is tried next.
     tries: usize,
@@ -50,24 +57,30 @@ struct Line {
 
 impl RplidarSource {
     /// A source that opens its port when it is first asked.
-    #[must_use]
-    pub fn new(settings: &LidarSettings) -> Self {
+    ///
+    /// # Errors
+    /// Where the topic `odometry` cannot be opened.
+    pub fn open(settings: &LidarSettings, io: &mut Io) -> Result<Self, TransportError> {
         let header = LidarConfig::from(settings).scan_header();
         let beams = Beams {
             count: settings.beams as usize,
             angle_min_rad: header.angle_min_rad,
             angle_increment_rad: header.angle_increment_rad,
         };
-        Self {
+        Ok(Self {
             settings: settings.clone(),
             header,
             line: None,
-            turns: Turns::new(beams, settings.sigma_m),
             samples: Vec::new(),
+            turns: Turns::default(),
+            odometry: io.quiet_subscriber()?,
+            deskew: Deskew::new(se2(header.robot_from_lidar)),
+            fan: Fan::new(beams, settings.sigma_m),
+            before: Vec::new(),
             reopen_ns: 0,
             tries: 0,
             told: String::new(),
-        }
+        })
     }
 
     /// The speed to try.
@@ -75,7 +88,7 @@ impl RplidarSource {
         self.settings.rplidar.baud.unwrap_or(BAUDS[self.tries % BAUDS.len()])
     }
 
-    fn open(&mut self, io: &Io) -> Result<(), TransportError> {
+    fn plug(&mut self, io: &Io) -> Result<(), TransportError> {
         let (wished, baud) = (&self.settings.rplidar, self.baud());
         match SerialPort::open(&wished.port, baud) {
             Ok(port) => {
@@ -103,6 +116,33 @@ impl RplidarSource {
             io.tell(&FromChild::Note { text: text.clone() });
             self.told = text;
         }
+    }
+
+    /// Publishes the turns that are complete, each as from where the lidar was at its end.
+    fn publish(&mut self, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+        while let Some(odometry) = self.odometry.take()? {
+            self.deskew.take(&odometry);
+        }
+        for sample in self.samples.drain(..) {
+            let Some(turn @ [first, .., last]) = self.turns.push(&sample) else { continue };
+            let measured = turn.iter().map(|sample| (sample.angle_deg, sample.range_m));
+            // A lidar that says the same again is stuck. Whoever judges that has to see the same again, too.
+            let motion = if measured.clone().eq(self.before.iter().copied()) {
+                Motion::NONE
+            } else {
+                self.deskew.motion(first.stamp_ns, last.stamp_ns)
+            };
+            self.before.clear();
+            self.before.extend(measured);
+            let fan = &mut self.fan;
+            turn.iter().for_each(|sample| fan.enter(&motion.at_end(sample)));
+            let ranges_m = fan.ranges_m();
+            let mut loan = scans.loan(ranges_m.len())?;
+            *loan.meta_mut() = self.header;
+            loan.data_mut().copy_from_slice(ranges_m);
+            scans.publish(last.stamp_ns, loan)?;
+        }
+        Ok(())
     }
 
     /// Tells who the lidar is, once it scans.
@@ -163,7 +203,7 @@ impl ScanSource for RplidarSource {
     fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
         let now_ns = io.now_ns();
         if self.line.is_none() && now_ns >= self.reopen_ns {
-            self.open(io)?;
+            self.plug(io)?;
         }
         let Some(line) = &mut self.line else { return Ok(()) };
         if let Err(error) = line.serve(now_ns, &mut self.samples) {
@@ -173,14 +213,7 @@ impl ScanSource for RplidarSource {
             self.lose(io, &error);
         }
         self.greet(io);
-        for sample in self.samples.drain(..) {
-            let Some(turn) = self.turns.push(&sample) else { continue };
-            let mut loan = scans.loan(turn.ranges_m.len())?;
-            *loan.meta_mut() = self.header;
-            loan.data_mut().copy_from_slice(turn.ranges_m);
-            scans.publish(turn.stamps_ns.1, loan)?;
-        }
-        Ok(())
+        self.publish(scans)
     }
 
     fn leave(&mut self) {

@@ -2,6 +2,8 @@
 //!
 //! A write never waits: what the network cannot take now is said again at the next period.
 
+use std::net::UdpSocket;
+
 use messages::Twist2;
 use rustdds::no_key::{DataReader, DataWriter};
 use rustdds::policy::{History, Reliability};
@@ -31,6 +33,14 @@ struct Bus {
 impl Bus {
     fn open(dds: &DdsSettings) -> Result<Self, BusError> {
         let mut builder = DomainParticipantBuilder::new(dds.domain);
+        for network in &dds.networks {
+            // With one that is not there nothing would ever be heard, and nothing said why.
+            UdpSocket::bind((*network, 0)).map_err(|error| BusError {
+                domain: dds.domain,
+                what: network.to_string(),
+                why: format!("it is to be an address of this machine in the robot's network ({error})"),
+            })?;
+        }
         if !dds.networks.is_empty() {
             builder = builder.with_only_networks(dds.networks.iter().copied());
         }

@@ -139,7 +139,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::Odometry,
         name: "odometry",
         publishers: &[Odometry, Replay],
-        subscribers: &[Policy, Shield, Locomotion, Cue, Recorder],
+        subscribers: &[Lidar, Policy, Shield, Locomotion, Cue, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,

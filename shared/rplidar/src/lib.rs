@@ -16,4 +16,4 @@ pub use emulated::{Emulated, Model};
 pub use request::{Conf, Descriptor, Health, Heard, Info, Request, Requests, SampleRate};
 pub use sample::{FRAME_BYTES_MAX, FRAME_SAMPLES_MAX, FirstOfFrame, Format, Sample, angle_ahead_deg};
 pub use session::{Do, Found, SILENCE_NS, Session, SessionError, Wanted};
-pub use turn::{Beams, Fan, Turn, Turns};
+pub use turn::{Beams, Fan, Turns};

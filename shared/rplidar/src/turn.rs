@@ -1,4 +1,5 @@
-//! Samples to whole turns: as many beams as wanted, counter-clockwise, each the nearest surface that it met.
+//! Samples to whole turns ([`Turns`]), and a turn's samples to as many beams as wanted ([`Fan`]), counter-clockwise, each
+//! the nearest surface that it met.
 
 use std::f64::consts::TAU;
 
@@ -65,12 +66,7 @@ impl Fan {
         }
     }
 
-    /// Forgets all readings.
-    pub fn clear(&mut self) {
-        self.readings.clear();
-    }
-
-    /// What each beam measured, metres; NaN where nothing is known.
+    /// What each beam measured, metres; NaN where nothing is known. The next readings are of another turn.
     pub fn ranges_m(&mut self) -> &[f32] {
         self.ranges_m.fill(f32::NAN);
         self.sums.fill((0.0, 0));
@@ -87,6 +83,7 @@ impl Fan {
         for (range_m, (sum_m, count)) in self.ranges_m.iter_mut().zip(&self.sums).filter(|(_, (_, count))| *count > 1) {
             *range_m = (sum_m / *count as f32).min(*range_m + farthest_m);
         }
+        self.readings.clear();
         &self.ranges_m
     }
 }
@@ -101,60 +98,22 @@ const TURN_NS_MAX: u64 = 250_000_000;
 const FAR_SIDE_DEG: std::ops::Range<f64> = 180.0..330.0;
 const NEAR_SIDE_DEG: std::ops::Range<f64> = 0.0..150.0;
 
-/// A whole turn.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn<'a> {
-    /// For each beam, metres; NaN where nothing is known.
-    pub ranges_m: &'a [f32],
-    /// When the first and the last sample were measured, nanoseconds.
-    pub stamps_ns: (u64, u64),
-    /// Samples, those without a reading among them.
-    pub samples: usize,
-}
-
-/// Gathers turns.
-#[derive(Debug, Clone)]
+/// Gathers whole turns.
+#[derive(Debug, Clone, Default)]
 pub struct Turns {
-    here: Gathered,
-    done: Gathered,
+    here: Vec<Sample>,
+    done: Vec<Sample>,
     /// From the beginning of the turn: where samples are missing before, it is none.
     whole: bool,
     far_side: bool,
 }
 
-#[derive(Debug, Clone)]
-struct Gathered {
-    fan: Fan,
-    stamps_ns: Option<(u64, u64)>,
-    samples: usize,
-}
-
-impl Gathered {
-    fn clear(&mut self) {
-        self.fan.clear();
-        self.stamps_ns = None;
-        self.samples = 0;
-    }
-
-    fn take(&mut self, sample: &Sample) {
-        self.fan.enter(sample);
-        self.stamps_ns = Some((self.stamps_ns.map_or(sample.stamp_ns, |(first, _)| first), sample.stamp_ns));
-        self.samples += 1;
-    }
-}
-
 impl Turns {
-    /// Turns of such beams, of whose readings one standard deviation is `sigma_m`.
-    #[must_use]
-    pub fn new(beams: Beams, sigma_m: f64) -> Self {
-        let empty = Gathered { fan: Fan::new(beams, sigma_m), stamps_ns: None, samples: 0 };
-        Self { here: empty.clone(), done: empty, whole: false, far_side: false }
-    }
-
-    /// Takes a sample; gives the turn that it ends, being the first of the next.
-    pub fn push(&mut self, sample: &Sample) -> Option<Turn<'_>> {
-        let gap = self.here.stamps_ns.is_some_and(|(first, last)| {
-            let [turn_ns, gap_ns] = [first, last].map(|since_ns| sample.stamp_ns.saturating_sub(since_ns));
+    /// Takes a sample; gives the samples of the turn that it ends, being the first of the next. Those without a reading
+    /// are among them.
+    pub fn push(&mut self, sample: &Sample) -> Option<&[Sample]> {
+        let gap = self.here.first().zip(self.here.last()).is_some_and(|(first, last)| {
+            let [turn_ns, gap_ns] = [first, last].map(|since| sample.stamp_ns.saturating_sub(since.stamp_ns));
             turn_ns > TURN_NS_MAX || gap_ns > GAP_NS_MAX
         });
         if gap {
@@ -169,9 +128,8 @@ impl Turns {
             (self.whole, self.far_side) = (true, false);
         }
         self.far_side |= FAR_SIDE_DEG.contains(&sample.angle_deg);
-        self.here.take(sample);
-        let Gathered { fan, stamps_ns, samples } = &mut self.done;
-        stamps_ns.filter(|_| whole).map(|stamps_ns| Turn { ranges_m: fan.ranges_m(), stamps_ns, samples: *samples })
+        self.here.push(*sample);
+        whole.then_some(&self.done)
     }
 }
 
@@ -192,18 +150,23 @@ mod tests {
         Sample { angle_deg, range_m, stamp_ns: i * 250_000, ..Sample::default() }
     }
 
+    fn ranges_m(samples: &[Sample]) -> Vec<f32> {
+        let mut fan = Fan::new(ROUND, SIGMA_M);
+        samples.iter().for_each(|sample| fan.enter(sample));
+        fan.ranges_m().to_vec()
+    }
+
     #[test]
     fn a_turn_is_counter_clockwise_and_what_gave_nothing_is_unknown() {
-        let mut turns = Turns::new(ROUND, SIGMA_M);
+        let mut turns = Turns::default();
         let mut seen = Vec::new();
         for i in 100..1300 {
-            if let Some(turn) = turns.push(&sample(i)) {
-                seen.push((turn.ranges_m.to_vec(), turn.stamps_ns, turn.samples));
-            }
+            seen.extend(turns.push(&sample(i)).map(<[Sample]>::to_vec));
         }
         assert_eq!(seen.len(), 2, "the first and the last one are not whole");
-        let (ranges_m, stamps_ns, samples) = &seen[0];
-        assert_eq!((*stamps_ns, *samples), ((400 * 250_000, 799 * 250_000), 400));
+        let stamps_ns: Vec<u64> = seen[0].iter().map(|sample| sample.stamp_ns).collect();
+        assert_eq!((stamps_ns[0], stamps_ns[399], stamps_ns.len()), (400 * 250_000, 799 * 250_000, 400));
+        let ranges_m = ranges_m(&seen[0]);
         assert_eq!((ranges_m[18], ranges_m[9], ranges_m[0]), (1.0, 2.0, 3.0), "ahead, right, behind");
         assert!(ranges_m[27].is_nan(), "left");
     }
@@ -219,13 +182,8 @@ mod tests {
 
     #[test]
     fn a_beam_measures_the_nearest_surface_and_not_its_nearest_reading() {
-        let measure = |readings: &[f32]| {
-            let mut fan = Fan::new(ROUND, SIGMA_M);
-            for range_m in readings {
-                fan.enter(&Sample { angle_deg: 0.0, range_m: Some(*range_m), ..Sample::default() });
-            }
-            fan.ranges_m()[18]
-        };
+        let ahead = |range_m: &f32| Sample { range_m: Some(*range_m), ..Sample::default() };
+        let measure = |readings: &[f32]| ranges_m(&readings.iter().map(ahead).collect::<Vec<_>>())[18];
         let near = |found: f32, expected: f32| (found - expected).abs() < 1e-4;
         assert!(near(measure(&[2.0]), 2.0));
         assert!(near(measure(&[2.01, 1.98, 2.02, 1.99, 2.0]), 2.0), "noise is averaged");
@@ -236,7 +194,7 @@ mod tests {
 
     #[test]
     fn readings_that_wobble_about_straight_ahead_begin_one_turn() {
-        let mut turns = Turns::new(ROUND, SIGMA_M);
+        let mut turns = Turns::default();
         let mut count = 0;
         for i in 0..4000_u64 {
             let moved = if i % 2 == 0 { 0.0 } else { 8.0 };
@@ -248,10 +206,10 @@ mod tests {
 
     #[test]
     fn what_was_lost_for_long_ends_the_turn_for_short_leaves_beams_unknown() {
-        let (mut turns, mut seen) = (Turns::new(ROUND, SIGMA_M), Vec::new());
+        let (mut turns, mut seen) = (Turns::default(), Vec::new());
         // Of the second turn an eighth is missing, of the third a half.
         for i in (0..3000).filter(|i| !(500..550).contains(i) && !(900..1100).contains(i)) {
-            seen.extend(turns.push(&sample(i)).map(|turn| (turn.samples, turn.ranges_m[5].is_nan())));
+            seen.extend(turns.push(&sample(i)).map(|turn| (turn.len(), ranges_m(turn)[5].is_nan())));
         }
         let whole = (400, false);
         assert_eq!(seen, [(350, false), whole, whole, whole, whole], "{seen:?}");

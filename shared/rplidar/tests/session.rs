@@ -1,7 +1,7 @@
 //! The driver's side of the conversation against the emulated lidar's, over a line of a simulated speed.
 
 use guidedog_rplidar::{
-    Beams, Do, Emulated, Format, Health, Model, SILENCE_NS, Sample, Session, SessionError, Turns, Wanted,
+    Beams, Do, Emulated, Fan, Format, Health, Model, SILENCE_NS, Sample, Session, SessionError, Turns, Wanted,
 };
 
 const STEP_NS: u64 = 1_000_000;
@@ -54,13 +54,16 @@ fn every_lidar_scans_a_second_after_it_was_met() {
         assert!(found.sample_ns > 10_000, "{model:?}: {found:?}");
         rig.samples.clear();
         rig.run(S);
-        let mut turns = Turns::new(ROUND, 0.02);
+        let (mut turns, mut fan) = (Turns::default(), Fan::new(ROUND, 0.02));
         let mut seen = Vec::new();
         for sample in &rig.samples {
             if let Some(turn) = turns.push(sample) {
-                let known: Vec<usize> = (0..360).filter(|beam| !turn.ranges_m[*beam].is_nan()).collect();
-                assert!(turn.ranges_m.iter().all(|range_m| range_m.is_nan() || (*range_m - 2.5).abs() < 0.01));
-                seen.push((known.first().copied(), known.last().copied(), turn.samples, turn.stamps_ns));
+                turn.iter().for_each(|sample| fan.enter(sample));
+                let ranges_m = fan.ranges_m();
+                let known: Vec<usize> = (0..360).filter(|beam| !ranges_m[*beam].is_nan()).collect();
+                assert!(ranges_m.iter().all(|range_m| range_m.is_nan() || (*range_m - 2.5).abs() < 0.01));
+                let stamps_ns = (turn[0].stamp_ns, turn[turn.len() - 1].stamp_ns);
+                seen.push((known.first().copied(), known.last().copied(), turn.len(), stamps_ns));
             }
         }
         assert!(seen.len() >= 6, "{model:?}: {} turns in a second", seen.len());

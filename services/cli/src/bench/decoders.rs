@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use rplidar::{Beams, Decoder, FirstOfFrame, Format, Sample, Timing, Turns};
+use rplidar::{Beams, Decoder, Fan, FirstOfFrame, Format, Sample, Timing, Turns};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
@@ -43,12 +43,17 @@ impl Row {
     fn measure(&mut self) -> Result<(), Failure> {
         let beams = Beams { count: 360, angle_min_rad: -std::f64::consts::PI, angle_increment_rad: 0.0175 };
         let mut decoder = Decoder::new(self.format, Timing { sample_ns: 31_250, byte_ns: 10_000 });
-        let (mut turns, mut samples, mut found) = (Turns::new(beams, SIGMA_M), Vec::new(), 0);
+        let (mut turns, mut fan) = (Turns::default(), Fan::new(beams, SIGMA_M));
+        let (mut samples, mut found) = (Vec::new(), 0);
         let begun = Instant::now();
         for (i, piece) in self.bytes.chunks(PIECE).enumerate() {
             samples.clear();
             decoder.push(piece, i as u64 * (PIECE as u64) * 10_000, &mut samples);
-            found += samples.iter().filter(|sample| turns.push(sample).is_some()).count();
+            for sample in &samples {
+                let Some(turn) = turns.push(sample) else { continue };
+                turn.iter().for_each(|sample| fan.enter(sample));
+                found += usize::from(fan.ranges_m().iter().any(|range_m| range_m.is_finite()));
+            }
         }
         self.bytes_per_s.push(self.bytes.len() as f64 / begun.elapsed().as_secs_f64());
         let lost = decoder.counters().losses + decoder.counters().skipped_bytes;

@@ -1,7 +1,7 @@
 //! Whether the devices that a configuration names are there, and this user may use them. None of them is told anything:
 //! a lidar does not begin to turn, and a robot does not move.
 
-use std::fs::OpenOptions;
+use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, UdpSocket};
 use std::os::unix::fs::OpenOptionsExt;
@@ -11,7 +11,7 @@ use grabber::Trouble;
 use grabber::realsense::{self, Kind};
 use rustix::fs::{Access, OFlags};
 use serial::SerialPort;
-use settings::{DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source};
+use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source};
 
 use super::Check;
 
@@ -45,8 +45,10 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
         }
         EstopSource::Absent => {}
     }
-    if settings.locomotion.link == LinkKind::Unitree {
-        checks.push(robot(settings));
+    match settings.locomotion.link {
+        LinkKind::Unitree => checks.push(robot(settings)),
+        LinkKind::Go2 | LinkKind::Ros2 => checks.push(dds_networks(&settings.locomotion.dds)),
+        LinkKind::Simulated | LinkKind::Null => {}
     }
     checks
 }
@@ -85,12 +87,14 @@ fn camera(name: &'static str, looked: Result<String, Trouble>) -> Check {
 fn input(path: &Path) -> Check {
     // A pipe without a writer would keep whoever opens it.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
-    let found = match &opened {
-        Ok(_) => format!("{} can be read", path.display()),
-        Err(error) => format!("{}: {error}", path.display()),
+    let is_device = |file: &File| file.metadata().is_ok_and(|it| !it.is_file() && !it.is_dir());
+    let (ok, found) = match &opened {
+        Ok(file) if is_device(file) => (true, format!("{} can be read", path.display())),
+        Ok(_) => (false, format!("{} is no input device", path.display())),
+        Err(error) => (false, format!("{}: {error}", path.display())),
     };
     let fix = "plug it in (`ls /dev/input/by-id`); add the user to its group: sudo usermod -aG input $USER".to_owned();
-    Check { name: "emergency stop", ok: opened.is_ok(), found, fix }
+    Check { name: "emergency stop", ok, found, fix }
 }
 
 /// Whether this machine is in the robot's own network, and nobody else listens to the robot.
@@ -112,6 +116,23 @@ fn robot(settings: &Settings) -> Check {
     Check { name: "robot", ok, found, fix }
 }
 
+/// Whether this machine has the addresses by which it is to take part in the robot's network.
+fn dds_networks(dds: &DdsSettings) -> Check {
+    let missing: Vec<String> = dds
+        .networks
+        .iter()
+        .filter(|network| UdpSocket::bind((**network, 0)).is_err())
+        .map(|network| format!("{network} is none of this machine's addresses"))
+        .collect();
+    let ok = missing.is_empty();
+    let by = if dds.networks.is_empty() { "every network".to_owned() } else { format!("{:?}", dds.networks) };
+    let found =
+        if ok { format!("DDS domain {} by {by}; the robot is not spoken to", dds.domain) } else { missing.join(", ") };
+    let fix = "sudo ip address add (one in the robot's network)/24 dev (the card of its cable), or mend \
+               locomotion.dds.networks";
+    Check { name: "robot", ok, found, fix: fix.to_owned() }
+}
+
 #[cfg(test)]
 mod tests {
     use super::checks;
@@ -121,7 +142,8 @@ mod tests {
     fn what_is_missing_is_told_and_what_is_there_is_well() {
         let place = tempfile::tempdir().expect("a folder");
         let at = |name: &str| place.path().join(name).display().to_string();
-        std::fs::write(at("button"), "").expect("written");
+        std::fs::write(at("paper"), "").expect("written");
+        rustix::fs::mkfifoat(rustix::fs::CWD, at("button"), rustix::fs::Mode::RUSR).expect("made");
         let text = |button: &str, folder: &str, robot: &str| {
             format!(
                 "[lidar]\nsource = \"device\"\nrplidar = {{ port = \"{}\" }}\n[depth]\nsource = \"device\"\n\
@@ -141,6 +163,10 @@ mod tests {
         assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, true, true]));
         // From the loopback no other network is reached, whatever this machine's is.
         assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false; 4]));
+        assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, true, false, true]));
         assert_eq!(ok(String::new()), []);
+        let go2 = |network: &str| format!("[locomotion]\nlink = \"go2\"\ndds = {{ networks = [\"{network}\"] }}\n");
+        assert_eq!(ok(go2("127.0.0.1")), [("robot", true)]);
+        assert_eq!(ok(go2("198.51.100.1")), [("robot", false)]);
     }
 }
