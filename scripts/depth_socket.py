@@ -26,7 +26,15 @@ def wall():  # 2 m ahead, without any camera
         time.sleep(1 / 15)
 
 
-with socket.socket(socket.AF_UNIX) as driver:
-    driver.connect(sys.argv[1])
-    for taken_ns, size, lens, pixels in {"zed": zed, "wall": wall}[sys.argv[2]]():
+camera = {"zed": zed, "wall": wall}.get(sys.argv[2]) if len(sys.argv) == 3 else None
+if camera is None:
+    sys.exit(__doc__)
+driver = None
+for taken_ns, size, lens, pixels in camera():
+    try:  # the driver may come later than this, and come back
+        if driver is None:
+            driver = socket.socket(socket.AF_UNIX)
+            driver.connect(sys.argv[1])
         driver.sendall(struct.pack("=8sQ2I4f", b"GDDEPTH1", taken_ns, *size, *lens) + pixels)
+    except OSError:
+        driver = None

@@ -13,7 +13,7 @@ fuzz_target!(|input: &[u8]| {
     let beams = Beams { count: 360, angle_min_rad: -3.2, angle_increment_rad: 0.0175 };
     let (mut turns, mut fan) = (Turns::default(), Fan::new(beams, 0.1));
     let mut samples = Vec::new();
-    let wanted = Wanted { baud: 115_200, mode: (*mode > 127).then(|| "Boost".to_owned()), motor_rpm: 600 };
+    let wanted = Wanted { baud: 115_200, mode: (*mode > 127).then(|| "Boost".to_owned()), motor_rpm: 600, searches: *mode > 191 };
     let mut session = Session::new(wanted, 0);
     for (i, piece) in bytes.chunks(size).enumerate() {
         let now_ns = i as u64 * u64::from(*mode) * MS;

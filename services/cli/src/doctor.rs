@@ -66,7 +66,11 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     ];
     checks.extend(devices::checks(&settings));
     if let Some(span) = args.rates {
-        checks.extend(rates::checks(args.config.as_deref(), span)?);
+        checks.extend(rates::checks(args.config.as_deref(), span).unwrap_or_else(|failure| {
+            // What was found so far is told all the same.
+            let fix = "mend what is told above, then ask again".to_owned();
+            vec![Check { name: "rates", ok: false, found: failure.message, fix }]
+        }));
     }
     let ok = checks.iter().all(|check| check.ok);
     if as_json {

@@ -289,6 +289,10 @@ impl Running {
         self.end();
         match (asked, self.wait(|| {})) {
             (Err(_), Err(failure)) => Err(failure),
+            (Err(failure), Ok(outcome)) => {
+                let why = outcome.report["failure"].as_str();
+                Err(why.map_or(failure, |why| Failure::run(format!("the run ended: {why}"))))
+            }
             (asked, _) => asked,
         }
     }

@@ -9,7 +9,7 @@ use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
 use camera::{HEAD_BYTES, Head, Trust};
-use messages::{DepthFrame, Pose3};
+use messages::{DepthFrame, NS_PER_S, Pose3};
 use rustix::io::Errno;
 use settings::DepthSettings;
 use transport::{FrameLoan, FramePublisher, FromChild, Io, TransportError};
@@ -21,6 +21,11 @@ use crate::FrameSource;
 const TOKEN_LISTENER: u64 = 0;
 const TOKEN_PROGRAM: u64 = 1;
 
+/// A program that has sent nothing for so long gives way to another that knocks, nanoseconds.
+const SILENT_NS: u64 = 2_000_000_000;
+/// Of frames that come faster than so many times the configured rate some are left out: no camera does that.
+const RATES_MAX: f64 = 4.0;
+
 /// A socket at which one program at a time hands frames over.
 pub struct FrameSocket {
     path: PathBuf,
@@ -29,6 +34,9 @@ pub struct FrameSocket {
     pixels_max: usize,
     robot_from_camera: Pose3,
     trust: Trust,
+    /// Between two frames, nanoseconds.
+    apart_ns: u64,
+    published_ns: u64,
 }
 
 /// The program that is connected, and its frame as far as it has come.
@@ -40,6 +48,8 @@ struct Program {
     frame: Option<Begun>,
     /// When its last frame was taken, nanoseconds of the monotonic clock.
     last_ns: u64,
+    /// When it last sent anything, run time, nanoseconds.
+    heard_ns: u64,
 }
 
 struct Begun {
@@ -77,12 +87,18 @@ impl FrameSocket {
             pixels_max: settings.width as usize * settings.height as usize,
             robot_from_camera: settings.robot_from_camera,
             trust: Trust::of_m(settings.range_m),
+            apart_ns: (NS_PER_S as f64 / (RATES_MAX * settings.rate_hz.get())) as u64,
+            published_ns: 0,
         })
     }
 
     /// Lets whoever knocks in, but one at a time: two cameras in one stream would be none.
     fn admit(&mut self, io: &Io) -> Result<(), TransportError> {
         while let Ok((stream, _)) = self.listener.accept() {
+            let silent = |program: &Program| io.now_ns().saturating_sub(program.heard_ns) > SILENT_NS;
+            if is_ours(&stream) && self.program.as_ref().is_some_and(silent) {
+                self.lose(io, "the program at the depth socket was silent, and gave way to another");
+            }
             let text = if !is_ours(&stream) {
                 "a program of another user connected to the depth socket and was sent away".to_owned()
             } else if self.program.is_some() {
@@ -90,7 +106,7 @@ impl FrameSocket {
             } else {
                 stream.set_nonblocking(true).map_err(TransportError::service)?;
                 io.watch(&stream, TOKEN_PROGRAM)?;
-                self.program = Some(Program::new(stream));
+                self.program = Some(Program::new(stream, io.now_ns()));
                 format!("a program is connected to {}", self.path.display())
             };
             io.tell(&FromChild::Note { text });
@@ -132,12 +148,12 @@ fn listen(path: &Path) -> Result<UnixListener, String> {
 }
 
 impl Program {
-    fn new(stream: UnixStream) -> Self {
-        Self { stream, head: [0; HEAD_BYTES], headed: 0, frame: None, last_ns: 0 }
+    fn new(stream: UnixStream, now_ns: u64) -> Self {
+        Self { stream, head: [0; HEAD_BYTES], headed: 0, frame: None, last_ns: 0, heard_ns: now_ns }
     }
 
     /// Reads on. Nothing waits: what is not there yet comes with another waking.
-    fn read(&mut self) -> Result<Came, String> {
+    fn read(&mut self, now_ns: u64) -> Result<Came, String> {
         loop {
             let place = match &mut self.frame {
                 Some(frame) => &mut frame.loan.data_mut().as_mut_bytes()[frame.filled..],
@@ -149,6 +165,7 @@ impl Program {
                 Err(Errno::AGAIN | Errno::INTR) => return Ok(Came::Part),
                 Err(errno) => return Err(format!("the program at the depth socket is lost: {errno}")),
             };
+            self.heard_ns = now_ns;
             if let Some(mut frame) = self.frame.take() {
                 frame.filled += count;
                 if frame.filled == 2 * frame.head.pixels() {
@@ -191,7 +208,7 @@ impl FrameSource for FrameSocket {
     fn poll(&mut self, io: &mut Io, frames: &mut FramePublisher<DepthFrame>) -> Result<(), TransportError> {
         self.admit(io)?;
         while let Some(program) = &mut self.program {
-            match program.read() {
+            match program.read(io.now_ns()) {
                 Ok(Came::Part) => break,
                 Ok(Came::Head(head)) if head.pixels() > self.pixels_max => {
                     let [width, height] = [head.width, head.height];
@@ -203,7 +220,9 @@ impl FrameSource for FrameSocket {
                     program.frame = Some(Begun { head, loan, filled: 0 });
                 }
                 Ok(Came::Frame(Begun { head, mut loan, .. })) => match program.stamp_ns(&head, io) {
+                    Ok(_) if io.now_ns().saturating_sub(self.published_ns) < self.apart_ns => break,
                     Ok(stamp_ns) => {
+                        self.published_ns = io.now_ns();
                         *loan.meta_mut() = head.depth_header(self.robot_from_camera);
                         self.trust.apply(loan.data_mut());
                         frames.publish(stamp_ns, loan)?;

@@ -62,6 +62,8 @@ impl Heartbeat {
 pub struct SerialBox {
     port: SerialPort,
     heartbeat: Heartbeat,
+    /// Whether it sent anything the last time that it was lost.
+    garbled: bool,
 }
 
 impl SerialBox {
@@ -71,7 +73,7 @@ impl SerialBox {
     /// Where that cannot be opened; the reason says what to do.
     pub fn open(settings: &EstopSerial, now_ns: u64) -> Result<Self, String> {
         let port = SerialPort::open(&settings.port, settings.baud).map_err(|error| error.to_string())?;
-        Ok(Self { port, heartbeat: Heartbeat::new(now_ns) })
+        Ok(Self { port, heartbeat: Heartbeat::new(now_ns), garbled: false })
     }
 }
 
@@ -83,7 +85,22 @@ impl Input for SerialBox {
     fn read(&mut self, now_ns: u64) -> Result<StopInput, String> {
         let mut bytes = [0; 256];
         let count = self.port.read(&mut bytes).map_err(|error| error.to_string())?;
-        Ok(self.heartbeat.take(&bytes[..count], now_ns))
+        let input = self.heartbeat.take(&bytes[..count], now_ns);
+        if input == StopInput::Lost {
+            self.garbled |= count > 0;
+        } else {
+            self.garbled = false;
+        }
+        Ok(input)
+    }
+
+    fn why_lost(&self) -> Option<String> {
+        let what = if self.garbled {
+            "what it sends is neither r nor p: is estop.serial.baud its own?".to_owned()
+        } else {
+            format!("it has been silent for over {} ms: is it switched on?", SILENT_NS / 1_000_000)
+        };
+        Some(format!("the emergency stop at {}: {what}", self.port.path().display()))
     }
 }
 

@@ -42,11 +42,12 @@ pub struct InputDevice {
 }
 
 impl InputDevice {
-    /// Opens it, and asks what is down. What cannot be asked counts as unknown until its key's own event comes.
+    /// Opens it, and asks what is down. What cannot be asked is no input device, whose unplugging the kernel would tell:
+    /// where a `real` robot moves it is refused, in simulation its key is unknown until that tells.
     ///
     /// # Errors
     /// Where it cannot be opened; the reason says what to do.
-    pub fn open(settings: &EstopInput) -> Result<Self, String> {
+    pub fn open(settings: &EstopInput, real: bool) -> Result<Self, String> {
         let name = settings.device.display().to_string();
         let mut options = OpenOptions::new();
         options.read(true).custom_flags(libc::O_NONBLOCK | libc::O_CLOEXEC);
@@ -59,17 +60,18 @@ impl InputDevice {
             _ => format!("{name} cannot be opened: {error}"),
         })?;
         let mut device = Self { file, name, keys: Keys::new(settings.key, settings.held) };
-        device.has(settings.key)?;
+        device.has(settings.key, real)?;
         device.ask();
         Ok(device)
     }
 
     /// A key that is not there would never be pressed.
-    fn has(&self, key: Option<u16>) -> Result<(), String> {
+    fn has(&self, key: Option<u16>, real: bool) -> Result<(), String> {
         let mut bits = [0; KEY_BYTES];
         // SAFETY: as in `ask`.
         if unsafe { keys_there(self.file.as_raw_fd(), &mut bits) }.is_err() {
-            return Ok(());
+            let why = format!("{} is no input device: of what is none nobody would see that it is gone", self.name);
+            return if real { Err(why) } else { Ok(()) };
         }
         match key {
             Some(key) if !is_set(&bits, usize::from(key)) => {
@@ -141,7 +143,8 @@ mod tests {
     fn what_cannot_be_asked_is_unknown_until_its_key_tells() {
         let dir = tempfile::tempdir().expect("a folder");
         let (settings, mut writer) = pipe(dir.path());
-        let mut device = InputDevice::open(&settings).expect("opened");
+        assert!(InputDevice::open(&settings, true).is_err_and(|why| why.contains("is no input device")));
+        let mut device = InputDevice::open(&settings, false).expect("opened");
         assert_eq!(device.read(0), Ok(Unknown));
         writer.write_all(&event(0)).expect("written");
         assert_eq!(device.read(0), Ok(Released));
@@ -154,7 +157,7 @@ mod tests {
     #[test]
     fn what_is_not_there_is_told_with_what_to_do() {
         let settings = EstopInput { device: "/dev/input/none".into(), ..EstopInput::default() };
-        let why = InputDevice::open(&settings).map(|_| ()).expect_err("there is none");
+        let why = InputDevice::open(&settings, false).map(|_| ()).expect_err("there is none");
         assert!(why.contains("there is no /dev/input/none: is the emergency stop plugged in"), "{why}");
     }
 }

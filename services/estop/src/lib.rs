@@ -38,6 +38,11 @@ pub trait Input {
     /// # Errors
     /// Where it is gone; the reason says what to do.
     fn read(&mut self, now_ns: u64) -> Result<StopInput, String>;
+
+    /// Why its last word was that it is lost, where it knows.
+    fn why_lost(&self) -> Option<String> {
+        None
+    }
 }
 
 /// Opens it; the reason says what to do.
@@ -63,9 +68,10 @@ impl EstopDriver {
     /// # Errors
     /// Where the settings name none, or the port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
-        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?.estop;
+        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        let (real, settings) = (settings.commands_robot(), settings.estop);
         let opens: Opens = match settings.source {
-            EstopSource::Input => Box::new(move |_| Ok(Box::new(InputDevice::open(&settings.input)?))),
+            EstopSource::Input => Box::new(move |_| Ok(Box::new(InputDevice::open(&settings.input, real)?))),
             EstopSource::Serial => Box::new(move |now_ns| Ok(Box::new(SerialBox::open(&settings.serial, now_ns)?))),
             EstopSource::Absent => {
                 return Err(TransportError::Service("estop.source names no emergency stop".to_owned()));
@@ -102,7 +108,9 @@ impl EstopDriver {
         match input.read(now_ns) {
             Ok(StopInput::Unknown) => Ok(self.nothing(now_ns)),
             Ok(known) => {
-                self.note.clear();
+                if known != StopInput::Lost {
+                    self.note.clear();
+                }
                 Ok(known)
             }
             Err(why) => {
@@ -122,6 +130,10 @@ impl EstopDriver {
             io.unwatch(input.fd());
         }
         self.reopen_ns = io.now_ns() + REOPEN_NS;
+        self.note(why);
+    }
+
+    fn note(&mut self, why: String) {
         if self.note != why {
             (self.note, self.untold) = (why, true);
         }
@@ -139,6 +151,10 @@ impl Service for EstopDriver {
         let due = self.rhythm.due(now_ns).is_some();
         if due || input != self.last {
             self.say(input, now_ns)?;
+        }
+        // Only now: the word waits for nothing.
+        if let Some(why) = self.input.as_ref().filter(|_| input == StopInput::Lost).and_then(|it| it.why_lost()) {
+            self.note(why);
         }
         if std::mem::take(&mut self.untold) {
             io.tell(&FromChild::Note { text: self.note.clone() });

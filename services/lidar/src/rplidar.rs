@@ -3,6 +3,8 @@
 //! A lidar that is not there is no reason to end: without scans nothing moves, and the operator is told once what is
 //! missing and what to do.
 
+use std::path::PathBuf;
+
 use guidance::se2::se2;
 use messages::{LidarScan, NS_PER_S, Odometry, ScanHeader};
 use rplidar::{Beams, Do, Fan, Found, Sample, Session, Turns, Wanted};
@@ -24,6 +26,14 @@ const READ_BYTES: usize = 4096;
 const READS_MAX: usize = 8;
 /// Of [`Io::watch`].
 const PORT_TOKEN: u64 = 0;
+/// A lidar that measures and gives no whole turn for so long turns too slowly, or not at all, nanoseconds.
+const NO_TURN_NS: u64 = 3 * NS_PER_S;
+/// What a line loses is judged by so much time, nanoseconds; now and then a byte is lost on any.
+const LOSS_SPAN_NS: u64 = 10 * NS_PER_S;
+const LOSSES_MAX: u64 = 20;
+/// The speed that worked, kept in the run's folder: after a death of this process, and after replugging, it is the first
+/// that is tried.
+const SPEED_FILE: &str = "rplidar.baud";
 
 /// Scans of an RPLIDAR.
 #[derive(Debug)]
@@ -41,6 +51,10 @@ pub struct RplidarSource {
     reopen_ns: u64,
     /// Ports opened so far without a scan: which speed is tried next.
     tries: usize,
+    /// The speed at which the lidar was found, and where that is kept.
+    known_baud: Option<u32>,
+    speed_file: PathBuf,
+    health: Health,
     /// The last thing told, which is not told again.
     told: String,
 }
@@ -50,9 +64,20 @@ pub struct RplidarSource {
 struct Line {
     port: SerialPort,
     session: Session,
+    baud: u32,
     /// What there was no room for in the port.
     unsent: Vec<u8>,
     scans: bool,
+}
+
+/// How it goes with the lidar that scans.
+#[derive(Debug, Default)]
+struct Health {
+    /// Since the last turn, or since it began, nanoseconds.
+    turn_ns: u64,
+    /// Losses until the span began, and when it did.
+    losses: u64,
+    since_ns: u64,
 }
 
 impl RplidarSource {
@@ -67,6 +92,7 @@ impl RplidarSource {
             angle_min_rad: header.angle_min_rad,
             angle_increment_rad: header.angle_increment_rad,
         };
+        let speed_file = io.domain.dir.path().join(SPEED_FILE);
         Ok(Self {
             settings: settings.clone(),
             header,
@@ -79,13 +105,25 @@ impl RplidarSource {
             before: Vec::new(),
             reopen_ns: 0,
             tries: 0,
+            known_baud: std::fs::read_to_string(&speed_file).ok().and_then(|text| text.trim().parse().ok()),
+            speed_file,
+            health: Health::default(),
             told: String::new(),
         })
     }
 
-    /// The speed to try.
+    /// The speed to try: that of the configuration, else the one that worked before, else one after another.
     fn baud(&self) -> u32 {
-        self.settings.rplidar.baud.unwrap_or(BAUDS[self.tries % BAUDS.len()])
+        let known = self.settings.rplidar.baud.or(self.known_baud.filter(|_| self.tries == 0));
+        known.unwrap_or(BAUDS[self.tries.saturating_sub(usize::from(self.known_baud.is_some())) % BAUDS.len()])
+    }
+
+    /// Keeps the speed at which the lidar answers.
+    fn keep_baud(&mut self, baud: u32) {
+        if self.known_baud.replace(baud) != Some(baud) {
+            // Where it cannot be kept, the next process looks for it.
+            let _ = std::fs::write(&self.speed_file, baud.to_string());
+        }
     }
 
     fn plug(&mut self, io: &Io) -> Result<(), TransportError> {
@@ -93,9 +131,10 @@ impl RplidarSource {
         match SerialPort::open(&wished.port, baud) {
             Ok(port) => {
                 io.watch(&port, PORT_TOKEN)?;
-                let wanted = Wanted { baud, mode: wished.mode.clone(), motor_rpm: wished.motor_rpm };
+                let searches = wished.baud.is_none();
+                let wanted = Wanted { baud, mode: wished.mode.clone(), motor_rpm: wished.motor_rpm, searches };
                 let session = Session::new(wanted, io.now_ns());
-                self.line = Some(Line { port, session, unsent: Vec::new(), scans: false });
+                self.line = Some(Line { port, session, baud, unsent: Vec::new(), scans: false });
             }
             Err(error) => self.lose(io, &error),
         }
@@ -141,6 +180,7 @@ impl RplidarSource {
             *loan.meta_mut() = self.header;
             loan.data_mut().copy_from_slice(ranges_m);
             scans.publish(last.stamp_ns, loan)?;
+            self.health.turn_ns = last.stamp_ns;
         }
         Ok(())
     }
@@ -150,9 +190,34 @@ impl RplidarSource {
         let Some(line) = &mut self.line else { return };
         let Some(found) = line.session.running().filter(|_| !line.scans) else { return };
         line.scans = true;
-        let text = about(found, line.port.path().display());
+        let (text, baud) = (about(found, line.port.path().display()), line.baud);
         self.tries = 0;
+        self.keep_baud(baud);
+        (self.health.turn_ns, self.health.since_ns) = (io.now_ns(), io.now_ns());
         self.tell(io, text);
+    }
+
+    /// Tells what is wrong with a lidar that scans.
+    fn look_after(&mut self, io: &Io) {
+        let Some(line) = self.line.as_ref().filter(|line| line.scans && line.session.running().is_some()) else {
+            return;
+        };
+        let (now_ns, losses) = (io.now_ns(), line.session.counters().losses);
+        if now_ns.saturating_sub(self.health.turn_ns) > NO_TURN_NS {
+            self.health.turn_ns = now_ns;
+            self.tell(
+                io,
+                "the lidar measures, but gives no whole turn: does it turn, five times a second or more?".to_owned(),
+            );
+        }
+        if now_ns.saturating_sub(self.health.since_ns) > LOSS_SPAN_NS {
+            let lost = losses.saturating_sub(self.health.losses);
+            (self.health.losses, self.health.since_ns) = (losses, now_ns);
+            if lost > LOSSES_MAX {
+                let seconds = LOSS_SPAN_NS / NS_PER_S;
+                self.tell(io, format!("the lidar's line lost bytes {lost} times in {seconds} s: its cable, or this computer is too busy"));
+            }
+        }
     }
 }
 
@@ -213,7 +278,9 @@ impl ScanSource for RplidarSource {
             self.lose(io, &error);
         }
         self.greet(io);
-        self.publish(scans)
+        self.publish(scans)?;
+        self.look_after(io);
+        Ok(())
     }
 
     fn leave(&mut self) {

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
-use ::unitree::{Command, DEAD_MAN_NS, Driver, Gait, Mode, Profile, STATE_MAX_AGE_NS, State};
+use ::unitree::{Command, DEAD_MAN_NS, Driver, Gait, Mode, Profile, STATE_MAX_AGE_NS, State, WireError};
 use messages::{NS_PER_S, Pose2, Twist2};
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
@@ -36,6 +36,8 @@ const MESSAGE_MAX: usize = 1200;
 const LAST_WORDS: usize = 10;
 /// A robot that says nothing for so long does not answer, nanoseconds.
 const SILENT_NS: u64 = NS_PER_S;
+/// After so long without a refused datagram the next one is news, nanoseconds.
+const WELL_NS: u64 = 10 * NS_PER_S;
 /// Where the kernel gives no real-time priority.
 const NO_HURRY: &str = "the robot's line has no real-time priority: commands may be late on a loaded machine; give the \
                         process CAP_SYS_NICE, or raise `ulimit -r`";
@@ -59,6 +61,8 @@ struct Shared {
     begun: AtomicBool,
     may_hurry: AtomicBool,
     refused: AtomicU64,
+    /// Why the last of them was.
+    refusal: Mutex<Option<WireError>>,
 }
 
 impl Shared {
@@ -102,7 +106,11 @@ struct Told {
     answers: Option<bool>,
     /// When it did last, or was first asked, nanoseconds.
     answered_ns: u64,
-    refused: bool,
+    /// Why a datagram was refused, and when the last one was, nanoseconds.
+    refusal: Option<WireError>,
+    refused_ns: u64,
+    /// When that was told.
+    refusal_ns: u64,
 }
 
 impl UnitreeLink {
@@ -234,7 +242,12 @@ fn hear(profile: Profile, socket: &UdpSocket, shared: &Shared, driver: &mut Driv
         let Ok(count) = socket.recv(&mut bytes) else { break };
         match State::decode(profile, &bytes[..count]) {
             Ok(state) => driver.received(state, now_ns),
-            Err(_) => drop(shared.refused.fetch_add(1, Ordering::Relaxed)),
+            Err(why) => {
+                shared.refused.fetch_add(1, Ordering::Relaxed);
+                if let Ok(mut last) = shared.refusal.try_lock() {
+                    *last = Some(why);
+                }
+            }
         }
     }
     shared.remote_stop.store(driver.remote_stop(), Ordering::Release);
@@ -292,12 +305,18 @@ impl Link for UnitreeLink {
                 return Some(NO_HURRY.to_owned());
             }
         }
-        if !self.told.refused && self.refused() > 0 {
-            self.told.refused = true;
-            let name = self.profile.name();
-            return Some(format!("what comes from {} is no state of {name}: another robot?", self.robot));
-        }
         let (answers, now_ns) = (self.newest.is_some(), monotonic_ns());
+        // Told again for another reason, and after a while in which all was well.
+        let refusal = self.shared.refusal.try_lock().ok().and_then(|mut last| last.take());
+        if let Some(why) = refusal {
+            let [well, may_tell] = [(self.told.refused_ns, WELL_NS), (self.told.refusal_ns, SILENT_NS)]
+                .map(|(at_ns, span_ns)| now_ns.saturating_sub(at_ns) > span_ns);
+            self.told.refused_ns = now_ns;
+            if may_tell && (well || self.told.refusal != Some(why)) {
+                (self.told.refusal, self.told.refusal_ns) = (Some(why), now_ns);
+                return Some(format!("what comes from {} is no state of {}: {why}", self.robot, self.profile.name()));
+            }
+        }
         if answers {
             self.told.answered_ns = now_ns;
         }

@@ -59,6 +59,7 @@ pub fn decode(bytes: &[u8]) -> Option<Capture> {
     }
     let (mut decoder, mut nodes) = (Decoder::new(Format::Standard, TIMING), Vec::new());
     decoder.push(&bytes[from..], 0, &mut nodes);
+    decoder.finish(0, &mut nodes);
     Some(Capture { nodes, skipped_bytes: decoder.counters().skipped_bytes })
 }
 

@@ -27,10 +27,10 @@ fn real_captures_hold_the_nodes_that_another_decoder_counts() {
             assert!(ours.abs_diff(count(key)) <= lost, "{name}: {key}: {ours}, not {}", count(key));
         }
         if count("skipped_bytes") == 0 && count("descriptors") == 1 {
-            // But for the last ones: a node far from the one before is believed once those behind it fit to it.
+            // But for the last ones: nodes are believed once those behind them fit to them.
             let missing = count("nodes_after_descriptor").checked_sub(capture.nodes.len());
-            assert!(missing.is_some_and(|missing| missing < 4), "{name}: {missing:?} nodes are missing");
-            assert_eq!(zeros, count("zero_distance"), "{name}");
+            assert!(missing.is_some_and(|missing| missing < 6), "{name}: {missing:?} nodes are missing");
+            assert!(zeros <= count("zero_distance") && zeros + 6 > count("zero_distance"), "{name}: {zeros}");
         }
         files += 1;
     }

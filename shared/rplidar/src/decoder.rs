@@ -1,12 +1,17 @@
 //! Bytes of a running scan to samples, through losses.
 //!
 //! Where what comes is no frame, one byte at a time is left out until there is one again. A checksum tells a capsule;
-//! a standard node has three bits only, so that four in a row have to fit together before the first is believed.
+//! a standard node has three bits only, so that several in a row have to fit together before the first is believed. What
+//! no reader of such a stream can tell: a bit that is wrong in a node's angle or range, and whole nodes that are lost.
 
 use crate::sample::{Capsule, FRAME_BYTES_MAX, Format, Sample, standard};
 
-/// Standard nodes that fit together before the first is believed.
-const NODES_TO_LOCK: usize = 4;
+/// Standard nodes that fit together before the second is believed, where it is not known where one begins: the first may
+/// be the end of one that is torn and fit by chance,
+const NODES_TO_LOCK: usize = 5;
+/// and where it follows another: a byte that is lost within a node makes its range of the next one's first byte, which
+/// only those behind it tell.
+const NODES_TO_BELIEVE: usize = 3;
 
 /// A lidar samples more slowly than it says by at most one part of so many.
 const CLOCK_SHARE: u64 = 20;
@@ -63,6 +68,8 @@ pub struct Decoder {
     /// When the last frame must have come, nanoseconds.
     last_ns: Option<u64>,
     counters: Counters,
+    /// Whether nothing more comes.
+    is_over: bool,
 }
 
 impl Decoder {
@@ -79,6 +86,7 @@ impl Decoder {
             last_node: None,
             last_ns: None,
             counters: Counters::default(),
+            is_over: false,
         }
     }
 
@@ -105,6 +113,12 @@ impl Decoder {
         }
     }
 
+    /// Nothing more will come: what waits for what is behind it is taken without.
+    pub fn finish(&mut self, arrival_ns: u64, samples: &mut Vec<Sample>) {
+        self.is_over = true;
+        self.take_frames(arrival_ns, 0, samples);
+    }
+
     /// Takes the frames that are whole; `behind` bytes of the same arrival are still to come.
     fn take_frames(&mut self, arrival_ns: u64, behind: usize, samples: &mut Vec<Sample>) {
         let length = self.format.frame_bytes();
@@ -112,6 +126,13 @@ impl Decoder {
         while let Some(begins) = self.begins_frame(&self.rest[from..]) {
             let rest = &self.rest[from..];
             if begins {
+                // Of a standard stream that is found again the first node only shows where the others are.
+                if self.format == Format::Standard && !self.locked {
+                    (self.locked, self.last_node) = (true, rest[..length].try_into().ok());
+                    self.counters.skipped_bytes += length as u64;
+                    from += length;
+                    continue;
+                }
                 let after = (rest.len() - length + behind) as u64;
                 let whole_ns = arrival_ns.saturating_sub(after * self.timing.byte_ns);
                 let mut frame = [0; FRAME_BYTES_MAX];
@@ -135,10 +156,10 @@ impl Decoder {
         }
         // The first one follows the answer that begins the scan: there is no doubt where it begins.
         let follows = |before: [u8; 5]| standard::may_follow(&before, frame);
-        if self.locked && self.last_node.is_none_or(follows) {
-            return Some(true);
-        }
-        let nodes = bytes.get(..NODES_TO_LOCK * frame.len())?;
+        let is_next = self.locked && self.last_node.is_none_or(follows);
+        let most = if self.is_over { bytes.len() / frame.len() } else { usize::MAX };
+        let needed = if is_next { NODES_TO_BELIEVE.min(most) } else { NODES_TO_LOCK };
+        let nodes = bytes.get(..needed * frame.len())?;
         let pairs = nodes.chunks_exact(frame.len()).zip(nodes.chunks_exact(frame.len()).skip(1));
         Some(pairs.into_iter().all(|(before, node)| self.format.is_frame(node) && standard::may_follow(before, node)))
     }

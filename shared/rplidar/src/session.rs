@@ -45,6 +45,8 @@ pub struct Wanted {
     pub mode: Option<String>,
     /// Turns a minute, where the lidar's motor obeys such a wish.
     pub motor_rpm: u16,
+    /// Whether the speed is only tried: who does not answer at once has another.
+    pub searches: bool,
 }
 
 /// What is to be done with the port.
@@ -275,7 +277,7 @@ impl Session {
             Step::Stopping => self.enter(Step::Info, now_ns),
             Step::Resetting => self.enter(Step::Stopping, now_ns),
             Step::Running => self.begin_anew(now_ns),
-            _ if self.tries < TRIES => self.ask(now_ns),
+            _ if self.tries < self.tries_max() => self.ask(now_ns),
             // Whose motor says nothing of itself turns by itself.
             Step::MotorBoard => self.enter(Step::Starting, now_ns),
             // Old firmware that has no express scan has the standard one.
@@ -288,6 +290,10 @@ impl Session {
             _ if !self.heard_bytes => self.error = Some(SessionError::Silent { baud: self.wanted.baud }),
             _ => self.error = Some(SessionError::Garbled { baud: self.wanted.baud }),
         }
+    }
+
+    fn tries_max(&self) -> u32 {
+        if self.step == Step::Info && self.wanted.searches { 1 } else { TRIES }
     }
 
     fn begin_anew(&mut self, now_ns: u64) {
@@ -362,7 +368,7 @@ impl Session {
         if self.step == Step::Starting && self.begins_scan(descriptor) {
             let rest = self.rest.split_off(after);
             let timing =
-                Timing { sample_ns: self.found.sample_ns, byte_ns: 10 * NS_PER_S / u64::from(self.wanted.baud) };
+                Timing { sample_ns: self.found.sample_ns, byte_ns: 10 * NS_PER_S / u64::from(self.wanted.baud.max(1)) };
             self.decoder = Some(Decoder::new(self.found.format, timing));
             self.enter(Step::Running, now_ns);
             self.received(now_ns, &rest, samples);

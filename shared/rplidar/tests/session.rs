@@ -20,7 +20,7 @@ struct Rig {
 
 impl Rig {
     fn new(model: Model, mode: Option<&str>) -> Self {
-        let wanted = Wanted { baud: model.baud(), mode: mode.map(str::to_owned), motor_rpm: 600 };
+        let wanted = Wanted { baud: model.baud(), mode: mode.map(str::to_owned), motor_rpm: 600, searches: false };
         let session = Session::new(wanted, 0);
         Self { now_ns: 0, lidar: Emulated::new(model), session, samples: Vec::new(), unplugged: false }
     }
@@ -110,7 +110,7 @@ fn why_there_is_no_scan_is_told() {
     silent.run(20 * S);
     assert_eq!(silent.session.error(), Some(&SessionError::Silent { baud: 115_200 }));
 
-    let mut garbled = Session::new(Wanted { baud: 256_000, mode: None, motor_rpm: 600 }, 0);
+    let mut garbled = Session::new(Wanted { baud: 256_000, mode: None, motor_rpm: 600, searches: false }, 0);
     for step in 0..20_000 {
         garbled.tick(step * STEP_NS);
         garbled.received(step * STEP_NS, &[0xf8, 0x00, 0x80, 0xa5], &mut Vec::new());

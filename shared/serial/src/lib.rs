@@ -1,6 +1,7 @@
 //! A serial port at any speed, and the other end of one that is emulated.
 //!
-//! No call blocks. A port that is gone says so at the next read or write, and is opened anew by whoever needs it.
+//! No call waits for the other end. One may wait for the kernel, which hands bytes over by a thread without priority: for
+//! tens of milliseconds on a machine that has far more to do than it can. A port that is gone says so at the next read or write, and is opened anew by whoever needs it.
 
 mod pseudo;
 

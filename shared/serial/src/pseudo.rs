@@ -14,10 +14,15 @@ use rustix::termios::OptionalActions;
 pub struct PseudoTerminal {
     fd: OwnedFd,
     link: PathBuf,
+    /// Where the link leads.
+    terminal: PathBuf,
 }
 
+/// Where pseudo-terminals are.
+const TERMINALS: &str = "/dev/pts";
+
 impl PseudoTerminal {
-    /// Makes one, found at `link`, which is replaced where it is a link.
+    /// Makes one, found at `link`, which is replaced where it leads to a pseudo-terminal or nowhere.
     ///
     /// # Errors
     /// Where the system has none, or the link cannot be made.
@@ -31,11 +36,13 @@ impl PseudoTerminal {
         attributes.make_raw();
         rustix::termios::tcsetattr(&fd, OptionalActions::Now, &attributes)?;
         let name = rustix::pty::ptsname(&fd, Vec::new())?;
-        if link.symlink_metadata().is_ok_and(|found| found.file_type().is_symlink()) {
+        let terminal = PathBuf::from(&*name.to_string_lossy());
+        // The name of a device that is there stays its own.
+        if std::fs::read_link(link).is_ok_and(|leads| leads.starts_with(TERMINALS) || !link.exists()) {
             std::fs::remove_file(link)?;
         }
-        std::os::unix::fs::symlink(Path::new(&*name.to_string_lossy()), link)?;
-        Ok(Self { fd, link: link.to_owned() })
+        std::os::unix::fs::symlink(&terminal, link)?;
+        Ok(Self { fd, link: link.to_owned(), terminal })
     }
 
     /// Where it is found.
@@ -75,7 +82,9 @@ impl PseudoTerminal {
 
 impl Drop for PseudoTerminal {
     fn drop(&mut self) {
-        // Only a name: who has it open notices by the line.
-        let _ = std::fs::remove_file(&self.link);
+        // Only a name, which another may have taken: who has it open notices by the line.
+        if std::fs::read_link(&self.link).is_ok_and(|leads| leads == self.terminal) {
+            let _ = std::fs::remove_file(&self.link);
+        }
     }
 }

@@ -3,13 +3,15 @@
 //! Layers lie on top of each other: the defaults below, then a profile, then the operator's file. Each layer is checked
 //! by itself, so an error names the line that caused it.
 
+mod checks;
 mod layers;
 mod planned;
 mod recorded;
 mod sections;
 mod units;
 
-pub use layers::{Profile, SettingsError, check, load, load_over, load_resolved};
+pub use checks::check;
+pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{

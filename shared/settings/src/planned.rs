@@ -81,6 +81,13 @@ pub(crate) fn check(settings: &Settings) -> Result<(), String> {
             Ask::PolicySwap { exe: None, model: None } => {
                 return Err(wrong("neither an executable nor a model is named".to_owned()));
             }
+            Ask::Cue { .. } | Ask::Resume if settings.commands_robot() => {
+                return Err(wrong(
+                    "nothing but the handler or the operator starts a real robot, and locomotion.link \
+                                  commands one"
+                        .to_owned(),
+                ));
+            }
             Ask::Inject { target, fault, .. } => {
                 messages::fault::parse(target, fault).map_err(wrong)?;
             }

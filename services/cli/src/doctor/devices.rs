@@ -4,17 +4,21 @@
 use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
 use std::net::{IpAddr, Ipv4Addr, UdpSocket};
-use std::os::unix::fs::OpenOptionsExt;
+use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
 use grabber::Trouble;
 use grabber::realsense::{self, Kind};
 use rustix::fs::{Access, OFlags};
-use serial::SerialPort;
+use serial::{SerialError, SerialPort};
 use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source};
 
 use super::Check;
 
+/// The number of the kernel's input devices.
+const INPUT_MAJOR: u32 = 13;
+/// The longest name of a Unix socket, bytes.
+const SOCKET_PATH_MAX: usize = 107;
 /// A speed that every serial port has.
 const ANY_BAUD: u32 = 115_200;
 
@@ -55,24 +59,36 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
 
 fn port(name: &'static str, path: &Path, baud: u32) -> Check {
     let opened = SerialPort::open(path, baud);
-    Check {
-        name,
-        ok: opened.is_ok(),
-        found: opened.map_or_else(|error| error.to_string(), |_| format!("{} can be opened", path.display())),
-        fix: "plug it in; config/udev/99-guidedog.rules gives it its name and its group".to_owned(),
-    }
+    let fix = match &opened {
+        // The rest say themselves what to do.
+        Err(SerialError::Missing { .. } | SerialError::NotSerial { .. }) => {
+            "plug it in; config/udev/99-guidedog.rules gives it its name and its group".to_owned()
+        }
+        _ => String::new(),
+    };
+    let ok = opened.is_ok();
+    let found = opened.map_or_else(|error| error.to_string(), |_| format!("{} can be opened", path.display()));
+    Check { name, ok, found, fix }
 }
 
 /// The driver makes the socket; the folder has to be there.
 fn frame_socket(path: &Path) -> Check {
     let folder = path.parent().unwrap_or(Path::new("/"));
+    let there = path.symlink_metadata();
     let may = rustix::fs::access(folder, Access::WRITE_OK | Access::EXEC_OK);
-    let found = match may {
-        Ok(()) => format!("{} can be made", path.display()),
-        Err(errno) => format!("no socket can be made in {}: {errno}", folder.display()),
+    let (ok, found) = match may {
+        _ if path.file_name().is_none() => (false, "depth.socket.path names no file".to_owned()),
+        _ if path.as_os_str().len() > SOCKET_PATH_MAX => {
+            (false, format!("{} is longer than {SOCKET_PATH_MAX} bytes", path.display()))
+        }
+        _ if there.is_ok_and(|there| !there.file_type().is_socket()) => {
+            (false, format!("{} is there, and is no socket", path.display()))
+        }
+        Ok(()) => (true, format!("{} can be made", path.display())),
+        Err(errno) => (false, format!("no socket can be made in {}: {errno}", folder.display())),
     };
     let fix = format!("sudo install -d -o $USER {} (systemd: RuntimeDirectory=)", folder.display());
-    Check { name: "depth socket", ok: may.is_ok(), found, fix }
+    Check { name: "depth socket", ok, found, fix }
 }
 
 /// A camera by its library.
@@ -87,7 +103,10 @@ fn camera(name: &'static str, looked: Result<String, Trouble>) -> Check {
 fn input(path: &Path) -> Check {
     // A pipe without a writer would keep whoever opens it.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
-    let is_device = |file: &File| file.metadata().is_ok_and(|it| !it.is_file() && !it.is_dir());
+    // As in the kernel's list of devices.
+    let is_device = |file: &File| {
+        file.metadata().is_ok_and(|it| it.file_type().is_char_device() && rustix::fs::major(it.rdev()) == INPUT_MAJOR)
+    };
     let (ok, found) = match &opened {
         Ok(file) if is_device(file) => (true, format!("{} can be read", path.display())),
         Ok(_) => (false, format!("{} is no input device", path.display())),
@@ -160,7 +179,7 @@ mod tests {
         };
         let names = ["lidar", "depth socket", "emergency stop", "robot"];
         let expected = |oks: [bool; 4]| names.into_iter().zip(oks).collect::<Vec<_>>();
-        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, true, true]));
+        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, false, true]));
         // From the loopback no other network is reached, whatever this machine's is.
         assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false; 4]));
         assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, true, false, true]));

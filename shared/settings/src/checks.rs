@@ -1,0 +1,386 @@
+//! What no single key can say: values that do not go together, or are like no robot, handler or device.
+
+use crate::sections::{DepthDevice, DepthSettings, EstopSource, LinkKind, OdometryDevice, Settings, Source};
+use crate::units::Millis;
+
+/// Whether the settings go together.
+///
+/// # Errors
+/// Where values do not go together or are out of their bounds; the reason begins with the key.
+pub fn check(settings: &Settings) -> Result<(), String> {
+    let (lidar, depth) = (&settings.lidar, &settings.depth);
+    if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
+        return Err(format!("lidar.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
+    }
+    if lidar.field_of_view_deg.get() > 360.0 {
+        return Err("lidar.field_of_view_deg is over 360".to_owned());
+    }
+    if depth.field_of_view_deg.get() >= 170.0 {
+        return Err("depth.field_of_view_deg is 170 or over".to_owned());
+    }
+    if lidar.range_min_m >= lidar.range_max_m {
+        return Err("lidar.range_min_m is not under lidar.range_max_m".to_owned());
+    }
+    if !(0.0..=guidance::scan::SIGMA_MAX_M).contains(&lidar.sigma_m) {
+        return Err(format!("lidar.sigma_m = {} is not in 0..{}", lidar.sigma_m, guidance::scan::SIGMA_MAX_M));
+    }
+    // What lies beyond the range is not seen, and hulls reach as far as two metres and more.
+    if lidar.range_max_m.get() < 3.0 {
+        return Err(format!("lidar.range_max_m = {} is under 3", lidar.range_max_m.get()));
+    }
+    if depth.width == 0 || depth.width > 1280 || depth.height == 0 || depth.height > 720 {
+        return Err(format!("depth {}x{} is not within 1x1..1280x720", depth.width, depth.height));
+    }
+    let [near, far] = depth.range_m;
+    if !(near > 0.0 && near < far && far <= 65.0) {
+        return Err("depth.range_m is not [near, far] with 0 < near < far <= 65".to_owned());
+    }
+    check_rates(settings)?;
+    check_bounds(settings)?;
+    check_ages(settings)?;
+    if !(0.0..=0.5).contains(&settings.shield.margin_m) {
+        return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
+    }
+    check_devices(settings)?;
+    check_serial(settings)?;
+    check_depth_device(depth, settings.commands_robot())?;
+    if depth.needed && depth.source == Source::Absent {
+        return Err("depth.needed, but depth.source = \"absent\"".to_owned());
+    }
+    let dt_ns = settings.policy.dt.ns();
+    if dt_ns < 50_000_000 || !dt_ns.is_multiple_of(messages::QUANTUM_NS) {
+        return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
+    }
+    settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
+    crate::planned::check(settings)?;
+    if settings.supervision.restart_budget == 0 {
+        return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+/// What serial lines run at, bits a second.
+const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=4_000_000;
+/// Turns a minute: under 8 a second permits run out between two scans, and none of these lidars turns faster.
+const MOTOR_RPMS: std::ops::RangeInclusive<u16> = 480..=1_200;
+
+/// Devices at serial lines.
+fn check_serial(settings: &Settings) -> Result<(), String> {
+    let (rplidar, estop) = (&settings.lidar.rplidar, &settings.estop.serial);
+    let bauds = [("lidar.rplidar.baud", rplidar.baud), ("estop.serial.baud", Some(estop.baud))];
+    for (key, baud) in bauds.into_iter().filter_map(|(key, baud)| baud.map(|baud| (key, baud))) {
+        if !BAUDS.contains(&baud) {
+            return Err(format!("{key} = {baud} is not in {}..{}", BAUDS.start(), BAUDS.end()));
+        }
+    }
+    if !MOTOR_RPMS.contains(&rplidar.motor_rpm) {
+        let (from, to, rpm) = (MOTOR_RPMS.start(), MOTOR_RPMS.end(), rplidar.motor_rpm);
+        return Err(format!("lidar.rplidar.motor_rpm = {rpm} is not in {from}..{to}"));
+    }
+    if rplidar.mode.as_ref().is_some_and(|mode| mode.trim().is_empty()) {
+        return Err("lidar.rplidar.mode is empty: leave it out for the mode that the lidar advises".to_owned());
+    }
+    Ok(())
+}
+
+/// The last DDS domain whose ports there are.
+const DDS_DOMAIN_MAX: u16 = 232;
+/// Linux numbers keys under this.
+const EVDEV_KEYS: u16 = 0x300;
+
+/// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
+fn check_devices(settings: &Settings) -> Result<(), String> {
+    let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
+    let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
+    let is_device = settings.locomotion.link.is_device();
+    let own = odometry == Source::Device && settings.odometry.device == OdometryDevice::Robot;
+    if own && !is_device {
+        let links = "\"unitree\", \"go2\" or \"ros2\"";
+        return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
+    }
+    check_matching(settings)?;
+    if settings.commands_robot() {
+        for (key, source) in settings.sources() {
+            if source != Source::Device {
+                return Err(format!(
+                    "{key} is no device, and locomotion.link commands a real robot: it would walk blind"
+                ));
+            }
+        }
+    }
+    if settings.cue.forward_when_ready && settings.commands_robot() {
+        return Err(
+            "cue.forward_when_ready would start a real robot by itself, and locomotion.link commands one".to_owned()
+        );
+    }
+    if settings.odometry.t265.file.is_some() && settings.commands_robot() {
+        return Err("odometry.t265.file is a recording, and locomotion.link commands a real robot".to_owned());
+    }
+    if emulated && (lidar, own, is_device) != (Source::Device, true, true) {
+        let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
+        return Err(format!("simulation.emulated.on needs {needed}"));
+    }
+    if emulated && robot.robot.is_some_and(|robot| !robot.ip().is_loopback()) {
+        return Err("locomotion.unitree.robot is no emulated robot's address: it is not this machine".to_owned());
+    }
+    if emulated && settings.estop.source == EstopSource::Input {
+        return Err("estop.source = \"input\": only a serial box is emulated".to_owned());
+    }
+    let input = &settings.estop.input;
+    if input.key.is_some_and(|key| key >= EVDEV_KEYS) {
+        return Err(format!(
+            "estop.input.key is not under {EVDEV_KEYS}: no key has such a number, and none would stop"
+        ));
+    }
+    if input.held && input.key.is_none() {
+        return Err("estop.input.held needs estop.input.key: any key would let the robot move".to_owned());
+    }
+    if settings.locomotion.dds.domain > DDS_DOMAIN_MAX {
+        return Err(format!("locomotion.dds.domain is over {DDS_DOMAIN_MAX}: it has no ports"));
+    }
+    for (key, topic) in [("cmd_vel", &settings.locomotion.ros2.cmd_vel), ("odom", &settings.locomotion.ros2.odom)] {
+        let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+        if !topic.strip_prefix('/').unwrap_or(topic).split('/').all(is_name) {
+            return Err(format!("locomotion.ros2.{key} = {topic:?} is no topic of ROS 2"));
+        }
+    }
+    let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
+    if stop > warn || warn > 100 {
+        return Err(format!("locomotion.charge_stop_percent = {stop} is not in 0..charge_warn_percent = {warn}..100"));
+    }
+    Ok(())
+}
+
+/// A device of which nobody else tells what its frames are.
+fn check_depth_device(depth: &DepthSettings, commands_robot: bool) -> Result<(), String> {
+    if let Some(lens) = depth.intrinsics {
+        lens.head(depth).check().map_err(|refused| format!("depth.intrinsics: {refused}"))?;
+    }
+    if depth.source != Source::Device {
+        return Ok(());
+    }
+    if depth.device == DepthDevice::Gstreamer {
+        if depth.gstreamer.pipeline.trim().is_empty() {
+            return Err("depth.gstreamer.pipeline is not given, and depth.device is \"gstreamer\"".to_owned());
+        }
+        if depth.intrinsics.is_none() {
+            let why = "a pipeline's frames do not tell their lens";
+            return Err(format!("depth.intrinsics (fx_px, fy_px, cx_px, cy_px) is not given, and {why}"));
+        }
+    }
+    if depth.device == DepthDevice::Realsense && depth.realsense.file.is_some() && commands_robot {
+        return Err("depth.realsense.file is a recording, and locomotion.link commands a real robot".to_owned());
+    }
+    Ok(())
+}
+
+/// Scans correct the poses that this run makes, and no others.
+fn check_matching(settings: &Settings) -> Result<(), String> {
+    if !settings.matches_scans() {
+        return Ok(());
+    }
+    if matches!(settings.odometry.source, Source::Replayed | Source::Absent) {
+        return Err("odometry.matching.on needs odometry.source \"simulated\" or \"device\": poses that are replayed \
+                    stay as they were recorded"
+            .to_owned());
+    }
+    if settings.lidar.source == Source::Absent {
+        return Err("odometry.matching.on needs a lidar, and lidar.source is \"absent\"".to_owned());
+    }
+    Ok(())
+}
+
+/// What no robot, handler or lidar is like.
+fn check_bounds(settings: &Settings) -> Result<(), String> {
+    let (limits, odometry, matching) = (&settings.locomotion.limits, &settings.odometry, &settings.odometry.matching);
+    for (name, value, from, to) in [
+        ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
+        ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
+        ("handler.seen_radius_m", settings.handler.seen_radius_m.get(), 0.05, settings.handler.radius_m.get()),
+        // From the finest that a camera counts in to a centimetre.
+        ("depth.gstreamer.unit_m", settings.depth.gstreamer.unit_m.get(), 1e-5, 0.01),
+        ("depth.gstreamer.latency", settings.depth.gstreamer.latency.map_or(0.0, Millis::s), 0.0, 1.0),
+        ("depth.redwood", settings.depth.redwood, 0.0, 10.0),
+        ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
+        ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
+        ("odometry.matching.place_sigma_m", matching.place_sigma_m.get(), 0.001, 1.0),
+        ("odometry.matching.yaw_sigma_rad", matching.yaw_sigma_rad.get(), 0.001, 1.0),
+        ("odometry.matching.turn_sigma_rad", matching.turn_sigma_rad.get(), 0.001, 1.0),
+        // Locomotion takes what is more than 5 cm or 0.1 rad off in half a second for a contradiction.
+        ("odometry.matching.feed_mps", matching.feed_mps.get(), 0.001, 0.08),
+        ("odometry.matching.feed_radps", matching.feed_radps.get(), 0.001, 0.16),
+        ("locomotion.limits.speed_mps", limits.speed_mps.get(), 0.05, 3.0),
+        // More than Unitree's link can say.
+        ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
+        ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
+        ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
+        ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
+        ("shield.unknown_gap_m", settings.shield.unknown_gap_m.get(), 0.0, 1.0),
+        ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
+        ("shield.memory.drift", settings.shield.memory.drift.get(), 0.0, 0.5),
+        // Who walks into the way comes nearer by a metre in this time.
+        ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),
+        ("walk.errors.orientation_deg", settings.walk.errors.orientation_deg, -60.0, 60.0),
+        ("walk.errors.timing_m", settings.walk.errors.timing_m, -10.0, 10.0),
+        ("supervision.memory_mib", f64::from(settings.supervision.memory_mib), 16.0, 1024.0),
+        ("supervision.large_memory_mib", f64::from(settings.supervision.large_memory_mib), 64.0, 16384.0),
+        ("supervision.open_files", f64::from(settings.supervision.open_files), 128.0, 65536.0),
+        ("policy.swap.decisions", f64::from(settings.policy.swap.decisions), 1.0, 1000.0),
+        ("policy.swap.probation", settings.policy.swap.probation.s(), 0.5, 3600.0),
+        ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),
+        ("supervision.step_limit", settings.supervision.step_limit.s(), 0.2, 3600.0),
+    ] {
+        if !(from..=to).contains(&value) {
+            return Err(format!("{name} = {value} is not in {from}..{to}"));
+        }
+    }
+    Ok(())
+}
+
+fn check_rates(settings: &Settings) -> Result<(), String> {
+    // A slower lidar leaves gaps longer than a permit lives; recorded logs may, with the null link.
+    let slowest_lidar = if settings.lidar.source == Source::Replayed { 1.0 } else { 8.0 };
+    for (name, rate, from, to) in [
+        ("lidar", settings.lidar.rate_hz, slowest_lidar, 50.0),
+        ("depth", settings.depth.rate_hz, 1.0, 100.0),
+        ("odometry", settings.odometry.rate_hz, 20.0, 100.0),
+        ("locomotion", settings.locomotion.rate_hz, 20.0, 100.0),
+    ] {
+        if !(from..=to).contains(&rate.get()) {
+            return Err(format!("{name}.rate_hz = {} is not in {from}..{to}", rate.get()));
+        }
+    }
+    Ok(())
+}
+
+/// The promise that a stop never waits for longer than this is not the configuration's to give away; recorded logs move
+/// no robot, and may be slower.
+fn check_ages(settings: &Settings) -> Result<(), String> {
+    let null = settings.locomotion.link == LinkKind::Null;
+    let (age, supervision) = (&settings.max_age, &settings.supervision);
+    for (name, value, most_ms) in [
+        ("max_age.scan", age.scan, if null { 2000 } else { 300 }),
+        ("max_age.depth", age.depth, if null { 2000 } else { 300 }),
+        ("max_age.odometry", age.odometry, if null { 2000 } else { 150 }),
+        ("max_age.mode", age.mode, 300),
+        ("max_age.estop", age.estop, 150),
+        ("max_age.cue", age.cue, 5000),
+        ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
+        ("supervision.beat_limit", supervision.beat_limit, 200),
+        ("supervision.brake_limit", supervision.brake_limit, 200),
+    ] {
+        if value.ns() > most_ms * 1_000_000 {
+            return Err(format!("{name} is over {most_ms} ms"));
+        }
+    }
+    for (name, value) in [("beat_limit", supervision.beat_limit), ("brake_limit", supervision.brake_limit)] {
+        if value.ns() < 60_000_000 {
+            return Err(format!("supervision.{name} is under 60 ms: beats come every 20 ms"));
+        }
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Settings, check};
+
+    #[test]
+    fn what_would_give_the_stop_away_is_refused_with_its_key() {
+        for (text, key) in [
+            ("[lidar]\nrate_hz = 2.0\n", "lidar.rate_hz"),
+            ("[locomotion]\nrate_hz = 1.0\n", "locomotion.rate_hz"),
+            ("[locomotion]\npermit_life = \"5s\"\n", "locomotion.permit_life"),
+            ("[max_age]\nscan = \"10s\"\n", "max_age.scan"),
+            ("[supervision]\nbrake_limit = \"1h\"\n", "supervision.brake_limit"),
+            ("[supervision]\nbeat_limit = \"1ms\"\n", "supervision.beat_limit"),
+            ("[shield]\nmargin_m = -0.1\n", "shield.margin_m"),
+            ("[handler]\nalpha = 1.0\n", "[handler]"),
+        ] {
+            let settings: Settings = toml::from_str(text).expect("each key by itself is right");
+            assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_real_robot_walks_by_real_sensors_and_an_emulated_one_is_at_this_machine() {
+        let real = "[locomotion]\nlink = \"unitree\"\n[odometry]\nsource = \"device\"\n";
+        let emulated = format!("{real}[lidar]\nsource = \"device\"\n[simulation.emulated]\non = true\n");
+        let elsewhere = format!("{emulated}[locomotion.unitree]\nrobot = \"192.168.123.220:8082\"\n");
+        for (text, key) in [
+            (real, "lidar.source"),
+            (&format!("{real}[lidar]\nsource = \"device\"\n"), "depth.source"),
+            ("[odometry]\nsource = \"device\"\n", "odometry.source"),
+            ("[odometry]\nsource = \"replayed\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
+            ("[lidar]\nsource = \"absent\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
+            ("[simulation.emulated]\non = true\n", "simulation.emulated.on"),
+            (&elsewhere, "locomotion.unitree.robot"),
+            ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),
+            (&format!("{emulated}[estop]\nsource = \"input\"\n"), "estop.source"),
+            ("[max_age]\nestop = \"1s\"\n", "max_age.estop"),
+            ("[estop.input]\nkey = 1000\n", "estop.input.key"),
+            ("[estop.input]\nheld = true\n", "estop.input.held"),
+            ("[estop.serial]\nbaud = 0\n", "estop.serial.baud"),
+            ("[lidar.rplidar]\nbaud = 0\n", "lidar.rplidar.baud"),
+            ("[lidar.rplidar]\nbaud = 12345678\n", "lidar.rplidar.baud"),
+            ("[lidar.rplidar]\nmotor_rpm = 0\n", "lidar.rplidar.motor_rpm"),
+            ("[lidar.rplidar]\nmode = \"\"\n", "lidar.rplidar.mode"),
+        ] {
+            let settings: Settings = toml::from_str(text).expect("each key by itself is right");
+            let why = check(&settings).expect_err(text);
+            assert!(why.starts_with(key), "{text}: {why}");
+        }
+        let settings: Settings = toml::from_str(&emulated).expect("it is right");
+        assert_eq!(check(&settings), Ok(()));
+        let mut by_flag = Settings::default();
+        by_flag.emulate();
+        assert_eq!(check(&by_flag), Ok(()));
+    }
+
+    #[test]
+    fn nothing_but_handler_and_operator_starts_a_real_robot() {
+        let real = "[lidar]\nsource = \"device\"\n[depth]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n\
+                    [locomotion]\nlink = \"unitree\"\n";
+        let planned = |ask: &str| format!("[[planned]]\nat = \"1s\"\nask = {{ {ask} }}\n");
+        for (more, key) in [
+            ("[cue]\nforward_when_ready = true\n".to_owned(), "cue.forward_when_ready"),
+            (planned("verb = \"cue\", cue = \"forward\""), "planned[0]"),
+            (planned("verb = \"resume\""), "planned[0]"),
+        ] {
+            let of = |text: &str| check(&toml::from_str::<Settings>(text).expect("each key by itself is right"));
+            assert_eq!(of(&more), Ok(()), "in simulation");
+            assert!(of(&format!("{real}{more}")).is_err_and(|why| why.starts_with(key)), "{more}");
+        }
+        let stop = format!("{real}{}", planned("verb = \"stop\""));
+        assert_eq!(check(&toml::from_str::<Settings>(&stop).expect("right")), Ok(()));
+    }
+
+    #[test]
+    fn a_pipeline_has_its_lens_from_here_and_a_file_moves_no_robot() {
+        let gstreamer = "[depth]\nsource = \"device\"\ndevice = \"gstreamer\"\n[depth.gstreamer]\n";
+        let lens =
+            |fx: &str| format!("[depth.intrinsics]\nfx_px = {fx}\nfy_px = 380.0\ncx_px = 320.0\ncy_px = 240.0\n");
+        let real = "[lidar]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"unitree\"\n";
+        let file = "[depth]\nsource = \"device\"\ndevice = \"realsense\"\n[depth.realsense]\nfile = \"x.db3\"\n";
+        let depth = "[depth]\nsource = \"device\"\n";
+        let check_of = |text: &str| check(&toml::from_str::<Settings>(text).expect("each key by itself is right"));
+        for (text, key) in [
+            (gstreamer.to_owned(), "depth.gstreamer.pipeline"),
+            (format!("{gstreamer}pipeline = \"x\"\n"), "depth.intrinsics"),
+            (format!("{gstreamer}pipeline = \"x\"\n{}", lens("0.0")), "depth.intrinsics: a frame with focal lengths 0"),
+            (lens("nan"), "depth.intrinsics"),
+            ("[depth.gstreamer]\nunit_m = 1.0\n".to_owned(), "depth.gstreamer.unit_m = 1"),
+            ("[depth.gstreamer]\nlatency = \"2s\"\n".to_owned(), "depth.gstreamer.latency = 2"),
+            (format!("{real}{file}"), "depth.realsense.file"),
+            (format!("{real}{depth}[odometry.t265]\nfile = \"x.bag\"\n"), "odometry.t265.file"),
+        ] {
+            let why = check_of(&text).expect_err(&text);
+            assert!(why.starts_with(key), "{text}: {why}");
+        }
+        for text in [format!("{gstreamer}pipeline = \"x\"\n{}", lens("380.0")), file.to_owned()] {
+            assert_eq!(check_of(&text), Ok(()));
+        }
+        let lacking = toml::from_str::<Settings>("[depth.intrinsics]\nfx_px = 1.0\n").expect_err("three are missing");
+        assert!(lacking.to_string().contains("fy_px"), "{lacking}");
+    }
+}
