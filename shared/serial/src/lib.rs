@@ -1,16 +1,23 @@
 //! A serial port at any speed, and the other end of one that is emulated.
 //!
-//! No call waits for the other end. One may wait for the kernel, which hands bytes over by a thread without priority: for
-//! tens of milliseconds on a machine that has far more to do than it can. A port that is gone says so at the next read or write, and is opened anew by whoever needs it.
+//! No call waits. Even a read that is not to wait, and a poll, may wait in a terminal for the kernel, which hands bytes over
+//! by a thread without priority: for tens of milliseconds, and sometimes seconds, where a machine has far more to do than it
+//! can. So a thread of the port's own reads, and hands over through a pipe. A port that is gone says so at the next read or write, and is opened anew by whoever needs it.
 
 mod pseudo;
 
+use std::convert::Infallible;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::mpsc::{Receiver, Sender, channel};
+use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, poll};
 use rustix::fs::{FlockOperation, Mode, OFlags};
 use rustix::io::Errno;
 use rustix::ioctl;
+use rustix::pipe::PipeFlags;
 use rustix::termios::{OptionalActions, QueueSelector};
 
 pub use pseudo::PseudoTerminal;
@@ -73,9 +80,18 @@ pub enum SerialError {
 /// An open port: eight bits, no parity, one stop bit, nothing translated.
 #[derive(Debug)]
 pub struct SerialPort {
-    fd: OwnedFd,
+    fd: Arc<OwnedFd>,
     path: PathBuf,
+    /// What the thread has read; none only while this is dropped. Its closing ends the thread.
+    bytes: Option<OwnedFd>,
+    /// Closed by the thread's end.
+    ended: Receiver<Infallible>,
 }
+
+/// So long the thread is waited for at the end: until then the port is not free for others.
+const END_LIMIT: Duration = Duration::from_millis(500);
+/// What is read at once, bytes.
+const PIECE: usize = 4096;
 
 /// `TIOCMBIS` and `TIOCMBIC`: set and clear lines of a modem.
 const SET_LINES: ioctl::Opcode = 0x5416;
@@ -101,8 +117,19 @@ impl SerialPort {
             Errno::WOULDBLOCK => SerialError::Busy { path: owned() },
             source => SerialError::System { path: owned(), source },
         })?;
-        let port = Self { fd, path: owned() };
-        port.set_up(baud)?;
+        let system = |source| SerialError::System { path: owned(), source };
+        let (bytes, hand_over) = rustix::pipe::pipe_with(PipeFlags::CLOEXEC).map_err(system)?;
+        rustix::fs::fcntl_setfl(&bytes, OFlags::NONBLOCK).map_err(system)?;
+        let (end, ended) = channel();
+        let port = Self { fd: Arc::new(fd), path: owned(), bytes: Some(bytes), ended };
+        if let Err(error) = port.set_up(baud) {
+            // There is no thread to wait for.
+            drop(end);
+            return Err(error);
+        }
+        let line = Arc::clone(&port.fd);
+        let reader = std::thread::Builder::new().name("serial".to_owned());
+        reader.spawn(move || hand_over_bytes(&line, &hand_over, &end)).map_err(|_| system(Errno::NOMEM))?;
         Ok(port)
     }
 
@@ -144,8 +171,9 @@ impl SerialPort {
     /// # Errors
     /// Where the port is gone.
     pub fn read(&self, buffer: &mut [u8]) -> Result<usize, SerialError> {
-        match rustix::io::read(&self.fd, &mut *buffer) {
-            // The end of a terminal is its unplugging.
+        let Some(bytes) = &self.bytes else { return Ok(0) };
+        match rustix::io::read(bytes, &mut *buffer) {
+            // The end of a terminal is its unplugging, and the thread's.
             Ok(0) if !buffer.is_empty() => Err(SerialError::Gone { path: self.path.clone() }),
             Ok(count) => Ok(count),
             Err(Errno::AGAIN | Errno::INTR) => Ok(0),
@@ -178,9 +206,44 @@ impl SerialPort {
     }
 }
 
+/// Readable when there is something to read.
 impl AsFd for SerialPort {
     fn as_fd(&self) -> BorrowedFd<'_> {
-        self.fd.as_fd()
+        self.bytes.as_ref().map_or(self.fd.as_fd(), AsFd::as_fd)
+    }
+}
+
+impl Drop for SerialPort {
+    fn drop(&mut self) {
+        self.bytes = None;
+        // Nothing is ever sent.
+        let _ = self.ended.recv_timeout(END_LIMIT);
+    }
+}
+
+/// The thread: reads the line until it is gone, or nobody takes its bytes any more.
+fn hand_over_bytes(line: &OwnedFd, hand_over: &OwnedFd, _end: &Sender<Infallible>) {
+    let mut buffer = [0; PIECE];
+    loop {
+        // Of the pipe only its end is asked for, which is always told.
+        let mut both = [PollFd::new(line, PollFlags::IN), PollFd::new(hand_over, PollFlags::empty())];
+        match poll(&mut both, None) {
+            Ok(_) if both[1].revents().contains(PollFlags::ERR) => return,
+            Ok(_) | Err(Errno::INTR) => {}
+            Err(_) => return,
+        }
+        let mut rest = match rustix::io::read(line, &mut buffer) {
+            Err(Errno::AGAIN | Errno::INTR) => continue,
+            Ok(count) if count > 0 => &buffer[..count],
+            _ => return,
+        };
+        while !rest.is_empty() {
+            match rustix::io::write(hand_over, rest) {
+                Ok(count) => rest = &rest[count..],
+                Err(Errno::INTR) => {}
+                Err(_) => return,
+            }
+        }
     }
 }
 

@@ -26,7 +26,7 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 16] = [
+const OURS: [&str; 17] = [
     "lock",
     "recording.json",
     "run.json",
@@ -34,6 +34,7 @@ const OURS: [&str; 16] = [
     "control.sock",
     "robot.sock",
     "rplidar",
+    "rplidar.baud",
     "estop",
     "camera.sock",
     "bridge.sock",
