@@ -67,6 +67,7 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
         return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
     }
     check_policy_and_script(&settings)?;
+    language(&settings)?;
     Ok(settings)
 }
 
@@ -150,6 +151,12 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
         *path = folder.join(&path);
     }
     settings.depth.socket.path = folder.join(&settings.depth.socket.path);
+    if let Some(file) = &mut settings.speak.file {
+        *file = folder.join(&file);
+    }
+    if Path::new(&settings.speak.language).extension().is_some() {
+        settings.speak.language = folder.join(&settings.speak.language).to_string_lossy().into_owned();
+    }
     for camera in [&mut settings.depth.realsense, &mut settings.odometry.t265] {
         for path in [&mut camera.library, &mut camera.file].into_iter().flatten() {
             *path = folder.join(&path);
@@ -245,6 +252,7 @@ pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
 /// As [`walk`].
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     check_policy_and_script(&settings)?;
+    language(&settings)?;
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
@@ -262,6 +270,18 @@ fn check_policy_and_script(settings: &Settings) -> Result<(), Failure> {
     world::Route::load(script)
         .map(|_| ())
         .map_err(|error| Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error))))
+}
+
+/// The language that the robot is to speak is there, and whole.
+///
+/// # Errors
+/// Where it is not; the message names the file and what is wrong in it.
+pub fn language(settings: &Settings) -> Result<(), Failure> {
+    if settings.speak.on {
+        speech::Language::load(&settings.speak.language)
+            .map_err(|error| Failure::input(format!("speak.language of the configuration: {error}")))?;
+    }
+    Ok(())
 }
 
 /// The model of that name, loaded and verified; none for the geometric engine as it is built. Where it was not trained

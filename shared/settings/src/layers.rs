@@ -195,6 +195,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
     crate::planned::check(settings)?;
+    crate::sections::check_speak(&settings.speak)?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
     }

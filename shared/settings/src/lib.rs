@@ -17,6 +17,6 @@ pub use sections::{
     DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler,
     HandlerModel, Librealsense, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
     OdometryDevice, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings,
-    ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
+    ShieldSettings, Simulation, Source, Speak, Supervision, SwapSettings, UnitreeSettings, Verbosity, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

@@ -7,6 +7,7 @@ mod locomotion;
 mod odometry;
 mod policy;
 mod shield;
+mod speak;
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
@@ -33,6 +34,8 @@ pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, Un
 pub use odometry::{MatchingSettings, OdometryDevice, OdometrySettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
+pub(crate) use speak::check as check_speak;
+pub use speak::{Speak, Verbosity};
 
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
@@ -61,6 +64,8 @@ pub struct Settings {
     pub locomotion: Locomotion,
     /// The emergency stop.
     pub estop: Estop,
+    /// The robot's voice.
+    pub speak: Speak,
     /// How old an input may be for motion.
     pub max_age: MaxAge,
     /// The supervisor.

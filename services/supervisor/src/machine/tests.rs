@@ -451,7 +451,10 @@ fn a_new_locomotion_watches_nobody_yet_and_a_new_brake_not_locomotion() {
         assert_eq!(bench.machine.not_ready(now), why);
         bench.alive.push((watcher, 2, true));
         bench.arm(now);
-        assert!(bench.machine.not_ready(now).is_some_and(|why| why.contains("is silent")), "it has not beaten yet");
+        assert!(
+            bench.machine.not_ready(now).is_some_and(|why| why.to_string().contains("is silent")),
+            "it has not beaten yet"
+        );
         bench.beat(watcher, 2, bench.now_ms);
         assert_eq!(bench.machine.not_ready(now), None);
     }

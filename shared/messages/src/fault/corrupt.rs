@@ -1,8 +1,8 @@
 //! What garbage and a plausible wrong value are, for each type. Enumerations and booleans stay valid here.
 
 use crate::{
-    ClockAck, ClockStep, Cue, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode, Odometry, Outcome,
-    Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
+    ClockAck, ClockStep, Cue, CueAnswer, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode, Odometry,
+    Outcome, Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
 };
 
 use super::{WRONG_AGE_NS, WRONG_SCALE};
@@ -240,6 +240,9 @@ impl Corrupt for WorldTruth {}
 impl Corrupt for RobotCommand {}
 impl Corrupt for ClockStep {}
 impl Corrupt for ClockAck {}
+
+/// It moves nobody: there is no fault of it to try.
+impl Corrupt for CueAnswer {}
 
 /// Random readings.
 pub(crate) fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {
