@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Ears, Live, Place, WATCHDOG, pid_of, service, signal};
+use guidedog_tests::{Ears, Live, Place, WATCHDOG, is_alive, pid_of, service, signal};
 use messages::{SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
 
@@ -78,10 +78,12 @@ fn a_walk_is_told_from_the_first_cue_to_the_end() {
     let (mut run, ears) = speaking(&place, "");
     ears.wait("Ready.", 1);
     walk(&place, &mut run);
+    ears.wait("Forward.", 1);
     signal(pid_of(&run.status(), "lidar"), "KILL");
     ears.wait("Stopped: lidar lost, restarting.", 1);
     ears.wait("Ready.", 2);
     walk(&place, &mut run);
+    ears.wait("Forward.", 2);
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
     ears.wait("Stopped by the operator.", 1);
     assert!(!place.guidedog(&["cue", "left", "--run", "speak"]).status.success(), "the run is locked");
@@ -179,11 +181,40 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
     }
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
     ears.wait("Stopped by the operator.", 1);
+    run.wait("it is heard", |status| status["said"]["phase"] == "ended");
     let (report, code) = run.end();
     assert_eq!((code, &report["restarts"]["speak"]), (0, &Value::from(2)), "{report:#}");
     assert!(speech_s(&place.path().join("said.wav")) > 1.0, "the file goes on");
     let _ = ears.stop();
     place.assert_empty();
+}
+
+#[test]
+fn the_supervisors_own_death_is_told_and_then_nobody_is_left() {
+    if !has_voice() {
+        return;
+    }
+    let place = Place::new();
+    let (mut run, ears) = speaking(&place, "");
+    walk(&place, &mut run);
+    let status = run.status();
+    let ours: Vec<u32> = status["services"]
+        .as_array()
+        .expect("services")
+        .iter()
+        .filter_map(|service| service["pid"].as_u64().filter(|pid| *pid > 0).and_then(|pid| u32::try_from(pid).ok()))
+        .collect();
+    signal(run.pid(), "KILL");
+    ears.wait("Stopped for good. Get help.", 1);
+    let since = Instant::now();
+    while ours.iter().any(|pid| is_alive(*pid)) {
+        assert!(since.elapsed() < Duration::from_secs(10), "somebody is left");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    let said = ears.stop();
+    let last = said.last().expect("something was said");
+    assert_eq!((last.text.as_str(), last.phase), ("Stopped for good. Get help.", SpeechPhase::Ended));
+    let _ = run.finish();
 }
 
 #[test]

@@ -5,6 +5,8 @@
 //! waits for it. It must never wait for a voice or a player, which are programs of others. `speech` decides what is
 //! said; this file is the thin shell between that, the voice and the output.
 //!
+//! Where the supervisor dies, it says so before it ends: nobody else could.
+//!
 //! In stepped time it does not run: that goes as fast as the machine lets it, and a sentence takes as long as it takes.
 
 mod clip;
@@ -16,10 +18,10 @@ use std::rc::Rc;
 
 use messages::{
     CueAnswer, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId, SpeechPhase,
-    SpeechSaid, Urgency,
+    SpeechSaid, StopKind, StopReason, Urgency,
 };
 use settings::Settings;
-use speech::{Language, Speaker, SpeakerConfig, Utterance};
+use speech::{Language, Sentence, Speaker, SpeakerConfig, Utterance};
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
 
 use clip::Clip;
@@ -30,6 +32,8 @@ use voice::{Spoken, Voice};
 const PERIOD_NS: u64 = 40_000_000;
 /// A sentence that has no sound after so long is not heard: what it tells of is long over, nanoseconds.
 const SOUND_LIMIT_NS: u64 = 3_000_000_000;
+/// The last word, after the supervisor's death, takes no longer, nanoseconds.
+const LAST_WORD_LIMIT_NS: u64 = 3_000_000_000;
 /// So many different troubles are told.
 const TROUBLES_TOLD: usize = 20;
 const TOKEN_VOICE: u64 = 0;
@@ -74,6 +78,9 @@ pub struct Speak {
     latency: LatencyHistogram,
     troubles: BTreeSet<String>,
     next_ns: u64,
+    /// Once the supervisor is gone: run time by which the process ends.
+    ends_by_ns: Option<u64>,
+    is_done: bool,
 }
 
 impl Speak {
@@ -102,6 +109,8 @@ impl Speak {
             latency,
             troubles: BTreeSet::new(),
             next_ns: 0,
+            ends_by_ns: None,
+            is_done: false,
         })
     }
 
@@ -129,15 +138,7 @@ impl Speak {
         while let Some(utterance) = self.speaker.next(io.now_ns()) {
             self.end(SpeechPhase::Cut, io)?;
             self.begin(&utterance, io);
-            match self.current.as_ref().and_then(|current| self.voice.kept(&current.text)) {
-                Some(clip) => self.play(&clip, io)?,
-                None => {
-                    let text = self.current.as_ref().map(|current| current.text.clone()).unwrap_or_default();
-                    if let Err(why) = self.voice.want(&text, io) {
-                        self.fail(&why, io)?;
-                    }
-                }
-            }
+            self.give_sound(io)?;
             if self.current.is_some() {
                 break;
             }
@@ -157,6 +158,15 @@ impl Speak {
             ..SpeechSaid::default()
         };
         self.current = Some(Current { said, text, wanted_ns: io.now_ns() });
+    }
+
+    /// Lets the sentence be heard, where its sound is kept; else the voice is to give it.
+    fn give_sound(&mut self, io: &Io) -> Result<(), TransportError> {
+        let Some(text) = self.current.as_ref().map(|current| current.text.clone()) else { return Ok(()) };
+        match self.voice.kept(&text) {
+            Some(clip) => self.play(&clip, io),
+            None => self.voice.want(&text, io).or_else(|why| self.fail(&why, io)),
+        }
     }
 
     /// Lets the sentence be heard.
@@ -251,6 +261,12 @@ fn with_advice(why: &str) -> String {
 
 impl Service for Speak {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        if let Some(by_ns) = self.ends_by_ns {
+            self.next_ns = io.now_ns() + PERIOD_NS;
+            self.go_on(io)?;
+            self.is_done = self.current.is_none() || io.now_ns() > by_ns;
+            return Ok(());
+        }
         self.take_inputs(io.now_ns())?;
         self.go_on(io)?;
         self.say_next(io)?;
@@ -271,6 +287,20 @@ impl Service for Speak {
             Some(spoken) => self.take_sound(spoken, io),
             None => Ok(()),
         }
+    }
+
+    fn on_supervisor_lost(&mut self, io: &mut Io) -> bool {
+        let reason = StopReason::of(StopKind::SupervisorLost);
+        let (sentence, urgency, about_ns) = (Sentence::stop(&reason), Urgency::Stop, io.now_ns());
+        self.ends_by_ns = Some(about_ns + LAST_WORD_LIMIT_NS);
+        let ended = self.end(SpeechPhase::Cut, io);
+        self.begin(&Utterance { sentence, urgency, about_ns, reason }, io);
+        // Who has nothing to say it with goes at once, and so does who cannot even publish.
+        ended.and_then(|()| self.give_sound(io)).is_err() || self.current.is_none()
+    }
+
+    fn is_done(&self) -> bool {
+        self.is_done
     }
 
     fn fill_health(&self, health: &mut Health) {

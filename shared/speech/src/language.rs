@@ -171,12 +171,13 @@ impl Language {
         text.replace(PART, part.map_or("", |(_, name)| name))
     }
 
-    /// Every text that may be needed in a run with these parts, each once, those first that may not wait for a voice.
+    /// Every text that may be needed in a run with these parts, each once: those first that are about none or the first
+    /// part, and of these the stops.
     #[must_use]
     pub fn texts(&self, parts: &[ServiceId]) -> Vec<String> {
         let mut all: Vec<String> = Vec::new();
-        for topic in Sentence::topics() {
-            for part in parts {
+        for part in parts {
+            for topic in Sentence::topics() {
                 let text = self.text(&Sentence { topic, part: *part });
                 if !all.contains(&text) {
                     all.push(text);
@@ -232,8 +233,8 @@ mod tests {
     fn each_text_is_prepared_once_and_stops_come_first() {
         let texts = Language::load("en").expect("built in").texts(&[ServiceId::Lidar, ServiceId::Depth]);
         let at = |text: &str| texts.iter().position(|other| other == text).expect(text);
-        assert!(at("Stopped: camera lost, restarting.") < at("Not now: I am locked."));
-        assert!(at("Ready.") < at("Forward."));
+        assert!(at("Emergency stop.") < at("Not now: I am locked."));
+        assert!(at("Forward.") < at("Stopped: camera lost, restarting."));
         assert_eq!(texts.iter().filter(|text| *text == "Standing.").count(), 1);
     }
 
