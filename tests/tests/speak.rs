@@ -215,6 +215,9 @@ fn the_supervisors_own_death_is_told_and_then_nobody_is_left() {
     let last = said.last().expect("something was said");
     assert_eq!((last.text.as_str(), last.phase), ("Stopped for good. Get help.", SpeechPhase::Ended));
     let _ = run.finish();
+    let (report, _) = place.json(&["walk", "--speed", "0", "--time-limit", "3s", "--json"]);
+    assert!(report["duration_s"].is_number(), "the next run cleans up: {report:#}");
+    place.assert_empty();
 }
 
 #[test]

@@ -445,7 +445,7 @@ fn a_new_locomotion_watches_nobody_yet_and_a_new_brake_not_locomotion() {
         assert!(bench.machine.take_actions().contains(&Action::Spawn(watcher, 2)));
         bench.machine.handle(Event::Ready(watcher, 2), now);
         let why = bench.machine.not_ready(now);
-        assert!(why.as_ref().is_some_and(|why| why.contains("is not armed")), "{why:?}");
+        assert!(why.as_ref().is_some_and(|why| why.to_string().contains("is not armed")), "{why:?}");
         // What the dead one acknowledged is not heard.
         bench.machine.handle(Event::Armed { service: watched, incarnation: 1, by: 1 }, now);
         assert_eq!(bench.machine.not_ready(now), why);
