@@ -1,5 +1,6 @@
 //! What the robot says, by the real voice: texts as they are published, and the sound in a file.
 
+use std::cell::Cell;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
@@ -35,13 +36,17 @@ fn speaking<'a>(place: &'a Place, more: &str) -> (Live<'a>, Ears) {
     (run, ears)
 }
 
+/// Gives the cue until the robot walks: on a busy machine a fault may come between.
 fn walk(place: &Place, run: &mut Live<'_>) {
-    let since = Instant::now();
-    while !place.guidedog(&["cue", "forward", "--run", "speak"]).status.success() {
-        assert!(since.elapsed() < WATCHDOG, "no cue is taken");
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    run.wait_walking();
+    let given = Cell::new(None::<Instant>);
+    run.wait("the robot walks", |status| {
+        let ready = status["mode"]["ready_for_cue"] == true && status["mode"]["class"] == "fault";
+        if ready && given.get().is_none_or(|at| at.elapsed() > Duration::from_secs(1)) {
+            given.set(Some(Instant::now()));
+            let _ = place.guidedog(&["cue", "forward", "--run", "speak"]);
+        }
+        status["mode"]["class"] == "run" && status["locomotion"]["velocity"][0].as_f64().is_some_and(|vx| vx > 0.2)
+    });
 }
 
 /// From the stop to the first sample of each sentence about one, milliseconds.
@@ -159,16 +164,12 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
     let place = Place::new();
     let (mut run, ears) = speaking(&place, "");
     walk(&place, &mut run);
-    let before = run.status();
     for (with, lives) in [("KILL", 2), ("STOP", 3)] {
         signal(pid_of(&run.status(), "speak"), with);
         run.wait("the voice is back", |status| {
             let speak = service(status, "speak");
             speak["incarnation"] == lives && speak["state"] == "ready"
         });
-        let status = run.status();
-        assert_eq!(status["mode"]["class"], "run", "{status:#}");
-        assert_eq!(status["mode"]["epoch"], before["mode"]["epoch"], "nobody was stopped");
         let tone = place.path().join("tone.wav");
         let since = Instant::now();
         while !tone.exists() {
@@ -184,6 +185,9 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
     run.wait("it is heard", |status| status["said"]["phase"] == "ended");
     let (report, code) = run.end();
     assert_eq!((code, &report["restarts"]["speak"]), (0, &Value::from(2)), "{report:#}");
+    // A busy machine may stop the robot for want of beats of others.
+    let stops = report["stops"].as_array().expect("stops");
+    assert!(!stops.iter().any(|stop| stop["service"] == "speak"), "nobody is stopped by it: {stops:#?}");
     assert!(speech_s(&place.path().join("said.wav")) > 1.0, "the file goes on");
     let _ = ears.stop();
     place.assert_empty();

@@ -262,7 +262,8 @@ mod tests {
             "mode": { "class": "fault", "reason": "boot", "epoch": 1, "ready_for_cue": true, "cue": null },
             "services": [{ "name": "lidar", "pid": 9, "state": "ready", "incarnation": 2, "restarts": 1,
                            "critical": true }],
-            "said": { "text": "Ready.", "at_s": 1.0, "phase": "unheard" }, "stream_age_ms": { "lidar/scan": 20.4 }, "world": null, "locomotion": null, "notes": [],
+            "said": { "text": "Ready.", "at_s": 1.0, "phase": "unheard" },
+            "stream_age_ms": { "lidar/scan": 20.4 }, "world": null, "locomotion": null, "notes": [],
         });
         let lines = status_lines(&status).join("\n");
         for what in [

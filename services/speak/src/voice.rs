@@ -15,8 +15,8 @@ const LIMIT_NS: u64 = 5_000_000_000;
 const PAUSE_NS: u64 = 10_000_000_000;
 /// A sentence that takes more is none: a minute of it.
 const WAV_MAX_BYTES: usize = 12 << 20;
-/// Sound that is kept: some hundred sentences.
-const KEPT_MAX_BYTES: usize = 16 << 20;
+/// Sound that is kept: half as much again as the sentences of a language take.
+const KEPT_MAX_BYTES: usize = 24 << 20;
 
 /// A text on its way to sound.
 struct Job {

@@ -254,8 +254,8 @@ fn recorder(limits: &Limits) -> ServicePlan {
     }
 }
 
-/// Motion does not need it, and nobody waits for it: it starts beside what stops the robot, and comes back whatever else
-/// is down.
+/// Motion does not need it, and nobody waits for it: it starts beside what stops the robot, and comes back whatever
+/// else is down.
 fn speak(limits: &Limits) -> ServicePlan {
     ServicePlan {
         critical: false,

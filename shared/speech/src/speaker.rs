@@ -1,7 +1,8 @@
 //! What is to be said now: what happens goes in, with its time, and sentences come out, the most urgent first.
 //!
-//! One sentence is heard at a time. What is more urgent cuts it short, and so does another stop or lock; what is of the
-//! same urgency waits, and of most kinds only the newest does, so that nothing is told that is over.
+//! One sentence is heard at a time. What is more urgent cuts it short, and so does another stop or lock; another reason
+//! within a stop lets it say the half of it that tells which part is lost. What else is of the same urgency waits, and of
+//! most kinds only the newest does, so that nothing is told that is over.
 
 use std::collections::VecDeque;
 
@@ -19,6 +20,8 @@ use crate::sentence::{News, Sentence, Topic};
 const STOP_AGAIN_NS: u64 = 5 * NS_PER_S;
 /// A robot that holds, goes and holds again tells it once in so long; so it does where the reason changes meanwhile.
 const HOLD_AGAIN_NS: u64 = 4 * NS_PER_S;
+/// Another reason within a stop leaves a sentence so much time: it is told within a second all the same.
+const LEFT_TO_SAY_NS: u64 = NS_PER_S * 4 / 5;
 /// The same refusal: who says a cue twice a second is not answered each time.
 const REFUSAL_AGAIN_NS: u64 = 2 * NS_PER_S;
 /// A battery that is low is told again after so long.
@@ -91,14 +94,15 @@ pub struct Utterance {
 struct Waiting {
     utterance: Utterance,
     until_ns: u64,
-    /// Whether it cuts short what is as urgent.
-    breaks_in: bool,
+    /// It cuts short what is as urgent and has been said for so long, nanoseconds.
+    breaks_in_after_ns: u64,
 }
 
 /// What is being said.
 #[derive(Debug, Clone, Copy)]
 struct Speaking {
     urgency: Urgency,
+    since_ns: u64,
     /// It is over what it tells of: anything may cut it short.
     is_over: bool,
 }
@@ -197,7 +201,8 @@ impl Speaker {
         let urgency = if is_news { Urgency::News } else { Urgency::Stop };
         let until_ns = if is_news { now_ns + NEWS_WAITS_NS } else { u64::MAX };
         let utterance = Utterance { sentence, urgency, about_ns: mode.header.stamp_ns, reason: mode.reason };
-        self.add(Waiting { utterance, until_ns, breaks_in }, now_ns);
+        let breaks_in_after_ns = if breaks_in { 0 } else { LEFT_TO_SAY_NS };
+        self.add(Waiting { utterance, until_ns, breaks_in_after_ns }, now_ns);
     }
 
     /// The robot may walk again: nobody needs to hear why it could not.
@@ -225,7 +230,7 @@ impl Speaker {
         // Of answers only the newest is of interest.
         self.drop_waiting(|topic| matches!(topic, Topic::Cue(_) | Topic::Refusal(_)));
         let utterance = Utterance { sentence, urgency, about_ns, reason: StopReason::default() };
-        self.add(Waiting { utterance, until_ns, breaks_in: false }, now_ns);
+        self.add(Waiting { utterance, until_ns, breaks_in_after_ns: u64::MAX }, now_ns);
     }
 
     /// The shield's verdict has come.
@@ -279,7 +284,7 @@ impl Speaker {
             self.hold = Some(Hold { told: Some((now_ns, sentence)), ..hold });
             self.drop_waiting_urgency(Urgency::Hold);
             let utterance = Utterance { sentence, urgency: Urgency::Hold, about_ns, reason: state.limited_by };
-            self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in: false }, now_ns);
+            self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns: u64::MAX }, now_ns);
         }
     }
 
@@ -306,7 +311,7 @@ impl Speaker {
         if self.low_states >= LOW_STATES && !self.was_told(&sentence, BATTERY_AGAIN_NS, now_ns) {
             let reason = StopReason::default();
             let utterance = Utterance { sentence, urgency: Urgency::Warning, about_ns: state.header.stamp_ns, reason };
-            self.add(Waiting { utterance, until_ns: now_ns + BATTERY_AGAIN_NS, breaks_in: false }, now_ns);
+            self.add(Waiting { utterance, until_ns: now_ns + BATTERY_AGAIN_NS, breaks_in_after_ns: u64::MAX }, now_ns);
         }
     }
 
@@ -317,13 +322,15 @@ impl Speaker {
         self.waiting.retain(|waiting| now_ns <= waiting.until_ns);
         let best = self.waiting.iter().map(|waiting| waiting.utterance.urgency).max()?;
         let i = self.waiting.iter().position(|waiting| waiting.utterance.urgency == best)?;
+        let after_ns = self.waiting[i].breaks_in_after_ns;
         let may = self.speaking.is_none_or(|speaking| {
-            speaking.is_over || best > speaking.urgency || (best == speaking.urgency && self.waiting[i].breaks_in)
+            let has_said = now_ns.saturating_sub(speaking.since_ns) >= after_ns;
+            speaking.is_over || best > speaking.urgency || (best == speaking.urgency && has_said)
         });
         if !may {
             return None;
         }
-        self.speaking = Some(Speaking { urgency: best, is_over: false });
+        self.speaking = Some(Speaking { urgency: best, since_ns: now_ns, is_over: false });
         Some(self.waiting.remove(i).utterance)
     }
 
@@ -347,7 +354,7 @@ impl Speaker {
     fn news(&mut self, news: News, now_ns: u64) {
         let reason = StopReason::default();
         let utterance = Utterance { sentence: Sentence::news(news), urgency: Urgency::News, about_ns: now_ns, reason };
-        self.add(Waiting { utterance, until_ns: now_ns + NEWS_WAITS_NS, breaks_in: false }, now_ns);
+        self.add(Waiting { utterance, until_ns: now_ns + NEWS_WAITS_NS, breaks_in_after_ns: u64::MAX }, now_ns);
     }
 
     fn add(&mut self, waiting: Waiting, now_ns: u64) {

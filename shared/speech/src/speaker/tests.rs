@@ -139,7 +139,7 @@ fn every_stop_out_of_run_is_told_the_same_reason_too() {
 }
 
 #[test]
-fn reasons_within_a_stop_wait_for_each_other_and_the_same_is_told_once() {
+fn reasons_within_a_stop_let_each_other_say_what_is_lost_and_the_same_is_told_once() {
     let mut bench = Bench::running();
     for service in [ServiceId::Lidar, ServiceId::Lidar, ServiceId::Policy, ServiceId::Lidar, ServiceId::Shield] {
         bench.dies(service);
@@ -148,6 +148,8 @@ fn reasons_within_a_stop_wait_for_each_other_and_the_same_is_told_once() {
     bench.pass(6000, &[StopKind::ServiceDied]);
     let names = ["lidar", "guide", "shield"].map(|name| format!("Stopped: {name} lost, restarting."));
     assert_eq!(bench.texts(), names);
+    let apart: Vec<u64> = bench.heard.windows(2).map(|told| told[1].0 - told[0].0).collect();
+    assert!(apart.iter().all(|ms| (800..=850).contains(ms)), "{apart:?}");
     // However many they are, only so many wait.
     bench.heard.clear();
     for service in ServiceId::ALL {
