@@ -1,8 +1,8 @@
 //! What is to be said now: what happens goes in, with its time, and sentences come out, the most urgent first.
 //!
 //! One sentence is heard at a time. What is more urgent cuts it short, and so does another stop or lock; another reason
-//! within a stop lets it say the half of it that tells which part is lost. What else is of the same urgency waits, and of
-//! most kinds only the newest does, so that nothing is told that is over.
+//! within a stop lets it say the half of it that tells which part is lost. What else is of the same urgency waits, and
+//! of most kinds only the newest does, so that nothing is told that is over.
 
 use std::collections::VecDeque;
 

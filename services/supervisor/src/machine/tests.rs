@@ -7,6 +7,7 @@ use messages::{
 use settings::Settings;
 use transport::ClockKind;
 
+mod answers;
 mod beats;
 
 const MS: u64 = 1_000_000;
