@@ -160,7 +160,9 @@ impl Voice {
             }
             Err(why) => {
                 // It is tried again, after the others.
-                self.to_prepare.push_back(text);
+                if !self.to_prepare.contains(&text) {
+                    self.to_prepare.push_back(text);
+                }
                 self.paused_until_ns = io.now_ns() + PAUSE_NS;
                 Err(why)
             }

@@ -35,7 +35,8 @@ pub enum Urgency {
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum SpeechPhase {
-    /// Its first sample was handed to the output: whoever listens to a microphone does not until the end.
+    /// Its first sample was handed to the output: whoever listens to a microphone does not until the end, or (the voice
+    /// may die) until it has taken as long as it takes.
     #[default]
     Begun = 0,
     /// It was heard to its end.
