@@ -23,6 +23,7 @@ import numpy as np
 
 import augment
 import features
+import learning
 import network
 from features import RATE, STEP
 from network import Adam, Weights
@@ -66,6 +67,14 @@ class Recipe:
     rate: float = 1e-3
     smoothing: float = 0.05
     user_weight: float = 1.0
+
+
+def drawn(weights: Weights, data: learning.Pool, count: int, rng: np.random.Generator) -> Rehearsal:
+    """Windows to rehearse: two fifths cues, each as often; of all else what the head finds hard comes more often."""
+    chances = learning.mine(weights, data, 4.0, rng)
+    at = rng.choice(len(chances), count, p=chances)
+    windows = data.windows(at, rng.integers(0, augment.SHIFTS, count))
+    return Rehearsal(network.flattened(weights, windows), data.labels[at].astype(np.int64))
 
 
 def scenes(clip: np.ndarray, recipe: Recipe, rng: np.random.Generator) -> list[np.ndarray]:

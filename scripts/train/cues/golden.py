@@ -143,11 +143,16 @@ def golden(head: Path) -> dict[str, Any]:
     }
 
 
+def text(head: Path) -> str:
+    return json.dumps(golden(head), indent=1) + "\n"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--head", type=Path, default=ROOT / "config/cues/cues.onnx")
+    head = parser.parse_args().head
     PATH.parent.mkdir(parents=True, exist_ok=True)
-    PATH.write_text(json.dumps(golden(parser.parse_args().head), indent=1) + "\n")
+    PATH.write_text(text(head))
 
 
 if __name__ == "__main__":

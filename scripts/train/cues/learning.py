@@ -16,21 +16,25 @@ from words import LABELS
 
 # Of a batch, the share that each group has. Cues are two fifths: as rare as in life, they would not be learnt.
 SHARES: dict[str, float] = {
-    "cues_kokoro": 0.19,
-    "cues_espeak": 0.08,
+    "cues_kokoro": 0.15,
+    "cues_espeak": 0.05,
+    "cues_accents": 0.06,
     "cues_flite": 0.03,
-    "cues_real": 0.10,
-    "alikes_kokoro": 0.09,
-    "alikes_espeak": 0.06,
-    "alikes_flite": 0.02,
-    "words_kokoro": 0.06,
-    "words_espeak": 0.03,
+    "cues_real": 0.11,
+    "alikes_kokoro": 0.07,
+    "alikes_espeak": 0.03,
+    "alikes_accents": 0.03,
+    "alikes_flite": 0.01,
+    "words_kokoro": 0.05,
+    "words_espeak": 0.02,
     "words_flite": 0.01,
-    "words_real": 0.10,
+    "words_real": 0.09,
+    "words_speaker": 0.02,
     "partial": 0.03,
-    "reading": 0.10,
-    "prompts": 0.04,
-    "backgrounds": 0.06,
+    "reading": 0.15,
+    "prompts": 0.03,
+    "noise": 0.03,
+    "backgrounds": 0.05,
 }
 
 
@@ -68,15 +72,15 @@ def pool(kept_back: set[int], shares: dict[str, float] = SHARES) -> Pool:
 
 @dataclass(frozen=True)
 class Recipe:
-    steps: int = 6000
+    steps: int = 7000
     batch: int = 256
     rate: float = 2e-3
     decay: float = 0.02
-    dropout: float = 0.3
-    jitter: float = 0.15  # noise on the normalised embeddings
+    dropout: float = 0.25
+    jitter: float = 0.1  # noise on the normalised embeddings
     smoothing: float = 0.05
     mine_every: int = 1500
-    mined_boost: float = 3.0
+    mined_boost: float = 4.0
     average: float = 0.999
 
 

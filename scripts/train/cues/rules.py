@@ -4,38 +4,40 @@ Time goes in steps of 80 ms. A step has the head's probabilities and the levels 
 
 Level. A frame's level in decibels is the mean over bands 4 to 27 (of 0 to 31) of its log-mel, less 2, times 10.
 
-Floor. The level of what is always there. It begins at the first frame's level. A frame below the floor draws it down
-by `floor_fall` of the distance; a frame above raises it by `floor_rise` decibels, but never above the frame.
+Floor. The level of what is always there. It begins at the first frame's level. A frame below the floor draws it down by
+`floor_fall` of the distance; any other raises it by `floor_rise` decibels, but never above the frame.
 
-Quiet. A frame is loud if its level is above floor + `margin` and above `peak` - `depth`, else quiet; `peak` is the
-highest level heard since the last `quiet` of quiet, and has itself no part in the first frame of a segment.
+stop. P(stop) >= threshold in `windows` steps in a row (one). It is reported at once, ends what is waiting, and is not
+reported again within `refractory`.
 
-Segment. Opens with a loud frame, closes once its frames have been quiet for `quiet`. Its length goes from its first
-loud frame to its last.
+Directions. P(word) >= threshold and above all others in `windows` steps in a row: a candidate, unless a direction was
+reported within `refractory` or the same word is waiting already; another word's candidate takes the waiting one's place.
+It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop needs
+`forward_after_stop` until a direction was reported.
 
-stop. A step with P(stop) >= threshold, `windows` steps in a row (one). It is reported at once, ends whatever was
-waiting, and isn't reported again within `refractory`.
-
-Directions. P(word) >= threshold and above all others, in each of `windows` successive steps: a candidate. It is
-reported in the first step, its own included, in which no segment is open. It is dropped if its segment is longer than
-`segment_max`, or still open after `wait_max`. Its segment is the open one, else the last one if that ended at most
-`reach` before the candidate's step; without either it stands alone. While one waits, further steps of the same word change nothing, and another word's candidate takes its place. After a report no
-direction is reported for `refractory`. `forward` after a stop needs `forward_after_stop` until a direction was
-reported.
+Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its level is
+above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last `reach`. In each
+step while it waits, from the newest frame back:
+1. No frame is loud since `reach` before the candidate: it stands alone, it is reported.
+2. From the last loud frame back to the first that has no gap of `quiet` without a loud frame behind it: that is the
+   segment. If it is longer than `segment_max`, both ends counted, this is running speech: the candidate is dropped.
+3. The last `quiet` are without a loud frame: it is reported.
+4. It has waited for `wait_max`: it is dropped.
+Levels are remembered for `MEMORY`; what is older counts as not loud.
 """
 
 from __future__ import annotations
 
-import tomllib
+from collections import deque
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from words import LABELS
 
-STEP_S, FRAME_S = 0.08, 0.01
+STEP_S, FRAME_S, FRAMES = 0.08, 0.01, 8
+MEMORY = 256  # frames: reach, wait_max, segment_max and quiet together
 DIRECTIONS = LABELS[:3]
 STOP = LABELS.index("stop")
 
@@ -52,7 +54,7 @@ class Rules:
     quiet_s: float = 0.18
     segment_max_s: float = 1.15
     wait_max_s: float = 0.6
-    reach_s: float = 0.5
+    reach_s: float = 0.8
     margin_db: float = 8.0
     depth_db: float = 20.0
     floor_rise_db: float = 0.02
@@ -63,50 +65,22 @@ class Detection(NamedTuple):
     cue: str
     step: int  # in which it is reported
     heard: int  # in which it became a candidate
-    score: float  # the lower of the probabilities that made it
-
-
-@dataclass
-class Levels:
-    """The floor, and the segment of sound that is open or was the last."""
-
-    rules: Rules
-    floor: float | None = None
-    peak: float = -np.inf
-    frame: int = -1
-    first: int = -1
-    last: int = -1
-    open: bool = False
-
-    def hear(self, level: float) -> None:
-        rules = self.rules
-        self.frame += 1
-        if self.floor is None:
-            self.floor = level
-        elif level < self.floor:
-            self.floor += rules.floor_fall * (level - self.floor)
-        else:
-            self.floor = min(level, self.floor + rules.floor_rise_db)
-        if level > self.floor + rules.margin_db and level > self.peak - rules.depth_db:
-            if not self.open:
-                self.open, self.first = True, self.frame
-            self.last = self.frame
-            self.peak = max(self.peak, level)
-        elif self.open and self.frame - self.last >= round(rules.quiet_s / FRAME_S):
-            self.open, self.peak = False, -np.inf
-
-    @property
-    def length_s(self) -> float:
-        return (self.last - self.first + 1) * FRAME_S if self.first >= 0 else 0.0
-
-    def too_long(self) -> bool:
-        return self.length_s > self.rules.segment_max_s
+    score: float  # the lowest of the probabilities that made it
 
 
 class Candidate(NamedTuple):
     word: int
     step: int
     score: float
+    loud_db: float
+
+
+def frames(seconds: float) -> int:
+    return round(seconds / FRAME_S)
+
+
+def steps(seconds: float) -> int:
+    return round(seconds / STEP_S)
 
 
 @dataclass
@@ -115,8 +89,9 @@ class Recogniser:
     stopped: bool = False
 
     def __post_init__(self) -> None:
-        self.levels = Levels(self.rules)
         self.step = -1
+        self.floor: float | None = None
+        self.levels: deque[float] = deque(maxlen=MEMORY)
         self.streak = [0] * len(LABELS)
         self.lowest = [1.0] * len(LABELS)
         self.waiting: Candidate | None = None
@@ -126,9 +101,9 @@ class Recogniser:
         """What a step of float[5] and the levels float[8] of its frames make known."""
         self.step += 1
         for level in levels:
-            self.levels.hear(float(level))
+            self.hear_level(float(level))
         self.count(probabilities)
-        refractory = round(self.rules.refractory_s / STEP_S)
+        refractory = steps(self.rules.refractory_s)
         if self.streak[STOP] >= self.rules.stop_windows:
             self.waiting, self.stopped = None, True
             if self.step < self.silent_until["stop"]:
@@ -138,12 +113,21 @@ class Recogniser:
         for word in range(len(DIRECTIONS)):
             if self.streak[word] >= self.rules.direction_windows and self.step >= self.silent_until["direction"]:
                 if self.waiting is None or self.waiting.word != word:
-                    self.waiting = Candidate(word, self.step, self.lowest[word])
+                    self.waiting = Candidate(word, self.step, self.lowest[word], self.loud_db())
         if self.waiting is None or not self.isolated():
             return []
         made, self.waiting, self.stopped = self.waiting, None, False
         self.silent_until["direction"] = self.step + refractory
         return [Detection(LABELS[made.word], self.step, made.step, made.score)]
+
+    def hear_level(self, level: float) -> None:
+        if self.floor is None:
+            self.floor = level
+        elif level < self.floor:
+            self.floor += self.rules.floor_fall * (level - self.floor)
+        else:
+            self.floor = min(level, self.floor + self.rules.floor_rise_db)
+        self.levels.append(level)
 
     def count(self, probabilities: np.ndarray) -> None:
         best = int(np.argmax(probabilities))
@@ -162,16 +146,37 @@ class Recogniser:
             return max(self.rules.directions[0], self.rules.forward_after_stop)
         return self.rules.directions[word]
 
+    def loud_db(self) -> float:
+        """What is loud beside a candidate that is made now."""
+        assert self.floor is not None
+        reach = min(len(self.levels), frames(self.rules.reach_s))
+        peak = max(self.levels[-i] for i in range(1, reach + 1))
+        return max(self.floor + self.rules.margin_db, peak - self.rules.depth_db)
+
     def isolated(self) -> bool:
         """Whether the waiting candidate may be reported now; one that never may is dropped."""
         assert self.waiting is not None
-        if not self.rules.isolated:
+        rules = self.rules
+        if not rules.isolated:
             return True
-        levels, waited_s = self.levels, (self.step - self.waiting.step) * STEP_S
-        belongs = levels.open or (levels.frame - levels.last) * FRAME_S <= self.rules.reach_s + waited_s
-        if (belongs and levels.too_long()) or (levels.open and waited_s >= self.rules.wait_max_s):
+        waited = self.step - self.waiting.step
+        quiet = frames(rules.quiet_s)
+        ages = [age for age, level in enumerate(reversed(self.levels)) if level > self.waiting.loud_db]
+        if not ages or ages[0] >= frames(rules.reach_s) + FRAMES * waited:
+            return True
+        oldest = ages[0]
+        for age in ages:
+            if age - oldest > quiet:
+                break
+            oldest = age
+        if oldest - ages[0] + 1 > frames(rules.segment_max_s):
             self.waiting = None
-        return self.waiting is not None and not levels.open
+            return False
+        if ages[0] >= quiet:
+            return True
+        if waited >= steps(rules.wait_max_s):
+            self.waiting = None
+        return False
 
 
 def detect(rules: Rules, probabilities: np.ndarray, levels: np.ndarray) -> list[Detection]:

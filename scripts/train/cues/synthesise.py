@@ -21,12 +21,13 @@ import numpy as np
 import soundfile
 from scipy.signal import resample_poly
 
-from words import CUES, OTHER_WORDS, PRONUNCIATIONS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
+from words import ACCENTED, CUES, OTHER_WORDS, PRONUNCIATIONS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
 
 BUILD = Path(__file__).parent / "build"
 RATE = 16_000
 
 ESPEAK_LANGUAGES = ("en-us", "en-gb", "en-gb-scotland", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-x-gbcwmd", "en-029", "en-us-nyc")
+ACCENT_LANGUAGES = ("de", "es", "it", "fr", "pt", "ru", "hi", "tr", "pl", "nl", "sv", "ta", "id", "ro", "el")
 ESPEAK_VARIANTS = (
     "m1 m2 m3 m4 m5 m6 m7 m8 f1 f2 f3 f4 f5 Alex Alicia Andrea Andy Annie Denis Diogo Gene Henrique Hugo Jacky Lee Mario "
     "Michael Mike Nguyen adam anika antonio aunty belinda benjamin boris caleb david ed edward grandma grandpa gustave "
@@ -46,7 +47,7 @@ def held_out(family: str, voice: str) -> bool:
     """Whether a voice is kept from training, for validation and test."""
     if family == "kokoro":
         return any(part in KOKORO_HELD_OUT for part in voice.split("+"))
-    if family == "espeak":
+    if family in ("espeak", "accents"):
         return voice.split("+")[1] in ESPEAK_HELD_OUT
     return family == "festival" or voice == "awb"
 
@@ -110,6 +111,18 @@ def espeak(made: int) -> Iterator[Clip]:
         command = ["espeak-ng", "-v", voice, "-s", str(rng.integers(105, 210)), "-p", str(rng.integers(20, 80)), "--stdout", text]
         data = subprocess.run(command, capture_output=True, check=True).stdout
         yield Clip(text, "espeak", voice, read_wav(data))
+
+
+def accents(made: int) -> Iterator[Clip]:
+    """English words by voices of other languages, which say them with the sounds of their own."""
+    wanted = ((text, i) for text in ACCENTED for i in range(200 if text in CUES else 15))
+    for text, i in islice(wanted, made, None):
+        rng = np.random.default_rng(seed_of("accents", text, i))
+        voice = f"{ACCENT_LANGUAGES[i % len(ACCENT_LANGUAGES)]}+{rng.choice(ESPEAK_VARIANTS)}"
+        phonemes = f"[[{rng.choice(ACCENTED[text])}]]"
+        command = ["espeak-ng", "-v", voice, "-s", str(rng.integers(105, 210)), "-p", str(rng.integers(20, 80)), "--stdout", phonemes]
+        data = subprocess.run(command, capture_output=True, check=True).stdout
+        yield Clip(text, "accents", voice, read_wav(data))
 
 
 def flite(made: int) -> Iterator[Clip]:
@@ -221,7 +234,7 @@ def kokoro(made: int) -> Iterator[Clip]:
 
 
 # Each yields its clips in a fixed order, from a number on.
-FAMILIES = {"espeak": espeak, "flite": flite, "festival": festival, "kokoro": kokoro}
+FAMILIES = {"espeak": espeak, "accents": accents, "flite": flite, "festival": festival, "kokoro": kokoro}
 
 
 def stored(family: str) -> Path:

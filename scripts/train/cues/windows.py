@@ -18,7 +18,7 @@ import numpy as np
 
 import features
 import sounds
-from augment import SHIFTS, SPAN, STEPS, Scene, extent, faster, power
+from augment import SHIFTS, SPAN, STEPS, Scene, equalised, extent
 from features import RATE, STEP_FRAMES
 from sounds import TEST_FOLD
 from synthesise import BUILD, Clip, held_out, load, seed_of
@@ -115,7 +115,7 @@ def backgrounds(count: int) -> Iterator[Example]:
     for i in range(count):
         rng = np.random.default_rng(seed_of("background", i))
         audio = scene().background(rng, SPAN)
-        if rng.random() < 0.3:
+        if rng.random() < 0.5:
             audio = audio * (np.arange(SPAN) > rng.integers(0, SPAN))
         if rng.random() < 0.3:
             audio = audio + rng.uniform(0, 1) * scene().background(rng, SPAN)
@@ -123,6 +123,29 @@ def backgrounds(count: int) -> Iterator[Example]:
         if rng.random() < 0.02:
             audio = np.zeros(SPAN)
         yield Example(OTHER, -1, scene().mel(audio.astype(np.float32)))
+
+
+def noises(times: int) -> Iterator[Example]:
+    """Real noise that comes and goes, all of it."""
+    for recording in sounds.noise():
+        for k in range(times):
+            rng = np.random.default_rng(seed_of("noise", recording.name, k))
+            audio = equalised(recording.audio, rng, rng.uniform(0, 4))
+            at, gain = 0, np.zeros(len(audio), np.float32)
+            while at < len(audio):
+                length = int(rng.exponential(1.5) * RATE) + RATE // 10
+                gain[at : at + length] = rng.choice([0.0, 0.001, 1.0, 1.0]) * 10 ** (rng.uniform(-20, 0) / 20)
+                at += length
+            audio = audio * gain * 10 ** (rng.uniform(-40, 0) / 20) / float(np.abs(audio).max())
+            mel = features.log_mel(audio + 10 ** (rng.uniform(-90, -50) / 20) * rng.standard_normal(len(audio)).astype(np.float32))
+            frames = features.FRAMES + (STEPS - 1) * STEP_FRAMES
+            for start in range(0, len(mel) - frames, SHIFTS * STEP_FRAMES):
+                yield Example(OTHER, recording.fold, mel[start : start + frames])
+
+
+def strangers_words() -> list[sounds.Recording]:
+    """The first clips of the one speaker's other words; of the cues nothing trains, they show what enrolment brings."""
+    return [r._replace(fold=-1) for r in sounds.one_speaker() if r.word not in CUES and r.fold < sounds.ENROLMENT]
 
 
 def commands(cues: bool) -> list[sounds.Recording]:
@@ -133,17 +156,21 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "cues_kokoro": lambda: synthetic("kokoro", is_cue, 8),
     "cues_espeak": lambda: synthetic("espeak", is_cue, 2),
     "cues_flite": lambda: synthetic("flite", is_cue, 4),
+    "cues_accents": lambda: synthetic("accents", is_cue, 3),
     "cues_real": lambda: real(commands(True), 150),
     "alikes_kokoro": lambda: synthetic("kokoro", lambda text: text in ALIKES, 4),
     "alikes_espeak": lambda: synthetic("espeak", lambda text: text in ALIKES, 2),
     "alikes_flite": lambda: synthetic("flite", lambda text: text in ALIKES, 1),
+    "alikes_accents": lambda: synthetic("accents", lambda text: not is_cue(text), 3),
     "words_kokoro": lambda: synthetic("kokoro", lambda text: not is_cue(text) and text not in ALIKES, 3),
     "words_espeak": lambda: synthetic("espeak", lambda text: not is_cue(text) and text not in ALIKES, 1),
     "words_flite": lambda: synthetic("flite", lambda text: not is_cue(text) and text not in ALIKES, 1),
     "words_real": lambda: real(commands(False), 30),
+    "words_speaker": lambda: real(strangers_words(), 12),
     "partial": lambda: partial("kokoro", 2),
     "reading": lambda: streams(sounds.librispeech(), 4),
     "prompts": lambda: streams(sounds.prompts(), 1),
+    "noise": lambda: noises(6),
     "backgrounds": lambda: backgrounds(4000),
 }
 

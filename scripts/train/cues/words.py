@@ -12,6 +12,22 @@ PRONUNCIATIONS: dict[str, tuple[str, ...]] = {
     "stop": ("stˈɑːp", "stˈɒp", "stˈɔp", "stˈʌp", "əstˈɔp", "stˈap", "stˈɑːpʰ", "ʃtˈɔp", "stˈoːp"),
 }
 
+# In the mnemonics of eSpeak NG, to be read with the sounds of another language: its r, its vowels, its consonants.
+ACCENTED: dict[str, tuple[str, ...]] = {
+    "forward": ("f'OrwOrd", "f'orword", "f'O:wOd", "f'OrvOrd", "f'Orwart", "f'o:wod", "f'Orwad"),
+    "left": ("l'Eft", "l'eft", "l'Ef", "l'ef", "l'aft", "l'Eftt", "l'eftt"),
+    "right": ("r'ait", "r'aitt", "r'ai", "r'aIt", "R'ait", "r'a:it"),
+    "stop": ("st'Op", "st'op", "st'ap", "st'a:p", "st'Opp", "est'op", "st'O:p"),
+    "four": ("f'O:", "f'Or", "f'or", "f'o:"), "forty": ("f'Orti",), "for": ("f'Or",), "world": ("w'Orld",), "word": ("w'Ord",),
+    "lift": ("l'ift",), "laugh": ("l'af", "l'Of"), "life": ("l'aif",), "let": ("l'Et", "l'et"), "light": ("l'ait",),
+    "leg": ("l'eg",), "ride": ("r'aid",), "rat": ("r'at", "r'et"), "rain": ("r'ein",),
+    "night": ("n'ait",), "why": ("w'ai",), "step": ("st'ep",), "top": ("t'op", "t'Op"), "shop": ("S'op", "S'Op"),
+    "star": ("st'ar", "st'a:"), "spot": ("sp'ot",), "dog": ("d'Og", "d'og"), "off": ("'Of",), "up": ("'ap",), "on": ("'On",),
+    "one": ("w'an", "u'an"), "two": ("t'u", "t'u:"), "three": ("tr'i", "sr'i"), "five": ("f'aiv", "f'aif"), "front": ("fr'ant",),
+    "back": ("b'ak", "b'Ek"), "none": ("n'an", "n'On"), "no": ("n'o", "n'ou"), "go": ("g'o", "g'ou"), "yes": ("j'es", "j'Es"),
+    "hello": ("hel'o",), "good": ("g'ud",), "please": ("pl'is",), "okay": ("ok'ei",),
+}
+
 SOUND_ALIKES: dict[str, tuple[str, ...]] = {
     "forward": tuple(
         "four for fore ford fort form force fourth forty foreword afford award reward toward coward wayward awkward "
