@@ -31,8 +31,9 @@ SHARES: dict[str, float] = {
     "words_real": 0.09,
     "words_speaker": 0.02,
     "partial": 0.03,
-    "reading": 0.15,
-    "prompts": 0.03,
+    "reading": 0.11,
+    "reading_others": 0.08,
+    "prompts": 0.05,
     "noise": 0.03,
     "backgrounds": 0.05,
 }

@@ -56,7 +56,7 @@ class Rules:
     wait_max_s: float = 0.6
     reach_s: float = 0.8
     margin_db: float = 8.0
-    depth_db: float = 20.0
+    depth_db: float = 25.0
     floor_rise_db: float = 0.02
     floor_fall: float = 0.2
 

@@ -19,7 +19,8 @@ from synthesise import CUES, RATE, at_16_khz
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("GUIDEDOG_SPEECH", ROOT / "../shared/data/speech"))
-PROMPTS = Path("/usr/share/asterisk/sounds/en_US_f_Allison")
+PROMPTS = Path("/usr/share/asterisk/sounds")
+PROMPTS_MAX = 300  # of each language
 FORWARD = Path("/usr/share/pocketsphinx/test/data/goforward.raw")
 
 FOLDS, TEST_FOLD = 4, 0
@@ -74,9 +75,13 @@ def noise() -> list[Recording]:
 
 
 def prompts() -> list[Recording]:
-    """Telephone prompts of one speaker (Debian's asterisk-core-sounds-en-wav), for training alone; none without it."""
-    paths = [p for p in sorted(PROMPTS.rglob("*.wav")) if not any(cue in p.name for cue in CUES)]
-    return [Recording(f"prompts/{p.name}", "", -1, read(p)) for p in paths]
+    """Telephone prompts in five languages, a speaker each (Debian's asterisk-core-sounds-*-wav), for training alone."""
+    made = []
+    for folder in sorted(PROMPTS.glob("*_*")):
+        paths = [p for p in sorted(folder.rglob("*.wav")) if not any(cue in p.name for cue in CUES)]
+        for p in paths[:: max(1, len(paths) // PROMPTS_MAX)]:
+            made.append(Recording(f"prompts/{folder.name}/{p.name}", "", -1, read(p)))
+    return made
 
 
 # --- Noises by formula: float32[n] of unit power

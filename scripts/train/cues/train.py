@@ -13,6 +13,7 @@ import math
 import pickle
 import sys
 import time
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, Callable
 
@@ -272,10 +273,13 @@ def main() -> None:
     arguments = parser.parse_args()
     began = time.monotonic()
     recipe = learning.Recipe(steps=arguments.steps)
-    strangers = {fold: fitted({TEST_FOLD, fold}, fold, recipe) for fold in range(FOLDS) if fold != TEST_FOLD}
+    folds = [fold for fold in range(FOLDS) if fold != TEST_FOLD]
+    with ProcessPoolExecutor(2) as processes:
+        last = processes.submit(fitted, {TEST_FOLD}, 0, recipe)
+        heads = processes.map(fitted, [{TEST_FOLD, fold} for fold in folds], folds, [recipe] * len(folds))
+        strangers, weights = dict(zip(folds, heads)), last.result()
     judged = heard_by_strangers(strangers)
     rules = choose(judged, Rules())
-    weights = fitted({TEST_FOLD}, 0, recipe)
     lines, scores = table(weights, strangers, rules)
     rehearsal = CONFIG / "rehearsal.bin" if not arguments.trial else RUNS / "rehearsal.bin"
     data = learning.pool({TEST_FOLD}, {name: share for name, share in learning.SHARES.items() if name not in NOT_REHEARSED})

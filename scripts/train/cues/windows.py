@@ -19,7 +19,7 @@ import numpy as np
 import features
 import sounds
 from augment import SHIFTS, SPAN, STEPS, Scene, equalised, extent
-from features import RATE, STEP_FRAMES
+from features import RATE
 from sounds import TEST_FOLD
 from synthesise import BUILD, Clip, held_out, load, seed_of
 from words import CUES, LABELS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
@@ -31,7 +31,7 @@ ALIKES = {word for words in SOUND_ALIKES.values() for word in words}
 class Example(NamedTuple):
     label: int
     fold: int  # of the recording it comes from; -1: none that is ever kept back
-    mel: np.ndarray  # float32[172, 32]
+    heard: np.ndarray  # log-mel float32[172, 32], or already embedded: float32[13, 96]
 
 
 @cache
@@ -39,6 +39,11 @@ def scene() -> Scene:
     noises = [r.audio for r in sounds.noise() if r.fold != TEST_FOLD]
     talk = [r.audio for r in sounds.librispeech() if r.fold != TEST_FOLD] + [r.audio for r in sounds.prompts()]
     return Scene(noises, talk)
+
+
+@cache
+def embedding() -> features.Embedding:
+    return features.Embedding()
 
 
 @cache
@@ -98,16 +103,24 @@ def real(recordings: list[sounds.Recording], times: int) -> Iterator[Example]:
             yield Example(label, recording.fold, scene().mel(scene().heard(placed, rng, quiet=rng.random() < 0.4)))
 
 
-def streams(recordings: list[sounds.Recording], times: int) -> Iterator[Example]:
-    """Running speech, all of it: every window is in one sequence."""
+def pieces(label: int, fold: int, mel: np.ndarray) -> Iterator[Example]:
+    """A long stretch, so that each window is in one sequence."""
+    embeddings = embedding().of_mel(mel)
+    for start in range(0, len(embeddings) - STEPS + 1, SHIFTS):
+        yield Example(label, fold, embeddings[start : start + STEPS])
+
+
+def streams(recordings: list[sounds.Recording], times: int, gentle: bool = True) -> Iterator[Example]:
+    """Running speech."""
     for recording in recordings:
         for k in range(times):
-            rng = np.random.default_rng(seed_of("stream", recording.name, k))
-            audio = scene().heard(scene().voice(recording.audio, rng, gentle=True), rng, quiet=rng.random() < 0.5)
-            mel = features.log_mel(audio)
-            frames = features.FRAMES + (STEPS - 1) * STEP_FRAMES
-            for start in range(0, len(mel) - frames, SHIFTS * STEP_FRAMES):
-                yield Example(OTHER, recording.fold, mel[start : start + frames])
+            rng = np.random.default_rng(seed_of("stream", recording.name, k, gentle))
+            audio = scene().voice(recording.audio, rng, gentle)
+            audio = scene().heard(audio, rng, quiet=rng.random() < 0.5)
+            # A sentence or a prompt begins and ends in silence, if it is not cut short.
+            audio = np.pad(audio, (RATE if rng.random() < 0.5 else 0, RATE // 2))
+            audio += 10 ** (rng.uniform(-90, -60) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
+            yield from pieces(OTHER, recording.fold, features.log_mel(audio))
 
 
 def backgrounds(count: int) -> Iterator[Example]:
@@ -137,10 +150,8 @@ def noises(times: int) -> Iterator[Example]:
                 gain[at : at + length] = rng.choice([0.0, 0.001, 1.0, 1.0]) * 10 ** (rng.uniform(-20, 0) / 20)
                 at += length
             audio = audio * gain * 10 ** (rng.uniform(-40, 0) / 20) / float(np.abs(audio).max())
-            mel = features.log_mel(audio + 10 ** (rng.uniform(-90, -50) / 20) * rng.standard_normal(len(audio)).astype(np.float32))
-            frames = features.FRAMES + (STEPS - 1) * STEP_FRAMES
-            for start in range(0, len(mel) - frames, SHIFTS * STEP_FRAMES):
-                yield Example(OTHER, recording.fold, mel[start : start + frames])
+            audio = audio + 10 ** (rng.uniform(-90, -50) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
+            yield from pieces(OTHER, recording.fold, features.log_mel(audio.astype(np.float32)))
 
 
 def strangers_words() -> list[sounds.Recording]:
@@ -169,6 +180,7 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "words_speaker": lambda: real(strangers_words(), 12),
     "partial": lambda: partial("kokoro", 2),
     "reading": lambda: streams(sounds.librispeech(), 4),
+    "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
     "prompts": lambda: streams(sounds.prompts(), 1),
     "noise": lambda: noises(6),
     "backgrounds": lambda: backgrounds(4000),
@@ -182,17 +194,24 @@ def path_of(group: str) -> Path:
 def make(group: str) -> str:
     """Writes a group's sequences: embeddings float16[n, 13, 96], labels int8[n], folds int8[n]."""
     began = time.monotonic()
-    embedding = features.Embedding()
     sequences, labels, folds, batch = [], [], [], []
+
+    def embed() -> None:
+        if batch:
+            sequences.append(embedding().of_mel(np.stack(batch)).astype(np.float16))
+            batch.clear()
+
     for example in GROUPS[group]():
         labels.append(example.label)
         folds.append(example.fold)
-        batch.append(example.mel)
+        if example.heard.shape == (STEPS, features.EMBEDDING):
+            embed()
+            sequences.append(example.heard[None].astype(np.float16))
+            continue
+        batch.append(example.heard)
         if len(batch) == 32:
-            sequences.append(embedding.of_mel(np.stack(batch)).astype(np.float16))
-            batch = []
-    if batch:
-        sequences.append(embedding.of_mel(np.stack(batch)).astype(np.float16))
+            embed()
+    embed()
     if not sequences:
         return f"{group}: none, its sounds are missing"
     path_of(group).parent.mkdir(parents=True, exist_ok=True)
