@@ -79,9 +79,9 @@ def prompts() -> list[Recording]:
     made = []
     for folder in sorted(PROMPTS.glob("*_*")):
         paths = [p for p in sorted(folder.rglob("*.wav")) if not any(cue in p.name for cue in CUES)]
-        for p in paths[:: max(1, len(paths) // PROMPTS_MAX)]:
+        for p in paths[:: -(-len(paths) // PROMPTS_MAX)]:
             made.append(Recording(f"prompts/{folder.name}/{p.name}", "", -1, read(p)))
-    return made
+    return [r for r in made if len(r.audio) > RATE // 2]
 
 
 # --- Noises by formula: float32[n] of unit power

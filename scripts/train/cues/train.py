@@ -238,8 +238,9 @@ def enrolled_table(weights: Weights, rehearsal: enrol.Rehearsal, rules: Rules) -
     }
 
 
-def write(weights: Weights, rules: Rules, recipe: learning.Recipe, scores: dict[str, Any]) -> None:
-    """config/cues: the head and its manifest."""
+def write(weights: Weights, rules: Rules, recipe: learning.Recipe, scores: dict[str, Any], lines: list[str]) -> None:
+    """config/cues: the head, its manifest and the table."""
+    (CONFIG / "scores.txt").write_text("\n".join([*lines, "", f"{rules}"]) + "\n")
     head = CONFIG / "cues.onnx"
     head.write_bytes(export.model(weights).SerializeToString())
     windows = {name: len(g.labels) for name in learning.SHARES if (g := group(name)) is not None}
@@ -290,7 +291,7 @@ def main() -> None:
     print(f"\n{rules}\n{time.monotonic() - began:.0f} s")
     (RUNS / "last.pickle").write_bytes(pickle.dumps((weights, strangers, rules, scores)))
     if not arguments.trial:
-        write(weights, rules, recipe, scores | enrolled_scores)
+        write(weights, rules, recipe, scores | enrolled_scores, lines + more)
         golden.PATH.parent.mkdir(parents=True, exist_ok=True)
         golden.PATH.write_text(golden.text(CONFIG / "cues.onnx"))
 
