@@ -16,26 +16,26 @@ from words import LABELS
 
 # Of a batch, the share that each group has. Cues are two fifths: as rare as in life, they would not be learnt.
 SHARES: dict[str, float] = {
-    "cues_kokoro": 0.15,
-    "cues_espeak": 0.05,
+    "cues_kokoro": 0.14,
+    "cues_espeak": 0.04,
     "cues_accents": 0.06,
     "cues_flite": 0.03,
-    "cues_real": 0.11,
-    "alikes_kokoro": 0.07,
-    "alikes_espeak": 0.03,
-    "alikes_accents": 0.03,
+    "cues_real": 0.13,
+    "alikes_kokoro": 0.05,
+    "alikes_espeak": 0.02,
+    "alikes_accents": 0.02,
     "alikes_flite": 0.01,
-    "words_kokoro": 0.05,
-    "words_espeak": 0.02,
+    "words_kokoro": 0.03,
+    "words_espeak": 0.01,
     "words_flite": 0.01,
-    "words_real": 0.09,
+    "words_real": 0.10,
     "words_speaker": 0.02,
-    "partial": 0.03,
+    "partial": 0.02,
     "reading": 0.11,
     "reading_others": 0.08,
     "prompts": 0.05,
-    "noise": 0.03,
-    "backgrounds": 0.05,
+    "noise": 0.04,
+    "backgrounds": 0.06,
 }
 
 
@@ -80,8 +80,8 @@ class Recipe:
     dropout: float = 0.25
     jitter: float = 0.1  # noise on the normalised embeddings
     smoothing: float = 0.05
-    mine_every: int = 1500
-    mined_boost: float = 4.0
+    mine_every: int = 1000
+    mined_boost: float = 8.0
     average: float = 0.999
 
 

@@ -42,13 +42,17 @@ def read(path: Path) -> np.ndarray:
 
 
 def speech_commands() -> list[Recording]:
-    """Folds by speaker, the file name's first part: who has most clips first, each to the smallest fold."""
+    """Folds by speaker, the file name's first part: who has most clips first, each to the smallest fold.
+
+    Among equals fold 3 comes first and the test fold after it: so most of the few real cues are left to train.
+    """
     paths = sorted((DATA / "speech_commands").glob("*/*.wav"))
     clips = Counter(path.name.split("_")[0] for path in paths)
     sizes, fold_of = [0] * FOLDS, {}
     for speaker, count in sorted(clips.items(), key=lambda item: (-item[1], item[0])):
-        fold_of[speaker] = sizes.index(min(sizes))
-        sizes[fold_of[speaker]] += count
+        smallest = min((3, 0, 1, 2), key=lambda fold: sizes[fold])
+        fold_of[speaker] = smallest
+        sizes[smallest] += count
     return [
         Recording(f"speech_commands/{p.parent.name}/{p.name}", p.parent.name, fold_of[p.name.split("_")[0]], read(p)) for p in paths
     ]
