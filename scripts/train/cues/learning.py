@@ -73,7 +73,7 @@ def pool(kept_back: set[int], shares: dict[str, float] = SHARES) -> Pool:
 
 @dataclass(frozen=True)
 class Recipe:
-    steps: int = 7000
+    steps: int = 8000
     batch: int = 256
     rate: float = 2e-3
     decay: float = 0.02

@@ -52,11 +52,11 @@ class Rules:
     isolated: bool = True
     refractory_s: float = 1.0
     quiet_s: float = 0.18
-    segment_max_s: float = 1.15
+    segment_max_s: float = 1.0
     wait_max_s: float = 0.6
     reach_s: float = 0.8
     margin_db: float = 8.0
-    depth_db: float = 25.0
+    depth_db: float = 30.0
     floor_rise_db: float = 0.02
     floor_fall: float = 0.2
 

@@ -13,7 +13,7 @@ import tarfile
 import tempfile
 import zipfile
 import zlib
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import Iterator, NamedTuple
 
@@ -212,7 +212,13 @@ def kokoro(made: int) -> Iterator[Clip]:
     model = Kokoro()
     names = sorted(model.styles)
     training = [name for name in names if name not in KOKORO_HELD_OUT]
-    for text, i in islice(texts(per_cue=160, per_alike=3, per_word=1, per_sentence=1), made, None):
+    wanted = chain(
+        texts(per_cue=160, per_alike=3, per_word=1, per_sentence=1),
+        # The commonest other words by more voices, and more of the cues.
+        ((word, 1000 + i) for word in OTHER_WORDS[:40] for i in range(6)),
+        ((cue, 1000 + i) for cue in CUES for i in range(60)),
+    )
+    for text, i in islice(wanted, made, None):
         rng = np.random.default_rng(seed_of("kokoro", text, i))
         # Every eighth repetition of a cue is a held-out voice; a mix of two voices is a third one.
         if text in CUES and i % 8 == 7:

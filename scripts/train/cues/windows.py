@@ -168,7 +168,7 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "cues_espeak": lambda: synthetic("espeak", is_cue, 2),
     "cues_flite": lambda: synthetic("flite", is_cue, 4),
     "cues_accents": lambda: synthetic("accents", is_cue, 3),
-    "cues_real": lambda: real(commands(True), 150),
+    "cues_real": lambda: real(commands(True), 200),
     "alikes_kokoro": lambda: synthetic("kokoro", lambda text: text in ALIKES, 4),
     "alikes_espeak": lambda: synthetic("espeak", lambda text: text in ALIKES, 2),
     "alikes_flite": lambda: synthetic("flite", lambda text: text in ALIKES, 1),
@@ -176,14 +176,14 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "words_kokoro": lambda: synthetic("kokoro", lambda text: not is_cue(text) and text not in ALIKES, 3),
     "words_espeak": lambda: synthetic("espeak", lambda text: not is_cue(text) and text not in ALIKES, 1),
     "words_flite": lambda: synthetic("flite", lambda text: not is_cue(text) and text not in ALIKES, 1),
-    "words_real": lambda: real(commands(False), 30),
+    "words_real": lambda: real(commands(False), 40),
     "words_speaker": lambda: real(strangers_words(), 12),
     "partial": lambda: partial("kokoro", 2),
     "reading": lambda: streams(sounds.librispeech(), 4),
     "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
     "prompts": lambda: streams(sounds.prompts(), 1),
-    "noise": lambda: noises(6),
-    "backgrounds": lambda: backgrounds(4000),
+    "noise": lambda: noises(8),
+    "backgrounds": lambda: backgrounds(5000),
 }
 
 
