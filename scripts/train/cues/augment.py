@@ -25,7 +25,7 @@ def levels_db(mel: np.ndarray) -> np.ndarray:
 
 
 def extent(audio: np.ndarray) -> tuple[int, int]:
-    """First and last sample of the word in a clip, its last consonant too: above the clip's own floor, treble raised."""
+    """First and last sample of the word in a clip, its last consonant too: above the clip's floor, treble raised."""
     bright = np.diff(audio, prepend=audio[:1])
     blocks = bright[: len(bright) // HOP * HOP].reshape(-1, HOP)
     levels = 10 * np.log10(np.mean(blocks**2, axis=1) + 1e-12)
@@ -71,7 +71,9 @@ def equalised(audio: np.ndarray, rng: np.random.Generator, spread_db: float) -> 
     response = np.interp(np.log2(np.maximum(hz, 1)), knots, gains)
     if rng.random() < 0.3:
         low, high = rng.uniform(50, 350), rng.uniform(2800, 7500)
-        response -= 12 * np.maximum(0, np.log2(low / np.maximum(hz, 1))) + 24 * np.maximum(0, np.log2(np.maximum(hz, 1) / high))
+        response -= 12 * np.maximum(0, np.log2(low / np.maximum(hz, 1))) + 24 * np.maximum(
+            0, np.log2(np.maximum(hz, 1) / high)
+        )
     return np.fft.irfft(spectrum * 10 ** (response / 20), len(audio)).astype(np.float32)
 
 
@@ -102,7 +104,11 @@ def reverberated(audio: np.ndarray, rng: np.random.Generator, rt60_s: float, dir
 
 def power(audio: np.ndarray) -> float:
     """Mean power of its louder half, as 20 ms blocks go."""
-    blocks = np.sort(np.mean(audio[: len(audio) // 320 * 320].reshape(-1, 320) ** 2, axis=1)) if len(audio) >= 320 else np.zeros(1)
+    blocks = (
+        np.sort(np.mean(audio[: len(audio) // 320 * 320].reshape(-1, 320) ** 2, axis=1))
+        if len(audio) >= 320
+        else np.zeros(1)
+    )
     return float(blocks[len(blocks) // 2 :].mean()) + 1e-12
 
 
@@ -158,7 +164,7 @@ class Scene:
         return np.clip(mixed, -1, 1).astype(np.float32)
 
     def placed(self, clip: np.ndarray, end: int, rng: np.random.Generator, context: bool = False) -> np.ndarray:
-        """float32[SPAN] with the clip in it: its sample `end` comes up to 80 ms before the first of SHIFTS windows ends.
+        """float32[SPAN] with the clip in it: its sample `end` up to 80 ms before the first of SHIFTS windows ends.
 
         Before it is silence, or other talk that breaks off.
         """

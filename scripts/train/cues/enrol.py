@@ -1,15 +1,15 @@
 """Enrolment: the user says each cue five times, and the head's dense layers are fitted to that voice.
 
-What the robot does in its own language, line by line; here it is tried. The convolutions stay, and only dense1 and dense2
-are trained, on two things:
+What the robot does in its own language, line by line; here it is tried. The convolutions stay, and only dense1 and
+dense2 are trained, on two things:
 
 * The user's clips, each put into VARIANTS scenes: resampled, levelled, over a background, so that the windows which end
   within half a second after the word are many. Of them what the convolutions make is kept, flat: float32[256] a window.
-* Rehearsal: windows of the training data, kept as such flat features in config/cues/rehearsal.bin. Without them the head
-  forgets all other voices and takes the user's other words for cues.
+* Rehearsal: windows of the training data, kept as such flat features in config/cues/rehearsal.bin. Without them the
+  head forgets all other voices and takes the user's other words for cues.
 
-Rehearsal's file, little-endian: the bytes "GDRH", u32 version 1, u32 windows n, u32 features 256, f32 scale; u8 label[n];
-u8 feature[n][256]: feature times scale is the value.
+Rehearsal's file, little-endian: the bytes "GDRH", u32 version 1, u32 windows n, u32 features 256, f32 scale; then
+u8 label[n], u8 feature[n][256]: feature times scale is the value.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import augment
 import features
 import learning
 import network
-from features import RATE, STEP
+from features import STEP
 from network import Adam, Weights
 from words import LABELS
 
@@ -78,7 +78,7 @@ def drawn(weights: Weights, data: learning.Pool, count: int, rng: np.random.Gene
 
 
 def scenes(clip: np.ndarray, recipe: Recipe, rng: np.random.Generator) -> list[np.ndarray]:
-    """float32[SPAN] each: the clip as recorded, then resampled, coloured, over white or pink-like noise, at other levels.
+    """float32[SPAN] each: the clip as recorded, then resampled, coloured, over white or dark noise, at other levels.
 
     The noise is a white one through a one-pole low-pass of random corner: nothing that needs a Fourier transform.
     """
@@ -109,7 +109,11 @@ def tilted(audio: np.ndarray, a: float) -> np.ndarray:
 
 
 def user_windows(
-    embedding: features.Embedding, weights: Weights, clips: list[tuple[int, np.ndarray]], recipe: Recipe, rng: np.random.Generator
+    embedding: features.Embedding,
+    weights: Weights,
+    clips: list[tuple[int, np.ndarray]],
+    recipe: Recipe,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Flat float32[n, 256] and labels of the user's clips."""
     flat, labels = [], []
@@ -124,15 +128,21 @@ def user_windows(
 
 
 def enrol(
-    weights: Weights, user: tuple[np.ndarray, np.ndarray], rehearsal: Rehearsal, recipe: Recipe, rng: np.random.Generator
+    weights: Weights,
+    user: tuple[np.ndarray, np.ndarray],
+    rehearsal: Rehearsal,
+    recipe: Recipe,
+    rng: np.random.Generator,
 ) -> Weights:
-    """New dense layers: Adam from the old ones, each batch part the user's windows and part rehearsal, labels balanced."""
+    """New dense layers: Adam from the old ones, each batch part the user's windows and part rehearsal."""
     enrolled = {name: value.copy() for name, value in weights.items()}
     adam = Adam(enrolled, network.DENSE)
     targets = np.full((len(LABELS), len(LABELS)), recipe.smoothing / len(LABELS), np.float32)
     targets += (1 - recipe.smoothing) * np.eye(len(LABELS), dtype=np.float32)
     flat, labels = user
-    scale = np.concatenate([np.full(recipe.batch_user, recipe.user_weight), np.ones(recipe.batch_rehearsal)]).astype(np.float32)
+    scale = np.concatenate([np.full(recipe.batch_user, recipe.user_weight), np.ones(recipe.batch_rehearsal)]).astype(
+        np.float32
+    )
     for step in range(recipe.steps):
         own = rng.integers(0, len(labels), recipe.batch_user)
         old = rng.integers(0, len(rehearsal.labels), recipe.batch_rehearsal)

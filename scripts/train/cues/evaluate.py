@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from pathlib import Path
-from typing import Callable, Iterable, Iterator, NamedTuple
+from typing import Callable, Iterable, NamedTuple
 
 import numpy as np
 
@@ -44,8 +43,13 @@ def stream(embedding: features.Embedding, recording: Recording, audio: np.ndarra
     levels = augment.levels_db(mel)
     newest = features.FRAMES - STEP_FRAMES + STEP_FRAMES * np.arange(len(embeddings))[:, None] + np.arange(STEP_FRAMES)
     return Stream(
-        recording.name, recording.word, recording.fold, end_s, len(audio) / RATE / 3600,
-        embeddings.astype(np.float16), levels[newest][WINDOWS - 1 :],
+        recording.name,
+        recording.word,
+        recording.fold,
+        end_s,
+        len(audio) / RATE / 3600,
+        embeddings.astype(np.float16),
+        levels[newest][WINDOWS - 1 :],
     )
 
 
@@ -104,11 +108,12 @@ def conditions() -> dict[str, Condition]:
 
 
 def held_out_voices() -> list[Recording]:
-    """Synthetic voices that never train, every third clip of the many. What they say besides cues is festival's alone."""
+    """Synthetic voices that never train, every third clip of the many. Besides cues only Festival speaks."""
     made = []
     for family, every in (("kokoro", 1), ("espeak", 3), ("flite", 1), ("festival", 3)):
         wanted = [
-            clip for clip in load(family)
+            clip
+            for clip in load(family)
             if len(clip.audio) and held_out(family, clip.voice) and (clip.text in CUES or family == "festival")
         ]
         for i, clip in enumerate(wanted[::every]):
@@ -118,7 +123,11 @@ def held_out_voices() -> list[Recording]:
 
 def forward() -> list[Recording]:
     """A real "go forward ten meters", if its Debian package is there."""
-    return [Recording("pocketsphinx/goforward", "", TEST_FOLD, sounds.read(sounds.FORWARD))] if sounds.FORWARD.exists() else []
+    return (
+        [Recording("pocketsphinx/goforward", "", TEST_FOLD, sounds.read(sounds.FORWARD))]
+        if sounds.FORWARD.exists()
+        else []
+    )
 
 
 def noise_levels() -> list[Recording]:
@@ -159,7 +168,9 @@ def streams(name: str, condition: str = "clean") -> list[Stream]:
     for recording in SETS[name]():
         rng = np.random.default_rng(seed_of("evaluate", condition, recording.name))
         start, end = augment.extent(recording.audio) if recording.word else (0, len(recording.audio))
-        audio = np.pad(recording.audio, SILENCE) + 10 ** (-70 / 20) * rng.standard_normal(len(recording.audio) + 2 * SILENCE)
+        audio = np.pad(recording.audio, SILENCE) + 10 ** (-70 / 20) * rng.standard_normal(
+            len(recording.audio) + 2 * SILENCE
+        )
         audio = apply(audio.astype(np.float32), rng)
         speed = 1.15 if condition == "shouted" else 1.0
         made.append(stream(embedding, recording, audio.astype(np.float32), (SILENCE + end) / RATE / speed))

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 import augment
-import enrol
 import export
 import features
 import network
@@ -24,7 +23,8 @@ PATH = ROOT / "shared/speech/tests/golden.json"
 SIGNAL = (
     "x[n] for n = 0..47999, t = n / 16000, in float64 and then rounded to float32: "
     "x = 0.3 sin(2 pi (200 t + 150 t^2)) + (0.1 sin(2 pi (1200 t + 300 t^2)) if floor(n / 4000) is odd) + 0.02 r[n], "
-    "but x = 0 for 16000 <= n < 20000. r[n] = s[n] / 2^31 - 1 with s[n] = (1664525 s[n-1] + 1013904223) mod 2^32, s[-1] = 1; "
+    "but x = 0 for 16000 <= n < 20000. r[n] = s[n] / 2^31 - 1 "
+    "with s[n] = (1664525 s[n-1] + 1013904223) mod 2^32, s[-1] = 1; "
     "s goes on through the zeros."
 )
 
@@ -75,26 +75,87 @@ def cases() -> list[dict[str, Any]]:
     quiet, loud = -60.0, -20.0
     silence = (20, "other", 1.0, quiet)
     return [
-        case("a lone direction, reported once it is quiet", rules,
-             [silence, (6, "other", 1.0, loud), (3, "left", 0.9, quiet), (20, "other", 1.0, quiet)]),
-        case("one window is none", rules, [silence, (6, "other", 1.0, loud), (1, "left", 0.99, quiet), (20, "other", 1.0, quiet)]),
-        case("a direction in running speech is dropped", rules,
-             [silence, (20, "other", 1.0, loud), (3, "right", 0.95, loud), (20, "other", 1.0, loud), silence]),
-        case("a direction at the end of running speech is dropped", rules,
-             [silence, (20, "other", 1.0, loud), (4, "right", 0.95, quiet), (20, "other", 1.0, quiet)]),
-        case("a direction that is never followed by quiet is dropped", rules,
-             [silence, (4, "other", 1.0, loud), (3, "right", 0.95, loud), (7, "other", 1.0, loud), silence]),
-        case("stop in running speech, and not again within a second", rules,
-             [silence, (10, "other", 1.0, loud), (4, "stop", 0.9, loud), (5, "other", 1.0, loud), (2, "stop", 0.9, loud), silence,
-              (2, "stop", 0.9, loud), silence]),
-        case("stop ends what waits", rules, [silence, (4, "left", 0.9, loud), (1, "stop", 0.8, loud), (20, "other", 1.0, quiet)]),
-        case("forward after a stop needs more", rules,
-             [silence, (2, "stop", 0.9, loud), silence, (5, "other", 1.0, loud), (3, "forward", 0.8, quiet), silence,
-              (5, "other", 1.0, loud), (3, "forward", 0.9, quiet), silence, (5, "other", 1.0, loud), (3, "forward", 0.8, quiet), silence]),
-        case("another direction within a second is not reported", rules,
-             [silence, (5, "other", 1.0, loud), (8, "left", 0.9, quiet), (4, "right", 0.9, quiet), (12, "other", 1.0, quiet),
-              (5, "other", 1.0, loud), (3, "right", 0.9, quiet), silence]),
-        case("levels that never rise: nothing is known of running speech", rules, [silence, (3, "left", 0.9, quiet), silence]),
+        case(
+            "a lone direction, reported once it is quiet",
+            rules,
+            [silence, (6, "other", 1.0, loud), (3, "left", 0.9, quiet), (20, "other", 1.0, quiet)],
+        ),
+        case(
+            "one window is none",
+            rules,
+            [silence, (6, "other", 1.0, loud), (1, "left", 0.99, quiet), (20, "other", 1.0, quiet)],
+        ),
+        case(
+            "a direction in running speech is dropped",
+            rules,
+            [silence, (20, "other", 1.0, loud), (3, "right", 0.95, loud), (20, "other", 1.0, loud), silence],
+        ),
+        case(
+            "a direction at the end of running speech is dropped",
+            rules,
+            [silence, (20, "other", 1.0, loud), (4, "right", 0.95, quiet), (20, "other", 1.0, quiet)],
+        ),
+        case(
+            "a direction that is never followed by quiet is dropped",
+            rules,
+            [silence, (4, "other", 1.0, loud), (3, "right", 0.95, loud), (7, "other", 1.0, loud), silence],
+        ),
+        case(
+            "stop in running speech, and not again within a second",
+            rules,
+            [
+                silence,
+                (10, "other", 1.0, loud),
+                (4, "stop", 0.9, loud),
+                (5, "other", 1.0, loud),
+                (2, "stop", 0.9, loud),
+                silence,
+                (2, "stop", 0.9, loud),
+                silence,
+            ],
+        ),
+        case(
+            "stop ends what waits",
+            rules,
+            [silence, (4, "left", 0.9, loud), (1, "stop", 0.8, loud), (20, "other", 1.0, quiet)],
+        ),
+        case(
+            "forward after a stop needs more",
+            rules,
+            [
+                silence,
+                (2, "stop", 0.9, loud),
+                silence,
+                (5, "other", 1.0, loud),
+                (3, "forward", 0.8, quiet),
+                silence,
+                (5, "other", 1.0, loud),
+                (3, "forward", 0.9, quiet),
+                silence,
+                (5, "other", 1.0, loud),
+                (3, "forward", 0.8, quiet),
+                silence,
+            ],
+        ),
+        case(
+            "another direction within a second is not reported",
+            rules,
+            [
+                silence,
+                (5, "other", 1.0, loud),
+                (8, "left", 0.9, quiet),
+                (4, "right", 0.9, quiet),
+                (12, "other", 1.0, quiet),
+                (5, "other", 1.0, loud),
+                (3, "right", 0.9, quiet),
+                silence,
+            ],
+        ),
+        case(
+            "levels that never rise: nothing is known of running speech",
+            rules,
+            [silence, (3, "left", 0.9, quiet), silence],
+        ),
     ]
 
 
@@ -110,7 +171,8 @@ def dense(weights: network.Weights) -> dict[str, Any]:
     for _ in range(3):
         adam.update(network.dense_gradients(after, flat, target, one)[0], 1e-3)
     return {
-        "what": "flat[i][j] = max(0, r[256 i + j]) with r as in the signal but s[-1] = 7, 12 windows, window i of label i mod 5, "
+        "what": "flat[i][j] = max(0, r[256 i + j]) with r as in the signal but s[-1] = 7, 12 windows, "
+        "window i of label i mod 5, "
         "targets smoothed by 0.05, all weights 1; then three steps of Adam (0.9, 0.999, 1e-8) at rate 0.001",
         "loss": loss,
         "gradient_norms": {name: float(np.linalg.norm(found[name])) for name in network.DENSE},

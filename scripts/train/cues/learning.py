@@ -68,7 +68,9 @@ def pool(kept_back: set[int], shares: dict[str, float] = SHARES) -> Pool:
         parts.append(made)
         chances.append(shares[name] * chance)
     chance = np.concatenate(chances)
-    return Pool(np.concatenate([p.sequences for p in parts]), np.concatenate([p.labels for p in parts]), chance / chance.sum())
+    return Pool(
+        np.concatenate([p.sequences for p in parts]), np.concatenate([p.labels for p in parts]), chance / chance.sum()
+    )
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,9 @@ def fit(data: Pool, seed: int, recipe: Recipe = Recipe(), progress: str = "") ->
         at = np.minimum(np.searchsorted(cumulative, rng.random(recipe.batch)), len(cumulative) - 1)
         z = network.normalised(weights, data.windows(at, rng.integers(0, SHIFTS, recipe.batch)))
         z += recipe.jitter * rng.standard_normal(z.shape, dtype=np.float32)
-        kept = (rng.random((recipe.batch, network.FLAT), dtype=np.float32) >= recipe.dropout) / np.float32(1 - recipe.dropout)
+        kept = (rng.random((recipe.batch, network.FLAT), dtype=np.float32) >= recipe.dropout) / np.float32(
+            1 - recipe.dropout
+        )
         found, loss = network.gradients(weights, z, targets[data.labels[at]], ones, kept.astype(np.float32))
         warm = min(1.0, (step + 1) / 200)
         adam.update(found, recipe.rate * warm * (0.02 + 0.98 * 0.5 * (1 + np.cos(np.pi * step / recipe.steps))))
@@ -129,7 +133,12 @@ def fit(data: Pool, seed: int, recipe: Recipe = Recipe(), progress: str = "") ->
             mean[name] += follow * (weights[name] - mean[name])
         lately += (loss - lately) * max(0.01, 1 / (step + 1))
         if progress and (step + 1) % 200 == 0:
-            print(f"\r{progress}: step {step + 1} of {recipe.steps}, loss {lately:.3f} ", end="", file=sys.stderr, flush=True)
+            print(
+                f"\r{progress}: step {step + 1} of {recipe.steps}, loss {lately:.3f} ",
+                end="",
+                file=sys.stderr,
+                flush=True,
+            )
     if progress:
         print(file=sys.stderr)
     return mean

@@ -92,8 +92,10 @@ def probabilities(weights: Weights, x: np.ndarray) -> np.ndarray:
     return np.concatenate([classified(weights, flattened(weights, part))[1] for part in parts])
 
 
-def dense_gradients(weights: Weights, flat: np.ndarray, target: np.ndarray, scale: np.ndarray) -> tuple[Weights, np.ndarray, float]:
-    """Gradients of the dense layers and of `flat`, and the loss: the mean cross-entropy, each window weighed by scale[n].
+def dense_gradients(
+    weights: Weights, flat: np.ndarray, target: np.ndarray, scale: np.ndarray
+) -> tuple[Weights, np.ndarray, float]:
+    """Gradients of the dense layers and of `flat`, and the loss: the mean cross-entropy, windows weighed by scale[n].
 
     target float32[n, 5] may be smoothed.
     """

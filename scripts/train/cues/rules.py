@@ -11,13 +11,13 @@ stop. P(stop) >= threshold in `windows` steps in a row (one). It is reported at 
 reported again within `refractory`.
 
 Directions. P(word) >= threshold and above all others in `windows` steps in a row: a candidate, unless a direction was
-reported within `refractory` or the same word is waiting already; another word's candidate takes the waiting one's place.
-It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop needs
-`forward_after_stop` until a direction was reported.
+reported within `refractory` or the same word is waiting already; another word's candidate takes the waiting one's
+place. It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop
+needs `forward_after_stop` until a direction was reported.
 
-Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its level is
-above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last `reach`. In each
-step while it waits, from the newest frame back:
+Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
+level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
+`reach`. In each step while it waits, from the newest frame back:
 1. No frame is loud since `reach` before the candidate: it stands alone, it is reported.
 2. From the last loud frame back to the first that has no gap of `quiet` without a loud frame behind it: that is the
    segment. If it is longer than `segment_max`, both ends counted, this is running speech: the candidate is dropped.

@@ -24,7 +24,10 @@ PROMPTS_MAX = 300  # of each language
 FORWARD = Path("/usr/share/pocketsphinx/test/data/goforward.raw")
 
 FOLDS, TEST_FOLD = 4, 0
-ENROLMENT, VALIDATION = 5, 10  # of the 25 clips of each word of the one speaker, in the order of recording; the rest tests
+ENROLMENT, VALIDATION = (
+    5,
+    10,
+)  # of the 25 clips of each word of the one speaker, in the order of recording; the rest tests
 
 
 class Recording(NamedTuple):
@@ -54,7 +57,8 @@ def speech_commands() -> list[Recording]:
         fold_of[speaker] = smallest
         sizes[smallest] += count
     return [
-        Recording(f"speech_commands/{p.parent.name}/{p.name}", p.parent.name, fold_of[p.name.split("_")[0]], read(p)) for p in paths
+        Recording(f"speech_commands/{p.parent.name}/{p.name}", p.parent.name, fold_of[p.name.split("_")[0]], read(p))
+        for p in paths
     ]
 
 
@@ -156,7 +160,9 @@ def chirps(rng: np.random.Generator, n: int) -> np.ndarray:
         hz = rng.uniform(120, 2500) * (1 + rng.uniform(-0.5, 0.8) * t + rng.uniform(-0.3, 0.3) * np.sin(np.pi * t))
         phase = 2 * np.pi * np.cumsum(hz) / RATE
         fall = rng.uniform(0.2, 2)
-        sound = sum(np.sin(k * phase + rng.uniform(0, 6)) / k**fall for k in range(1, int(min(12, 7000 / hz.max())) + 1))
+        sound = sum(
+            np.sin(k * phase + rng.uniform(0, 6)) / k**fall for k in range(1, int(min(12, 7000 / hz.max())) + 1)
+        )
         sound = sound * np.sin(np.pi * t) ** rng.uniform(0.2, 2) + rng.uniform(0, 0.3) * rng.standard_normal(length)
         start = int(at * RATE)
         audio[start : start + length] += sound[: n - start]

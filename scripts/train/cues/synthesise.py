@@ -26,19 +26,37 @@ from words import ACCENTED, CUES, OTHER_WORDS, PRONUNCIATIONS, SENTENCES, SOUND_
 BUILD = Path(__file__).parent / "build"
 RATE = 16_000
 
-ESPEAK_LANGUAGES = ("en-us", "en-gb", "en-gb-scotland", "en-gb-x-rp", "en-gb-x-gbclan", "en-gb-x-gbcwmd", "en-029", "en-us-nyc")
+ESPEAK_LANGUAGES = (
+    "en-us",
+    "en-gb",
+    "en-gb-scotland",
+    "en-gb-x-rp",
+    "en-gb-x-gbclan",
+    "en-gb-x-gbcwmd",
+    "en-029",
+    "en-us-nyc",
+)
 ACCENT_LANGUAGES = ("de", "es", "it", "fr", "pt", "ru", "hi", "tr", "pl", "nl", "sv", "ta", "id", "ro", "el")
 ESPEAK_VARIANTS = (
-    "m1 m2 m3 m4 m5 m6 m7 m8 f1 f2 f3 f4 f5 Alex Alicia Andrea Andy Annie Denis Diogo Gene Henrique Hugo Jacky Lee Mario "
-    "Michael Mike Nguyen adam anika antonio aunty belinda benjamin boris caleb david ed edward grandma grandpa gustave "
-    "iven john kaukovalta klatt klatt2 klatt4 linda marcelo max michel miguel norbert pablo paul pedro quincy rob robert "
-    "sandro shelby steph steph2 travis victor whisper whisperf zac"
+    "m1 m2 m3 m4 m5 m6 m7 m8 f1 f2 f3 f4 f5 Alex Alicia Andrea Andy Annie Denis Diogo Gene Henrique Hugo Jacky "
+    "Lee Mario Michael Mike Nguyen adam anika antonio aunty belinda benjamin boris caleb david ed edward grandma "
+    "grandpa gustave iven john kaukovalta klatt klatt2 klatt4 linda marcelo max michel miguel norbert pablo paul "
+    "pedro quincy rob robert sandro shelby steph steph2 travis victor whisper whisperf zac"
 ).split()
 FLITE_VOICES = ("kal16", "rms", "slt", "awb")
 FESTIVAL_STRETCHES = (0.9, 1.0, 1.15, 1.3)
 FESTIVAL_VOICES = ("kal_diphone", "ked_diphone", "cmu_us_slt_arctic_hts")
 KOKORO_HELD_OUT = (
-    "af_nova", "am_eric", "am_puck", "bf_lily", "bm_lewis", "em_alex", "if_sara", "hm_psi", "jf_nezumi", "zm_yunxi",
+    "af_nova",
+    "am_eric",
+    "am_puck",
+    "bf_lily",
+    "bm_lewis",
+    "em_alex",
+    "if_sara",
+    "hm_psi",
+    "jf_nezumi",
+    "zm_yunxi",
 )
 ESPEAK_HELD_OUT = ("m7", "f5", "Nguyen", "anika", "boris", "grandpa", "klatt4", "pablo")
 
@@ -108,7 +126,17 @@ def espeak(made: int) -> Iterator[Clip]:
         rng = np.random.default_rng(seed_of("espeak", text, i))
         variant = ESPEAK_VARIANTS[i % len(ESPEAK_VARIANTS)] if text in CUES else rng.choice(ESPEAK_VARIANTS)
         voice = f"{rng.choice(ESPEAK_LANGUAGES)}+{variant}"
-        command = ["espeak-ng", "-v", voice, "-s", str(rng.integers(105, 210)), "-p", str(rng.integers(20, 80)), "--stdout", text]
+        command = [
+            "espeak-ng",
+            "-v",
+            voice,
+            "-s",
+            str(rng.integers(105, 210)),
+            "-p",
+            str(rng.integers(20, 80)),
+            "--stdout",
+            text,
+        ]
         data = subprocess.run(command, capture_output=True, check=True).stdout
         yield Clip(text, "espeak", voice, read_wav(data))
 
@@ -120,7 +148,17 @@ def accents(made: int) -> Iterator[Clip]:
         rng = np.random.default_rng(seed_of("accents", text, i))
         voice = f"{ACCENT_LANGUAGES[i % len(ACCENT_LANGUAGES)]}+{rng.choice(ESPEAK_VARIANTS)}"
         phonemes = f"[[{rng.choice(ACCENTED[text])}]]"
-        command = ["espeak-ng", "-v", voice, "-s", str(rng.integers(105, 210)), "-p", str(rng.integers(20, 80)), "--stdout", phonemes]
+        command = [
+            "espeak-ng",
+            "-v",
+            voice,
+            "-s",
+            str(rng.integers(105, 210)),
+            "-p",
+            str(rng.integers(20, 80)),
+            "--stdout",
+            phonemes,
+        ]
         data = subprocess.run(command, capture_output=True, check=True).stdout
         yield Clip(text, "accents", voice, read_wav(data))
 
@@ -153,10 +191,29 @@ def festival(made: int) -> Iterator[Clip]:
 # Kokoro's alphabet is StyleTTS 2's; diphthongs have one letter each.
 KOKORO_ALPHABET = (
     '$;:,.!?¡¿—…"«»“” ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz'
-    "ɑɐɒæɓʙβɔɕçɗɖðʤəɘɚɛɜɝɞɟʄɡɠɢʛɦɧħɥʜɨɪʝɭɬɫɮʟɱɯɰŋɳɲɴøɵɸθœɶʘɹɺɾɻʀʁɽʂʃʈʧʉʊʋⱱʌɣɤʍχʎʏʑʐʒʔʡʕʢǀǁǂǃˈˌːˑʼʴʰʱʲʷˠˤ˞↓↑→↗↘'̩'ᵻ"
+    "ɑɐɒæɓʙβɔɕçɗɖðʤəɘɚɛɜɝɞɟʄɡɠɢʛɦɧħɥʜɨɪʝɭɬɫɮʟɱɯɰŋɳɲɴøɵɸθœɶʘɹɺɾɻʀʁɽʂʃʈʧ"
+    "ʉʊʋⱱʌɣɤʍχʎʏʑʐʒʔʡʕʢǀǁǂǃˈˌːˑʼʴʰʱʲʷˠˤ˞↓↑→↗↘'̩'ᵻ"
 )
-KOKORO_NAMES = {"aɪ": "I", "eɪ": "A", "oʊ": "O", "aʊ": "W", "ɔɪ": "Y", "əʊ": "Q", "dʒ": "ʤ", "tʃ": "ʧ", "ɚ": "əɹ", "ɐ": "ə"}
-KOKORO_IDS = {symbol: i for i, symbol in enumerate(KOKORO_ALPHABET)} | {"A": 24, "I": 25, "O": 31, "Q": 33, "W": 39, "Y": 41}
+KOKORO_NAMES = {
+    "aɪ": "I",
+    "eɪ": "A",
+    "oʊ": "O",
+    "aʊ": "W",
+    "ɔɪ": "Y",
+    "əʊ": "Q",
+    "dʒ": "ʤ",
+    "tʃ": "ʧ",
+    "ɚ": "əɹ",
+    "ɐ": "ə",
+}
+KOKORO_IDS = {symbol: i for i, symbol in enumerate(KOKORO_ALPHABET)} | {
+    "A": 24,
+    "I": 25,
+    "O": 31,
+    "Q": 33,
+    "W": 39,
+    "Y": 41,
+}
 KOKORO_PARTS = 4
 
 
@@ -275,7 +332,9 @@ def synthesise(family: str) -> None:
         if len(clips) % 400 == 0:
             save(family, clips, complete=False)
     save(family, clips, complete=True)
-    print(f"\r{family}: {len(clips)} clips, {sum(len(c.audio) for c in clips) / RATE / 60:.1f} minutes", file=sys.stderr)
+    print(
+        f"\r{family}: {len(clips)} clips, {sum(len(c.audio) for c in clips) / RATE / 60:.1f} minutes", file=sys.stderr
+    )
 
 
 def load(family: str) -> list[Clip]:

@@ -1,7 +1,7 @@
 """Trains the head, chooses the thresholds on the validation parts, and reports on the test parts.
 
-Three heads, each blind to the test fold and to one more, judge what they have not heard: thresholds are chosen on that. The
-head that is shipped has heard all but the test fold.
+Three heads, each blind to the test fold and to one more, judge what they have not heard: thresholds are chosen on that.
+The head that is shipped has heard all but the test fold.
 """
 
 from __future__ import annotations
@@ -11,11 +11,10 @@ import dataclasses
 import json
 import math
 import pickle
-import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
-from typing import Any, Callable
+from typing import Any
 
 import numpy as np
 
@@ -25,9 +24,8 @@ import export
 import features
 import golden
 import learning
-import network
 import sounds
-from evaluate import Judged, Rate, count, judge, poisson, streams, total
+from evaluate import Judged, count, judge, poisson, streams, total
 from network import Weights
 from rules import DIRECTIONS, Rules
 from sounds import ENROLMENT, FOLDS, TEST_FOLD, VALIDATION
@@ -96,28 +94,38 @@ def sweep(judged: dict[str, list[Judged]], cue: str, rules: Rules) -> list[dict[
     rows = []
     for threshold in np.round(np.arange(0.3, 0.96, 0.05), 2):
         only = [threshold if name == cue else OFF for name in DIRECTIONS]
-        tried = dataclasses.replace(rules, directions=tuple(only), stop=float(threshold) if cue == "stop" else OFF, forward_after_stop=0.0)
+        tried = dataclasses.replace(
+            rules, directions=tuple(only), stop=float(threshold) if cue == "stop" else OFF, forward_after_stop=0.0
+        )
         words, speaker, voices = (count(judged[name], tried) for name in ("words", "speaker", "voices"))
         reading, noise = count(judged["reading"], tried), count(judged["noise"], tried)
         accepts = total(words.false_accepts).hits + total(speaker.false_accepts).hits
-        accepts += sum(len(c) for c in (*[words.confusions.get(w, []) for w in CUES], *[speaker.confusions.get(w, []) for w in CUES]))
+        accepts += sum(
+            len(c)
+            for c in (*[words.confusions.get(w, []) for w in CUES], *[speaker.confusions.get(w, []) for w in CUES])
+        )
         clips = len(judged["words"]) + len(judged["speaker"])
-        rows.append({
-            "threshold": float(threshold),
-            "words": words.recall[cue].hits / words.recall[cue].n if cue in words.recall else float("nan"),
-            "speaker": speaker.recall[cue].hits / speaker.recall[cue].n if cue in speaker.recall else float("nan"),
-            "voices": voices.recall[cue].hits / voices.recall[cue].n if cue in voices.recall else float("nan"),
-            "accepts": accepts / clips,
-            "reading": reading.alarms[cue] / reading.hours,
-            "noise": noise.alarms[cue] / noise.hours,
-        })
+        rows.append(
+            {
+                "threshold": float(threshold),
+                "words": words.recall[cue].hits / words.recall[cue].n if cue in words.recall else float("nan"),
+                "speaker": speaker.recall[cue].hits / speaker.recall[cue].n if cue in speaker.recall else float("nan"),
+                "voices": voices.recall[cue].hits / voices.recall[cue].n if cue in voices.recall else float("nan"),
+                "accepts": accepts / clips,
+                "reading": reading.alarms[cue] / reading.hours,
+                "noise": noise.alarms[cue] / noise.hours,
+            }
+        )
     return rows
 
 
 def cost(row: dict[str, float], cue: str) -> float:
-    """What a threshold costs: a miss in ten (of stop: in twenty) as much as two false accepts in a hundred words, twenty
-    false stops an hour of reading, four false directions, or a hundred alarms an hour of noise: of that there are few files,
-    and each is unlike those that the head has heard."""
+    """What a threshold costs.
+
+    A miss in ten (of stop: in twenty) as much as two false accepts in a hundred words, twenty false stops an hour of
+    reading, four false directions, or a hundred alarms an hour of noise: of that there are few files, and each is
+    unlike those that the head has heard.
+    """
     recalls = [row[name] for name in ("words", "speaker", "voices") if not math.isnan(row[name])]
     alarms = row["reading"] / (20 if cue == "stop" else 4) + row["noise"] / 100
     return (2 if cue == "stop" else 1) * (1 - float(np.mean(recalls))) + 5 * row["accepts"] + 0.1 * alarms
@@ -128,7 +136,10 @@ def choose(judged: dict[str, list[Judged]], rules: Rules) -> Rules:
     for cue in CUES:
         rows = sweep(judged, cue, rules)
         picked[cue] = min(rows, key=lambda row: cost(row, cue))["threshold"]
-        print(f"\n{cue} on validation: threshold; recall of words, the one speaker, voices; false accepts; alarms an hour in reading, noise")
+        print(
+            f"\n{cue} on validation: threshold; recall of words, the one speaker, voices; false accepts; "
+            "alarms an hour in reading, noise"
+        )
         for row in rows:
             mark = "  <" if row["threshold"] == picked[cue] else ""
             print("  " + "  ".join(f"{value:7.3f}" for value in row.values()) + mark)
@@ -147,7 +158,9 @@ def line(title: str, counts: evaluate.Counts) -> list[str]:
         made.append(f"  {cue:9} {rate}" + (f"   wrong: {', '.join(wrong)}" if wrong else ""))
     if counts.false_accepts:
         made.append(f"  other words taken for cues {total(counts.false_accepts)}")
-        found = [f"{w} {r.hits}/{r.n} ({', '.join(counts.confusions[w])})" for w, r in counts.false_accepts.items() if r.hits]
+        found = [
+            f"{w} {r.hits}/{r.n} ({', '.join(counts.confusions[w])})" for w, r in counts.false_accepts.items() if r.hits
+        ]
         if found:
             made.append("    " + "; ".join(found))
     if counts.latencies_s:
@@ -179,7 +192,9 @@ def table(weights: Weights, strangers: dict[int, Weights], rules: Rules) -> tupl
     speaker = count(judge(weights, of_speaker(True)), rules)
     voices = count(judge(weights, streams("voices")[1::2]), rules)
     reading = count(judge(weights, of_fold("librispeech", TEST_FOLD)), rules)
-    strange = [j for fold, head in {TEST_FOLD: weights, **strangers}.items() for j in judge(head, of_fold("librispeech", fold))]
+    strange = [
+        j for fold, head in {TEST_FOLD: weights, **strangers}.items() for j in judge(head, of_fold("librispeech", fold))
+    ]
     reading_crossed = count(strange, rules)
     noise = count(judge(weights, of_fold("noise", TEST_FOLD)), rules)
     lines += line("Speech Commands, test fold", test)
@@ -194,8 +209,12 @@ def table(weights: Weights, strangers: dict[int, Weights], rules: Rules) -> tupl
         loose = dataclasses.replace(rules, isolated=False)
         found = ", ".join(cue for cue, n in count(said, loose).alarms.items() if n)
         highest = max(float(j.probabilities[:, 0].max()) for j in said)
-        lines.append(f'the one real forward, in "go forward ten meters": {highest:.2f}; without isolation: {found or "nothing"}')
-    lines.append("recall by condition: Speech Commands (as above), one speaker, held-out voices; other words taken for cues")
+        lines.append(
+            f'the one real forward, in "go forward ten meters": {highest:.2f}; without isolation: {found or "nothing"}'
+        )
+    lines.append(
+        "recall by condition: Speech Commands (as above), one speaker, held-out voices; other words taken for cues"
+    )
     by_condition: dict[str, Any] = {}
     for condition in evaluate.conditions():
         words = count(all_words(condition), rules)
@@ -204,7 +223,11 @@ def table(weights: Weights, strangers: dict[int, Weights], rules: Rules) -> tupl
         show = lambda counts: " ".join(f"{c} {r.hits}/{r.n}" for c, r in counts.recall.items())
         wrong = total({**words.false_accepts, **{f"own {w}": r for w, r in own.false_accepts.items()}})
         lines.append(f"  {condition:13} {show(words)} | {show(own)} | {show(synthetic)} | {wrong}")
-        by_condition[condition] = {"words": str(total(words.recall)), "speaker": str(total(own.recall)), "voices": str(total(synthetic.recall))}
+        by_condition[condition] = {
+            "words": str(total(words.recall)),
+            "speaker": str(total(own.recall)),
+            "voices": str(total(synthetic.recall)),
+        }
     scores = {
         "speech_commands_test": {cue: str(rate) for cue, rate in test.recall.items()},
         "speech_commands_crossed": {cue: str(rate) for cue, rate in crossed.recall.items()},
@@ -230,9 +253,14 @@ def enrolled_table(weights: Weights, rehearsal: enrol.Rehearsal, rules: Rules) -
     seconds = time.process_time() - began
     speaker = count(judge(enrolled, of_speaker(True)), rules)
     lines = line(f"one speaker, test part, enrolled with {ENROLMENT} clips a cue in {seconds:.0f} s of CPU", speaker)
-    lines += line("  others by the enrolled head: Speech Commands, test fold", count(judge(enrolled, of_fold("speech_commands", TEST_FOLD)), rules))
+    lines += line(
+        "  others by the enrolled head: Speech Commands, test fold",
+        count(judge(enrolled, of_fold("speech_commands", TEST_FOLD)), rules),
+    )
     lines += alarms_line("  LibriSpeech, test fold", count(judge(enrolled, of_fold("librispeech", TEST_FOLD)), rules))
-    lines += alarms_line("  noise, test fold and by formula", count(judge(enrolled, of_fold("noise", TEST_FOLD)), rules))
+    lines += alarms_line(
+        "  noise, test fold and by formula", count(judge(enrolled, of_fold("noise", TEST_FOLD)), rules)
+    )
     return lines, {
         "one_speaker_enrolled": {cue: str(rate) for cue, rate in speaker.recall.items()},
         "other_words_one_speaker_enrolled": str(total(speaker.false_accepts)),
@@ -248,9 +276,9 @@ def write(
     head.write_bytes(export.model(weights).SerializeToString())
     windows = {name: len(g.labels) for name in learning.SHARES if (g := group(name)) is not None}
     lines = [
-        "# Written by scripts/train/cues/train. What the rules mean: scripts/train/cues/rules.py; the model card: README.md.",
+        "# Written by scripts/train/cues/train. The rules: scripts/train/cues/rules.py; the model card: README.md.",
         f'sha256 = "{export.sha256(head)}"  # of cues.onnx',
-        f'embedding_sha256 = "{export.sha256(features.EMBEDDING_PATH)}"  # of embedding.onnx, which scripts/cue-embedding brings',
+        f'embedding_sha256 = "{export.sha256(features.EMBEDDING_PATH)}"  # of embedding.onnx: scripts/cue-embedding',
         f'rehearsal_sha256 = "{export.sha256(CONFIG / "rehearsal.bin")}"  # of rehearsal.bin, which enrolment needs',
         'features = "speech-embedding-96/1"',
         f"labels = {export.toml(list(LABELS))}",
@@ -279,7 +307,9 @@ def worth(weights: Weights, rules: Rules) -> float:
 
 def line_of_seed(seed: int, weights: Weights, rules: Rules) -> str:
     speaker, voices = (count(judge(weights, s), rules) for s in (of_speaker(True), streams("voices")[1::2]))
-    words, reading = (count(judge(weights, of_fold(name, TEST_FOLD)), rules) for name in ("speech_commands", "librispeech"))
+    words, reading = (
+        count(judge(weights, of_fold(name, TEST_FOLD)), rules) for name in ("speech_commands", "librispeech")
+    )
     recalls = ", ".join(f"{cue} {rate.hits}/{rate.n}" for cue, rate in speaker.recall.items())
     accepts = total({**speaker.false_accepts, **{f"words {w}": r for w, r in words.false_accepts.items()}})
     alarms = f"{sum(reading.alarms.values())} alarms in {reading.hours * 60:.1f} minutes of reading"
@@ -289,7 +319,9 @@ def line_of_seed(seed: int, weights: Weights, rules: Rules) -> str:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=learning.Recipe.steps)
-    parser.add_argument("--seeds", type=int, default=3, help="heads of as many seeds; the best on validation is shipped")
+    parser.add_argument(
+        "--seeds", type=int, default=3, help="heads of as many seeds; the best on validation is shipped"
+    )
     parser.add_argument("--try", dest="trial", action="store_true", help="write nothing to config/cues")
     arguments = parser.parse_args()
     began = time.monotonic()
@@ -306,7 +338,9 @@ def main() -> None:
     lines += [f"seed {seed} of {len(seeds)}, by the validation part of the one speaker and half the held-out voices"]
     lines += [line_of_seed(n, candidate, rules) for n, candidate in enumerate(candidates)]
     rehearsal = CONFIG / "rehearsal.bin" if not arguments.trial else RUNS / "rehearsal.bin"
-    data = learning.pool({TEST_FOLD}, {name: share for name, share in learning.SHARES.items() if name not in NOT_REHEARSED})
+    data = learning.pool(
+        {TEST_FOLD}, {name: share for name, share in learning.SHARES.items() if name not in NOT_REHEARSED}
+    )
     enrol.write_rehearsal(rehearsal, enrol.drawn(weights, data, REHEARSED, np.random.default_rng(0)))
     more, enrolled_scores = enrolled_table(weights, enrol.read_rehearsal(rehearsal), rules)
     print()

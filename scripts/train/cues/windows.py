@@ -1,7 +1,7 @@
 """Makes the training windows: clips, put into scenes, as sequences of embeddings in build/windows.
 
-A sequence is float16[13, 96]: six windows of eight embeddings, 80 ms apart, all with the same label. A group is one kind
-of sound; training says how often each is drawn.
+A sequence is float16[13, 96]: six windows of eight embeddings, 80 ms apart, all with the same label. A group is one
+kind of sound; training says how often each is drawn.
 """
 
 from __future__ import annotations
@@ -216,7 +216,9 @@ def make(group: str) -> str:
         return f"{group}: none, its sounds are missing"
     path_of(group).parent.mkdir(parents=True, exist_ok=True)
     fresh = path_of(group).with_suffix(".new.npz")
-    np.savez(fresh, sequences=np.concatenate(sequences), labels=np.array(labels, np.int8), folds=np.array(folds, np.int8))
+    np.savez(
+        fresh, sequences=np.concatenate(sequences), labels=np.array(labels, np.int8), folds=np.array(folds, np.int8)
+    )
     fresh.replace(path_of(group))
     return f"{group}: {len(labels)} sequences, {time.monotonic() - began:.0f} s"
 

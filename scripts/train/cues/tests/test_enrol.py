@@ -19,7 +19,9 @@ def test_enrolment_learns_the_user_and_keeps_the_rest() -> None:
     rng = np.random.default_rng(0)
     weights = network.initial(rng, np.zeros(96), np.ones(96))
     centres = rng.random((2, len(LABELS), network.FLAT)).astype(np.float32)
-    near = lambda which, labels: centres[which][labels] + 0.1 * rng.random((len(labels), network.FLAT)).astype(np.float32)
+    near = lambda which, labels: (
+        centres[which][labels] + 0.1 * rng.random((len(labels), network.FLAT)).astype(np.float32)
+    )
     labels = np.arange(500) % len(LABELS)
     cues = np.arange(100) % 4
     rehearsal = enrol.Rehearsal(near(0, labels), labels)

@@ -32,7 +32,10 @@ def test_the_formulas_are_the_constants_of_the_network(mel_model: bytes) -> None
     # Its transform at 0 Hz is the window itself.
     assert np.abs(stored["0.stft.conv_real.weight"][0, 0] - features.WINDOW_WEIGHTS).max() < 1e-6
     bins, n = np.arange(257)[:, None], np.arange(512)
-    assert np.abs(stored["0.stft.conv_real.weight"][:, 0] - np.cos(2 * np.pi * bins * n / 512) * features.window()).max() < 1e-6
+    assert (
+        np.abs(stored["0.stft.conv_real.weight"][:, 0] - np.cos(2 * np.pi * bins * n / 512) * features.window()).max()
+        < 1e-6
+    )
 
 
 def test_log_mel_is_the_network_s_where_that_does_not_clip(mel_model: bytes) -> None:

@@ -38,7 +38,9 @@ def candidate(levels: list[float]) -> Recogniser:
     recogniser = Recogniser()
     left, other = np.array([0, 0.9, 0, 0, 0.1]), np.array([0, 0, 0, 0, 1.0])
     rows = np.array(levels).reshape(-1, 8)
-    recogniser.found = [f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row)]
+    recogniser.found = [
+        f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row)
+    ]
     return recogniser
 
 
