@@ -2,7 +2,7 @@
 
 The graph has one input `embeddings` float32[1, 8, 96] and one output `probabilities` float32[1, 5], and nothing but
 Sub, Div, Clip, Transpose, Conv, Relu, Flatten, Gemm and Softmax. Its weights are initializers inside the file under the
-names of network.SHAPES, raw little-endian: enrolment finds dense1 and dense2 by name and writes new ones in their place.
+names of network.SHAPES, raw little-endian: enrolment finds dense1 and dense2 by name and puts new ones in their place.
 """
 
 from __future__ import annotations
