@@ -27,7 +27,7 @@ class Stream(NamedTuple):
     word: str  # empty where it is no single word
     fold: int
     end_s: float  # where the word ends; the length, where there is none
-    hours: float
+    hours: float  # without the silence around it
     embeddings: np.ndarray  # float16[steps, 96], from the first of the stream on
     levels: np.ndarray  # float32[steps - 7, 8]: of the steps that the head judges
 
@@ -47,7 +47,7 @@ def stream(embedding: features.Embedding, recording: Recording, audio: np.ndarra
         recording.word,
         recording.fold,
         end_s,
-        len(audio) / RATE / 3600,
+        len(recording.audio) / RATE / 3600,
         embeddings.astype(np.float16),
         levels[newest][WINDOWS - 1 :],
     )
@@ -230,7 +230,7 @@ class Counts(NamedTuple):
     confusions: dict[str, list[str]]  # by word said: what wrong cues were detected
     latencies_s: list[float]  # of right detections, after the word's end
     alarms: dict[str, int]  # by cue, in streams without a word
-    hours: float
+    hours: float  # without the silence around it
 
 
 def count(judged: Iterable[Judged], rules: Rules) -> Counts:
