@@ -1,5 +1,6 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
+mod ears;
 pub mod supervision;
 mod tap;
 mod wire;
@@ -15,6 +16,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use transport::RunDir;
 
+pub use ears::Ears;
 pub use tap::{Seen, Tap};
 pub use transport::monotonic_ns;
 pub use wire::{Came, Wire};

@@ -270,7 +270,7 @@ impl Simulation {
                     Action::Note(text) if text.starts_with("cue") => {}
                     Action::Note(text) => self.note(text),
                     Action::EndRun(why) => self.note(format!("ends the run: {why}")),
-                    Action::StopLine { .. } | Action::Begin => {}
+                    Action::StopLine { .. } | Action::Begin | Action::Answer(_) => {}
                 }
             }
         }

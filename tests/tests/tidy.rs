@@ -159,7 +159,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 18] = [
+const OURS: [&str; 19] = [
     "messages",
     "transport",
     "guidance",
@@ -178,6 +178,7 @@ const OURS: [&str; 18] = [
     "dds",
     "grabber",
     "matching",
+    "speech",
 ];
 
 #[test]
@@ -199,6 +200,7 @@ fn dependencies_point_one_way() {
         ("shared/emulators", &["camera", "dds", "messages", "rplidar", "serial", "settings", "unitree", "world"][..]),
         ("shared/recording", &["messages", "rplidar"][..]),
         ("shared/fitting", &["messages", "guidance"][..]),
+        ("shared/speech", &["messages", "guidance", "settings"][..]),
         ("shared/transport", &["messages"][..]),
         ("shared/links", &["messages", "settings", "transport", "unitree"][..]),
     ]);

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+pub mod cues;
 mod emulate;
 pub mod evaluate;
 mod policy;
@@ -73,6 +74,9 @@ pub enum Verb {
     /// Run episodes of the wayfinding task with a policy, and tell how it fares
     #[command(after_help = evaluate::HELP)]
     Evaluate(evaluate::EvaluateArgs),
+    /// Play recorded speech to the cue recogniser, and tell what it hears and what it mishears
+    #[command(name = "evaluate-cues", after_help = cues::HELP)]
+    EvaluateCues(cues::EvaluateCuesArgs),
     /// A device that is not there, as a process of its own, for whatever would speak to the real one
     #[command(after_help = emulate::HELP)]
     Emulate(EmulateArgs),
@@ -241,6 +245,10 @@ pub struct WorldArgs {
     /// What decides, in place of the configuration's
     #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy::policy_model())]
     pub policy: Option<PolicyModel>,
+    /// Cues are spoken, and heard by the microphone, or come from a WAV file or a pipe; real time only
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
+    #[arg(conflicts_with_all = ["speed", "cues"])]
+    pub voice: Option<PathBuf>,
     /// Real drivers and a real link, to devices emulated in the simulated world; real time only
     #[arg(long, conflicts_with = "speed")]
     pub emulated: bool,

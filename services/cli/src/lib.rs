@@ -7,6 +7,7 @@
 mod args;
 mod bench;
 mod control;
+mod cues;
 mod doctor;
 mod emulate;
 mod evaluate;
@@ -26,6 +27,7 @@ mod recording_files;
 mod replays;
 mod runs;
 mod shield;
+mod statistics;
 mod summary;
 
 use std::io::Write;
@@ -110,6 +112,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),
         Verb::Evaluate(args) => done(evaluate::evaluate(&args, json)),
+        Verb::EvaluateCues(args) => done(cues::evaluate(&args, json)),
         Verb::Emulate(args) => done(emulate::emulate(&args)),
         Verb::Shield(args) => done(shield::shield(&args, json)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),

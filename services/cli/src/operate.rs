@@ -148,6 +148,16 @@ fn velocity(status: &Value) -> String {
     format!("{:.2} m/s, {:+.2} rad/s{limited}", vx.hypot(vy), number(status, "/locomotion/velocity/2"))
 }
 
+/// What the robot said last.
+fn said_line(status: &Value) -> String {
+    let ago_s = number(status, "/now_s") - number(status, "/said/at_s");
+    let unheard = if text(status, "/said/phase") == "unheard" { ", unheard" } else { "" };
+    match text(status, "/said/text") {
+        "" => "nothing".to_owned(),
+        said => format!("\"{said}\", {ago_s:.1} s ago{unheard}"),
+    }
+}
+
 /// The ages of the streams in a few words.
 pub fn ages_line(status: &Value) -> String {
     let ages =
@@ -167,6 +177,7 @@ fn status_lines(status: &Value) -> Vec<String> {
         format!("mode     {}", mode_line(status)),
         format!("cue      {}", cue_line(status)),
         format!("robot    {}", robot_line(status)),
+        format!("said     {}", said_line(status)),
         format!("streams  {}", ages_line(status)),
         String::new(),
     ];
@@ -251,12 +262,16 @@ mod tests {
             "mode": { "class": "fault", "reason": "boot", "epoch": 1, "ready_for_cue": true, "cue": null },
             "services": [{ "name": "lidar", "pid": 9, "state": "ready", "incarnation": 2, "restarts": 1,
                            "critical": true }],
+            "said": { "text": "Ready.", "at_s": 1.0, "phase": "unheard" },
             "stream_age_ms": { "lidar/scan": 20.4 }, "world": null, "locomotion": null, "notes": [],
         });
         let lines = status_lines(&status).join("\n");
-        for what in
-            ["run      walk (supervisor 7), 1.5 s", "fault: boot (epoch 1), ready for a cue", "lidar/scan 20 ms"]
-        {
+        for what in [
+            "run      walk (supervisor 7), 1.5 s",
+            "fault: boot (epoch 1), ready for a cue",
+            "lidar/scan 20 ms",
+            "said     \"Ready.\", 0.5 s ago, unheard",
+        ] {
             assert!(lines.contains(what), "{what} is not in\n{lines}");
         }
         assert!(lines.contains("lidar    ready  9    2     1         yes"), "{lines}");

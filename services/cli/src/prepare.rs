@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use policies::{Expected, Model};
 use recording::{Part, later_lives};
-use settings::{Millis, PolicyModel, Profile, Settings, Source};
+use settings::{Millis, PolicyModel, Profile, Settings, Source, VoiceSettings, VoiceSource};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
@@ -67,6 +67,7 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
         return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
     }
     check_policy_and_script(&settings)?;
+    language(&settings)?;
     Ok(settings)
 }
 
@@ -154,6 +155,12 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     for path in devices {
         *path = folder.join(&path);
     }
+    if let Some(file) = &mut settings.speak.file {
+        *file = folder.join(&file);
+    }
+    if Path::new(&settings.speak.language).extension().is_some() {
+        settings.speak.language = folder.join(&settings.speak.language).to_string_lossy().into_owned();
+    }
     for camera in [&mut settings.depth.realsense, &mut settings.odometry.t265] {
         for path in [&mut camera.library, &mut camera.file].into_iter().flatten() {
             *path = folder.join(&path);
@@ -162,6 +169,13 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     let policy = &mut settings.policy;
     for path in [policy.model.file_mut(), policy.onnx_runtime.as_mut()].into_iter().flatten() {
         *path = folder.join(&path);
+    }
+    let voice = &mut settings.cue.voice;
+    for path in [&mut voice.stream, &mut voice.model, &mut voice.embedding].into_iter().flatten() {
+        *path = folder.join(&path);
+    }
+    if voice.source != VoiceSource::Absent {
+        find_speech(voice)?;
     }
     settings.planned_paths_mut().for_each(|path| *path = folder.join(&path));
     Ok(settings)
@@ -175,6 +189,16 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
     if args.emulated {
         settings.emulate();
+        settings::check(&settings).map_err(Failure::input)?;
+    }
+    if let Some(stream) = &args.voice {
+        let voice = &mut settings.cue.voice;
+        if stream.as_os_str().is_empty() {
+            voice.source = VoiceSource::Microphone;
+        } else {
+            (voice.source, voice.stream) = (VoiceSource::Stream, Some(absolute(stream)?));
+        }
+        find_speech(voice)?;
         settings::check(&settings).map_err(Failure::input)?;
     }
     if settings.lidar.source == Source::Absent || settings.odometry.source == Source::Absent {
@@ -249,6 +273,7 @@ pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
 /// As [`walk`].
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     check_policy_and_script(&settings)?;
+    language(&settings)?;
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
@@ -266,6 +291,18 @@ fn check_policy_and_script(settings: &Settings) -> Result<(), Failure> {
     world::Route::load(script)
         .map(|_| ())
         .map_err(|error| Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error))))
+}
+
+/// The language that the robot is to speak is there, and whole.
+///
+/// # Errors
+/// Where it is not; the message names the file and what is wrong in it.
+pub fn language(settings: &Settings) -> Result<(), Failure> {
+    if settings.speak.on {
+        speech::Language::load(&settings.speak.language)
+            .map_err(|error| Failure::input(format!("speak.language of the configuration: {error}")))?;
+    }
+    Ok(())
 }
 
 /// The model of that name, loaded and verified; none for the geometric engine as it is built. Where it was not trained
@@ -298,6 +335,23 @@ pub fn scenario_file(name: &str) -> Result<PathBuf, Failure> {
         return absolute(Path::new(name));
     }
     find_scenario(name, &config_folders())
+}
+
+/// Names the files that hearing needs, where the configuration does not: those in `cues` where configuration lies.
+fn find_speech(voice: &mut VoiceSettings) -> Result<(), Failure> {
+    let folders = config_folders();
+    let find = |name: &str| {
+        let places = folders.iter().map(|folder| folder.join("cues").join(name));
+        // Where there is none, the first place is named in the error.
+        absolute(&places.clone().find(|path| path.is_file()).or_else(|| places.clone().next()).unwrap_or_default())
+    };
+    if voice.model.is_none() {
+        voice.model = Some(find("cues.toml")?);
+    }
+    if voice.embedding.is_none() {
+        voice.embedding = Some(find("embedding.onnx")?);
+    }
+    Ok(())
 }
 
 fn find_scenario(name: &str, folders: &[PathBuf]) -> Result<PathBuf, Failure> {

@@ -179,6 +179,8 @@ impl Streams<'_> {
         settings.locomotion.link = LinkKind::Null;
         settings.simulation.emulated.on = false;
         settings.estop = settings::Estop::default();
+        // Nobody is guided.
+        settings.speak.on = false;
         Ok(())
     }
 

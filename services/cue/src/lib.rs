@@ -1,22 +1,27 @@
-//! The cue recogniser: the operator's cues, those of a script, and the forward that follows a done turn.
+//! The cue recogniser: the handler's voice, the operator's cues, those of a script, and the forward that follows a done
+//! turn.
 //!
 //! It recognises; the supervisor alone accepts.
 
 mod script;
+mod voice;
 
 use std::path::{Path, PathBuf};
 
 use guidance::cue::CueTrack;
 use guidance::se2::{Se2, pose2, se2};
 use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
-use settings::Settings;
+use settings::{Settings, VoiceSource};
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
 
 pub use script::{Memory, Script, Situation};
+use voice::{Said, Voice};
 
 /// The service.
 pub struct CueService {
     script: Script,
+    voice: Option<Voice>,
+    said: Vec<Said>,
     requests: Subscriber<CueRequest>,
     odometry: Subscriber<Odometry>,
     modes: Subscriber<Mode>,
@@ -47,6 +52,8 @@ impl CueService {
         script.recall(remembered);
         Ok(Self {
             script,
+            voice: Voice::open(&settings, io)?,
+            said: Vec::new(),
             remembered,
             memory_path,
             requests: io.subscriber()?,
@@ -89,33 +96,39 @@ impl CueService {
     }
 
     fn give(&mut self, io: &Io, kind: CueKind, source: CueSource, request_seq: u64) -> Result<(), TransportError> {
-        // A moving cue has a start frame; a stop needs none, and is never held up for want of one.
-        let pose = self.pose.unwrap_or_default();
-        if kind.is_moving() && self.pose.is_none() {
-            return Ok(());
-        }
-        self.give_from(io, kind, source, request_seq, &se2(pose.odom_from_robot))
+        self.publish(io.now_ns(), Cue { kind, source, confidence: 1.0, request_seq, ..Cue::default() })
     }
 
-    fn give_from(
-        &mut self,
-        io: &Io,
-        kind: CueKind,
-        source: CueSource,
-        request_seq: u64,
-        odom_from_start: &Se2,
-    ) -> Result<(), TransportError> {
-        let incarnation = self.pose.map_or(0, |pose| pose.header.incarnation);
-        let cue = Cue {
-            kind,
-            source,
-            confidence: 1.0,
-            odom_from_start: pose2(odom_from_start),
-            odometry_incarnation: incarnation,
-            request_seq,
-            ..Cue::default()
-        };
-        self.cues.publish(io.now_ns(), cue).map(|_| ())
+    /// Gives a cue from where the robot is.
+    fn publish(&mut self, stamp_ns: u64, cue: Cue) -> Result<(), TransportError> {
+        // A moving cue has a start frame; a stop needs none, and is never held up for want of one.
+        let pose = self.pose.unwrap_or_default();
+        if cue.kind.is_moving() && self.pose.is_none() {
+            return Ok(());
+        }
+        self.publish_from(stamp_ns, &se2(pose.odom_from_robot), cue)
+    }
+
+    fn publish_from(&mut self, stamp_ns: u64, odom_from_start: &Se2, cue: Cue) -> Result<(), TransportError> {
+        let odometry_incarnation = self.pose.map_or(0, |pose| pose.header.incarnation);
+        let odom_from_start = pose2(odom_from_start);
+        self.cues.publish(stamp_ns, Cue { odom_from_start, odometry_incarnation, ..cue }).map(|_| ())
+    }
+
+    /// Gives what the handler said.
+    fn listen(&mut self, io: &Io) -> Result<(), TransportError> {
+        let Some(voice) = &mut self.voice else { return Ok(()) };
+        if self.mode.is_some_and(|mode| mode.class != ModeClass::Run || !mode.cue.valid) {
+            voice.stopped();
+        }
+        voice.listen(io, &mut self.said)?;
+        for said in std::mem::take(&mut self.said) {
+            self.script.heard(said.kind);
+            let Said { kind, score, stamp_ns, signal_db, clipped } = said;
+            let source = CueSource::Voice;
+            self.publish(stamp_ns, Cue { kind, source, confidence: score, signal_db, clipped, ..Cue::default() })?;
+        }
+        Ok(())
     }
 
     /// The left or right in force, if one is.
@@ -159,7 +172,9 @@ fn script_of(settings: &Settings) -> Result<Script, TransportError> {
     if let Some(path) = &settings.cue.script {
         return world::Route::load(path).map(|route| Script::of(&route)).map_err(TransportError::service);
     }
-    if settings.walk.scenario.is_some() || settings.walk.cues.is_some() {
+    // Whose voice is heard gives the cues of the walk.
+    let is_spoken = settings.cue.voice.source != VoiceSource::Absent;
+    if !is_spoken && (settings.walk.scenario.is_some() || settings.walk.cues.is_some()) {
         let scenario = world::scenario_of(settings).map_err(TransportError::service)?;
         return Ok(Script::of(&scenario.route));
     }
@@ -174,8 +189,11 @@ impl Service for CueService {
             self.give(io, request.kind, CueSource::Operator, request.header.seq)?;
         }
         self.take_inputs()?;
+        self.listen(io)?;
         if let Some((request_seq, odom_from_branch)) = self.turn_done() {
-            self.give_from(io, CueKind::Forward, CueSource::TurnDone, request_seq, &odom_from_branch)?;
+            let (kind, source) = (CueKind::Forward, CueSource::TurnDone);
+            let cue = Cue { kind, source, confidence: 1.0, request_seq, ..Cue::default() };
+            self.publish_from(io.now_ns(), &odom_from_branch, cue)?;
         }
         let situation = Situation {
             now_ns: io.now_ns(),

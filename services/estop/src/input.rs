@@ -42,8 +42,8 @@ pub struct InputDevice {
 }
 
 impl InputDevice {
-    /// Opens it, and asks what is down. What cannot be asked is no input device, whose unplugging the kernel would tell:
-    /// where a `real` robot moves it is refused, in simulation its key is unknown until that tells.
+    /// Opens it, and asks what is down. What cannot be asked is no input device, whose unplugging the kernel would
+    /// tell: where a `real` robot moves it is refused, in simulation its key is unknown until that tells.
     ///
     /// # Errors
     /// Where it cannot be opened; the reason says what to do.

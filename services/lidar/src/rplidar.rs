@@ -31,8 +31,8 @@ const NO_TURN_NS: u64 = 3 * NS_PER_S;
 /// What a line loses is judged by so much time, nanoseconds; now and then a byte is lost on any.
 const LOSS_SPAN_NS: u64 = 10 * NS_PER_S;
 const LOSSES_MAX: u64 = 20;
-/// The speed that worked, kept in the run's folder: after a death of this process, and after replugging, it is the first
-/// that is tried.
+/// The speed that worked, kept in the run's folder: after a death of this process, and after replugging, it is tried
+/// first.
 const SPEED_FILE: &str = "rplidar.baud";
 
 /// Scans of an RPLIDAR.
@@ -215,7 +215,8 @@ impl RplidarSource {
             (self.health.losses, self.health.since_ns) = (losses, now_ns);
             if lost > LOSSES_MAX {
                 let seconds = LOSS_SPAN_NS / NS_PER_S;
-                self.tell(io, format!("the lidar's line lost bytes {lost} times in {seconds} s: its cable, or this computer is too busy"));
+                let why = "its cable is bad, or this computer too busy";
+                self.tell(io, format!("the lidar's line lost bytes {lost} times in {seconds} s: {why}"));
             }
         }
     }

@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use messages::{
-    Cue, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode, Odometry, Permit,
-    PolicyAction, PortRole, TopicId, WorldTruth,
+    Cue, CueAnswer, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode, Odometry, Permit,
+    PolicyAction, PortRole, SpeechSaid, TopicId, WorldTruth,
 };
 use recording::{About, Part, Record, RunAbout, Writer, life_path};
 use settings::{LinkKind, Settings, Source};
@@ -40,6 +40,8 @@ pub struct Recorder {
     modes: Subscriber<Mode>,
     states: Subscriber<LocomotionState>,
     estop: Subscriber<EmergencyStop>,
+    answers: Subscriber<CueAnswer>,
+    said: Subscriber<SpeechSaid>,
     truths: Subscriber<WorldTruth>,
     small: Option<Queue>,
     depth: Option<Queue>,
@@ -93,6 +95,8 @@ impl Recorder {
             modes: io.quiet_subscriber()?,
             states: io.quiet_subscriber()?,
             estop: io.quiet_subscriber()?,
+            answers: io.quiet_subscriber()?,
+            said: io.quiet_subscriber()?,
             truths: io.quiet_subscriber()?,
             about,
             first_step: 0,
@@ -141,6 +145,8 @@ impl Recorder {
         take!(modes, |mode| Record::Mode(Box::new(mode)));
         take!(states, |state| Record::Locomotion(Box::new(state)));
         take!(estop, Record::Estop);
+        take!(answers, |answer| Record::CueAnswer(Box::new(answer)));
+        take!(said, |said| Record::Said(Box::new(said)));
         take!(truths, |truth| Record::Truth(Box::new(truth)));
         Ok(())
     }

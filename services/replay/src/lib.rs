@@ -134,7 +134,9 @@ impl Replay {
             Record::Mode(mode) => self.prompter.iter_mut().for_each(|(prompter, _)| prompter.recorded(mode)),
             Record::Permit(permit) => self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit)),
             Record::Action(action) => self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action)),
-            Record::CueRequest(_) | Record::Locomotion(_) | Record::Estop(_) | Record::Truth(_) => {}
+            // The run's own, told anew.
+            Record::CueRequest(_) | Record::CueAnswer(_) | Record::Said(_) => {}
+            Record::Locomotion(_) | Record::Estop(_) | Record::Truth(_) => {}
         }
         Ok(())
     }

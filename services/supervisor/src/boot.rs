@@ -21,6 +21,7 @@ use crate::planned::PlannedRequests;
 use crate::report::Figures;
 use crate::step_watch::StepWatch;
 use crate::systemd::Systemd;
+use crate::tone::Tone;
 use crate::{Supervisor, TICK_NS, TOKEN_OWNER, TOKEN_SIGNAL, new_run_dir};
 
 /// Exit code: arguments or settings cannot be used.
@@ -188,6 +189,10 @@ impl Supervisor {
             truth: io.quiet_subscriber()?,
             modes: io.publisher()?,
             requests: io.publisher()?,
+            answers: io.publisher()?,
+            said: io.quiet_subscriber()?,
+            last_said: None,
+            tone: Tone::new(settings.speak.tone_command()),
             last_truth: None,
             last_locomotion: None,
             next_tick_ns: 0,
@@ -205,6 +210,9 @@ impl Supervisor {
             woken_ns: 0,
             ended_ns: 0,
         };
+        if settings.speak.on && io.domain.clock.is_stepped() {
+            supervisor.figures.note(0, "speak.on: in stepped time the robot does not speak".to_owned());
+        }
         if let Some(path) = &settings.record.path {
             supervisor.want_recording(path.clone(), io)?;
         }

@@ -286,7 +286,8 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
     // well: it comes before that of all who die with the supervisor, whose ends keep the processor busy for long.
     let at_our_death = match service {
         service if service.stops_robot() => Some(Signal::HUP),
-        ServiceId::Simulator | ServiceId::Emulator => None,
+        // The voice hears of it by its line, and has a last word.
+        ServiceId::Simulator | ServiceId::Emulator | ServiceId::Speak => None,
         _ => Some(Signal::KILL),
     };
     let parent = rustix::process::getpid();

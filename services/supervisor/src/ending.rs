@@ -1,6 +1,6 @@
 //! The end of a run: the robot stands first, then everybody leaves, then nothing of the run is left.
 
-use messages::{LocomotionState, ServiceId};
+use messages::{LocomotionState, ServiceId, SpeechPhase, StopKind};
 use transport::{Io, ToChild, TransportError, monotonic_ns};
 
 use crate::Supervisor;
@@ -8,6 +8,8 @@ use crate::machine::{Event, Now};
 
 /// The robot stands, or this long has passed since the stop.
 const STAND_LIMIT_NS: u64 = 1_000_000_000;
+/// The robot's last word is said, or this long has passed since the stop.
+const LAST_WORD_LIMIT_NS: u64 = 4_000_000_000;
 /// Everybody has left, or this long has passed since they were asked to.
 const LEAVE_LIMIT_NS: u64 = 1_500_000_000;
 /// Everybody has ended, or is killed after this long.
@@ -47,12 +49,12 @@ fn stands(state: &LocomotionState) -> bool {
 }
 
 impl Supervisor {
-    pub(crate) fn begin_end(&mut self, io: &Io) {
+    pub(crate) fn begin_end(&mut self, why: StopKind, io: &Io) {
         if !self.ending.has_begun() {
             self.ending = Ending::Stopping(monotonic_ns());
             self.ended_ns = io.now_ns();
             let now = Now { run_ns: io.now_ns(), wall_ns: monotonic_ns() };
-            self.machine.handle(Event::ShutDown, now);
+            self.machine.handle(Event::ShutDown(why), now);
         }
     }
 
@@ -65,7 +67,8 @@ impl Supervisor {
                 // In stepped time the world stands still once its time is over.
                 let time_is_over = io.domain.clock.is_stepped() && self.figures.world.is_some();
                 let standing = self.last_locomotion.is_none_or(|state| stands(&state));
-                if standing || time_is_over || !locomotion_up || now > since + STAND_LIMIT_NS {
+                let stands = standing || time_is_over || !locomotion_up || now > since + STAND_LIMIT_NS;
+                if stands && (self.has_said_last_word() || now > since + LAST_WORD_LIMIT_NS) {
                     for child in self.children.running() {
                         self.children.tell(child.service, &ToChild::Leave);
                     }
@@ -93,6 +96,15 @@ impl Supervisor {
             }
         }
         Ok(())
+    }
+
+    /// Whether nobody speaks, or has said why the run ends.
+    fn has_said_last_word(&self) -> bool {
+        let is_last = |said: &messages::SpeechSaid| {
+            let of_the_end = matches!(said.reason.kind, StopKind::ShuttingDown | StopKind::Arrived);
+            of_the_end && said.phase != SpeechPhase::Begun
+        };
+        !self.machine.is_ready(ServiceId::Speak) || self.last_said.as_ref().is_some_and(is_last)
     }
 
     /// Everybody's last figures, which come outside of any step.

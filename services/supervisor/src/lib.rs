@@ -21,12 +21,13 @@ pub mod report;
 mod step_watch;
 pub mod stops;
 mod systemd;
+mod tone;
 
 use std::collections::BTreeMap;
 
 use messages::{
-    ClockAck, Cue, CueRequest, EmergencyStop, Health, LocomotionState, Member, Mode, Permit, PolicyAction, ServiceId,
-    WorldTruth,
+    ClockAck, Cue, CueAnswer, CueRequest, EmergencyStop, Health, LocomotionState, Member, Mode, Permit, PolicyAction,
+    ServiceId, SpeechSaid, StopKind, WorldTruth,
 };
 use serde_json::Value;
 use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
@@ -42,6 +43,7 @@ use planned::PlannedRequests;
 use report::Figures;
 use step_watch::StepWatch;
 use systemd::Systemd;
+use tone::Tone;
 
 pub use boot::{EXIT_BAD_SETTINGS, EXIT_RUN_FAILED, main};
 
@@ -80,6 +82,11 @@ pub struct Supervisor {
     truth: Subscriber<WorldTruth>,
     modes: Publisher<Mode>,
     requests: Publisher<CueRequest>,
+    answers: Publisher<CueAnswer>,
+    said: Subscriber<SpeechSaid>,
+    /// The sentence that the robot said last, and how far it is.
+    last_said: Option<SpeechSaid>,
+    tone: Tone,
     /// What services say that they run with.
     abouts: BTreeMap<(ServiceId, u32), Value>,
     last_truth: Option<WorldTruth>,
@@ -133,7 +140,7 @@ impl Supervisor {
                 self.children.tell(ServiceId::Locomotion, &ToChild::Stop { epoch: *epoch, reason: *reason });
             }
         }
-        let published = if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) };
+        let mut published = if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) };
         for action in actions {
             match action {
                 Action::StopLine { .. } => {}
@@ -158,9 +165,12 @@ impl Supervisor {
                     self.waiting.push((service, incarnation, monotonic_ns() + JANITOR_LIMIT_NS));
                 }
                 Action::Note(text) => self.figures.note(io.now_ns(), text),
+                Action::Answer(answer) => {
+                    published = published.and(self.answers.publish(io.now_ns(), answer).map(|_| ()));
+                }
                 Action::EndRun(why) => {
                     self.failure.get_or_insert(why);
-                    self.begin_end(io);
+                    self.begin_end(StopKind::ShuttingDown, io);
                 }
             }
         }
@@ -254,6 +264,9 @@ impl Supervisor {
         if let Some(truth) = self.truth.take_newest()? {
             self.last_truth = Some(truth);
         }
+        if let Some(said) = self.said.take_newest()? {
+            self.last_said = Some(said);
+        }
         Ok(())
     }
 
@@ -305,8 +318,18 @@ impl Supervisor {
             let why = report::brief(&child.failed.unwrap_or_else(words));
             self.figures.note(io.now_ns(), format!("{} (incarnation {}): {why}", child.service, child.incarnation));
             self.machine.handle(Event::Died(child.service, child.incarnation, why), now);
+            if child.service == ServiceId::Speak && !self.ending.has_begun() {
+                self.sound_tone(io);
+            }
         }
         self.act(io)
+    }
+
+    /// Lets the handler hear that the robot's voice is lost.
+    fn sound_tone(&mut self, io: &Io) {
+        if let Err(why) = self.tone.sound() {
+            self.figures.note(io.now_ns(), format!("no tone: {why}"));
+        }
     }
 
     fn hear(
@@ -346,8 +369,9 @@ impl Supervisor {
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
             FromChild::RunEnded { figures } => {
+                let arrived = figures["reached"] == true;
                 self.figures.world = Some(figures);
-                self.begin_end(io);
+                self.begin_end(if arrived { StopKind::Arrived } else { StopKind::ShuttingDown }, io);
             }
         }
         Ok(())
@@ -416,7 +440,7 @@ impl Service for Supervisor {
         match token {
             TOKEN_SIGNAL => {
                 drain(&self.signals);
-                self.begin_end(io);
+                self.begin_end(StopKind::ShuttingDown, io);
                 self.act(io)
             }
             TOKEN_OWNER => {
@@ -424,7 +448,7 @@ impl Service for Supervisor {
                     io.unwatch(&owner);
                 }
                 self.failure.get_or_insert_with(|| "the command that started the run is gone".to_owned());
-                self.begin_end(io);
+                self.begin_end(StopKind::ShuttingDown, io);
                 self.act(io)
             }
             token if token >= ControlServer::TOKEN => self.serve_operator(token, io),
@@ -442,6 +466,9 @@ impl Service for Supervisor {
         self.systemd.tick(self.machine.has_begun(), self.ending.has_begun());
         self.machine.tick_starts(now);
         self.children.hand_out_lines();
+        if let Some(why) = self.tone.tick() {
+            self.figures.note(io.now_ns(), format!("no tone: {why}"));
+        }
         self.end_faults(io);
         self.act(io)?;
         if io.domain.clock.is_stepped() {

@@ -2,17 +2,19 @@
 
 mod cues;
 mod lives;
+mod refused;
 mod roster;
 mod swap;
 mod watched;
 
 use messages::{
-    Cue, CueInForce, EmergencyStop, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction, ServiceId,
-    StopInput, StopKind, StopReason, TopicId,
+    Cue, CueAnswer, CueInForce, EmergencyStop, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction,
+    ServiceId, StopInput, StopKind, StopReason, TopicId,
 };
 
 use crate::plan::{Limits, Plan, ServicePlan};
 use crate::stops::StopLog;
+pub use refused::Refused;
 pub use swap::{Policies, PolicySpec, SwapLimits, SwapRecord};
 use watched::Watched;
 pub use watched::{Phase, Role};
@@ -72,8 +74,8 @@ pub enum Event<'a> {
     OperatorStop,
     /// The operator resumes a locked run.
     OperatorResume,
-    /// The run ends.
-    ShutDown,
+    /// The run ends, for that reason.
+    ShutDown(StopKind),
     /// The supervisor's own loop slept for so long, nanoseconds: longer than it may.
     Overslept(u64),
 }
@@ -96,6 +98,8 @@ pub enum Action {
     },
     /// Everything is up for the first time.
     Begin,
+    /// Tell who gave a cue what became of it.
+    Answer(CueAnswer),
     /// Tell the operator.
     Note(String),
     /// The run cannot go on.
@@ -242,9 +246,9 @@ impl Machine {
                 self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now);
             }
             Event::OperatorResume => self.on_resume(now),
-            Event::ShutDown => {
+            Event::ShutDown(why) => {
                 self.ending = true;
-                self.enter(ModeClass::Lock, StopReason::of(StopKind::ShuttingDown), now);
+                self.enter(ModeClass::Lock, StopReason::of(why), now);
             }
             Event::Overslept(slept_ns) => {
                 let limit_ns = self.limits.mode_max_age_ns;
@@ -283,7 +287,7 @@ impl Machine {
             let stage = self.services[i].plan.stage;
             let is_there =
                 |s: &Watched| matches!(s.phase, Phase::Ready | Phase::Off | Phase::Leaving { .. }) || s.waits_to_join();
-            let below_ready = self.services.iter().all(|s| s.plan.stage >= stage || is_there(s));
+            let below_ready = self.services.iter().all(|s| s.plan.stage >= stage || !s.plan.waited_for || is_there(s));
             let incarnation = self.next_incarnation(self.services[i].plan.service);
             let s = &mut self.services[i];
             match s.phase {

@@ -1,6 +1,6 @@
 //! What an operator asks, and the answers.
 
-use messages::{CueKind, CueRequest, ModeClass, ServiceId, s_from_ns};
+use messages::{CueAnswer, CueKind, CueRequest, ModeClass, ServiceId, StopKind, s_from_ns};
 use serde_json::{Value, json};
 use transport::{Io, TransportError};
 
@@ -69,7 +69,7 @@ impl Supervisor {
                 self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io)
             }
             Request::Quit => {
-                self.begin_end(io);
+                self.begin_end(StopKind::ShuttingDown, io);
                 json!({ "ok": true })
             }
         })
@@ -84,11 +84,13 @@ impl Supervisor {
             return Ok(json!({ "ok": true, "note": "the cue service is down: stopped and locked" }));
         }
         let refused = match mode.class {
-            ModeClass::Lock if kind.is_moving() => Some(format!("the run is locked: {}", mode.reason)),
-            ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),
+            ModeClass::Lock | ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),
             _ => None,
         };
         if let Some(why) = refused {
+            // It is what the handler would have said, and the robot answers.
+            let (refusal, reason) = (why.refusal, why.reason);
+            self.answers.publish(io.now_ns(), CueAnswer { kind, refusal, reason, ..CueAnswer::default() })?;
             return Ok(json!({ "error": format!("cue refused: {why}") }));
         }
         self.requests.publish(io.now_ns(), CueRequest { kind, ..CueRequest::default() })?;
@@ -131,6 +133,7 @@ impl Supervisor {
             "published": self.figures.published(),
             "world": truth,
             "locomotion": locomotion,
+            "said": self.last_said.as_ref().map(report::said_json),
             "invalid_messages": self.figures.invalid_messages(),
             "notes": self.figures.last_notes_json(),
         })
@@ -145,7 +148,7 @@ impl Supervisor {
             "run": io.domain.info.name,
             "mode": report::mode_json(self.machine.mode()),
             "stands_because": doing,
-            "not_ready_because": self.machine.not_ready(Self::now(io)),
+            "not_ready_because": self.machine.not_ready(Self::now(io)).map(|why| why.to_string()),
             "stops": stops,
             "notes": self.figures.last_notes_json(),
         })

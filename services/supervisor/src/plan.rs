@@ -1,7 +1,7 @@
 //! Which services a run has, in which order they start, and what each is held to.
 
 use messages::{NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
-use settings::{CueOrigin, EstopSource, Settings, Source};
+use settings::{CueOrigin, EstopSource, Settings, Source, VoiceSource};
 use transport::ClockKind;
 
 use crate::machine::SwapLimits;
@@ -59,6 +59,8 @@ pub struct ServicePlan {
     pub restartable: bool,
     /// Whether it runs only while somebody wants it.
     pub on_demand: bool,
+    /// Whether others, and the run's beginning, wait for it to be up.
+    pub waited_for: bool,
     /// Whether its line is watched: by locomotion, or by the brake where it is locomotion.
     pub has_line: bool,
     /// Whether it gives out stepped time.
@@ -121,6 +123,8 @@ const WORLD_HZ: f64 = (NS_PER_S / QUANTUM_NS) as f64;
 const BEAT_LAG_NS: u64 = 40_000_000;
 /// What stands for the world is not restarted, so it is judged late.
 const WORLD_BEAT_LIMIT_NS: u64 = 1_000_000_000;
+/// A voice that is silent for so long will say nothing any more; it beats at 10 Hz.
+const SPEAK_BEAT_LIMIT_NS: u64 = 2_000_000_000;
 /// The recorder beats at 10 Hz, and a disk may take its time.
 const RECORDER_BEAT_LIMIT_NS: u64 = 5_000_000_000;
 
@@ -179,10 +183,17 @@ impl Plan {
             services.push(replay(settings, &limits));
         }
         if settings.cue.source == CueOrigin::Own {
-            services.push(plan(ServiceId::Cue, 2, &limits, vec![]));
+            // Who hears has networks to do it with.
+            let hears = settings.cue.voice.source != VoiceSource::Absent;
+            let allowance = limits.allowances[usize::from(hears)];
+            services.push(ServicePlan { allowance, ..plan(ServiceId::Cue, 2, &limits, vec![]) });
         }
         services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
         services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
+        // In stepped time a run goes as fast as the machine lets it, and a sentence takes as long as it takes.
+        if settings.speak.on && !limits.stepped {
+            services.push(speak(&limits));
+        }
         services.push(recorder(&limits));
         Self { services, limits }
     }
@@ -208,6 +219,7 @@ fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>
         critical: true,
         restartable: true,
         on_demand: false,
+        waited_for: true,
         has_line: true,
         clock_master: false,
         beat_limit_ns: limits.beat_ns,
@@ -224,6 +236,7 @@ fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
         critical: service == ServiceId::Replay,
         restartable: false,
         on_demand: false,
+        waited_for: true,
         has_line: service == ServiceId::Replay,
         clock_master: true,
         beat_limit_ns: WORLD_BEAT_LIMIT_NS,
@@ -241,6 +254,19 @@ fn recorder(limits: &Limits) -> ServicePlan {
         beat_limit_ns: RECORDER_BEAT_LIMIT_NS,
         allowance: Allowance::ANY,
         ..plan(ServiceId::Recorder, 4, limits, vec![])
+    }
+}
+
+/// Motion does not need it, and nobody waits for it: it starts beside what stops the robot, and comes back whatever
+/// else is down.
+fn speak(limits: &Limits) -> ServicePlan {
+    ServicePlan {
+        critical: false,
+        waited_for: false,
+        has_line: false,
+        beat_limit_ns: SPEAK_BEAT_LIMIT_NS,
+        allowance: limits.allowances[1],
+        ..plan(ServiceId::Speak, 0, limits, vec![])
     }
 }
 

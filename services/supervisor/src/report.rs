@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use messages::{
-    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortCounters, PortRole, ServiceId, StopReason,
-    TopicId, WorldTruth, s_from_ns,
+    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortCounters, PortRole, ServiceId, SpeechSaid,
+    StopReason, TopicId, WorldTruth, s_from_ns,
 };
 use serde_json::{Map, Value, json};
 
@@ -149,7 +149,9 @@ impl Figures {
         for (name, histogram) in all {
             let us = |q| histogram.quantile_us(q).map(|us| (us * 10.0).round() / 10.0);
             let max = histogram.max_ns as f64 / 1000.0;
-            let row = json!({ "n": histogram.n, "p50": us(0.5), "p99": us(0.99), "p999": us(0.999), "max": max });
+            let row = json!({
+                "n": histogram.n, "p50": us(0.5), "p95": us(0.95), "p99": us(0.99), "p999": us(0.999), "max": max,
+            });
             map.insert(name.to_owned(), row);
         }
         Value::Object(map)
@@ -301,10 +303,10 @@ pub fn reason_json(reason: &StopReason) -> Value {
 /// The mode as reported.
 #[must_use]
 pub fn mode_json(mode: &Mode) -> Value {
-    let cue = mode
-        .cue
-        .valid
-        .then(|| json!({ "kind": mode.cue.cue.kind.name(), "since_s": s_from_ns(mode.cue.cue.header.stamp_ns) }));
+    let cue =
+        mode.cue.valid.then_some(mode.cue.cue).map(
+            |cue| json!({ "kind": cue.kind.name(), "source": cue.source, "since_s": s_from_ns(cue.header.stamp_ns) }),
+        );
     let reason = if mode.class == ModeClass::Run { Value::Null } else { reason_json(&mode.reason) };
     json!({
         "class": mode.class.name(),
@@ -313,6 +315,17 @@ pub fn mode_json(mode: &Mode) -> Value {
         "ready_for_cue": mode.ready_for_cue,
         "cue": cue,
         "active_policy": mode.active_policy,
+    })
+}
+
+/// A sentence of the robot as reported.
+#[must_use]
+pub fn said_json(said: &SpeechSaid) -> Value {
+    json!({
+        "text": said.text.as_str(),
+        "at_s": s_from_ns(said.header.stamp_ns),
+        "phase": said.phase,
+        "urgency": said.urgency,
     })
 }
 

@@ -1,5 +1,5 @@
-//! Depth frames from cameras by libraries that are opened as the program runs: it builds and starts without them, and
-//! says what to install where one is missing.
+//! Depth frames from cameras, and sound from microphones, by libraries that are opened as the program runs: it builds
+//! and starts without them, and says what to install where one is missing.
 //!
 //! The libraries block, take their time to begin and may hang, so each is spoken to by a thread of its own
 //! ([`Grabber`]). A frame stays in the library's buffer until it is written to shared memory: that pass is the only
@@ -8,13 +8,14 @@
 mod feed;
 pub mod gstreamer;
 mod library;
+pub mod microphone;
 pub mod realsense;
 
 use camera::{Head, Raw};
 
 pub use feed::{Grab, Grabbed, Grabber};
 
-/// Why nothing comes of a camera.
+/// Why nothing comes of a camera or microphone.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{found}; {fix}")]
 pub struct Trouble {
@@ -25,7 +26,9 @@ pub struct Trouble {
 }
 
 impl Trouble {
-    pub(crate) fn new(found: impl Into<String>, fix: impl Into<String>) -> Self {
+    /// What was found, and what to do about it.
+    #[must_use]
+    pub fn new(found: impl Into<String>, fix: impl Into<String>) -> Self {
         Self { found: found.into(), fix: fix.into() }
     }
 }

@@ -55,8 +55,8 @@ pub(crate) struct Handle {
     give_back: unsafe extern "C" fn(*mut c_void),
 }
 
-// SAFETY: what handles are made of here (reference-counted objects of GStreamer, librealsense's frames) may be used and
-// given back by any thread, one at a time, by their libraries' word.
+// SAFETY: what handles are made of here (reference-counted objects of GStreamer, librealsense's frames, ALSA's streams)
+// may be used and given back by any thread, one at a time, by their libraries' word.
 unsafe impl Send for Handle {}
 
 impl Handle {

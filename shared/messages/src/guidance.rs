@@ -1,7 +1,7 @@
 //! Cue, action, permit: the way from the handler's wish to a motion that is allowed.
 
 use crate::header::message;
-use crate::{Header, Pose2, Twist2};
+use crate::{Header, Pose2, StopReason, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -56,7 +56,7 @@ impl CueKind {
 /// Where a cue came from.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/CueSource/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueSource/2"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum CueSource {
@@ -69,12 +69,14 @@ pub enum CueSource {
     ScriptAgain,
     /// The robot turned more than half-way into the branch: forward follows a done left or right.
     TurnDone,
+    /// The handler's voice.
+    Voice,
 }
 
 /// A cue as recognised. The supervisor alone accepts it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Cue/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Cue/2"))]
 #[repr(C)]
 pub struct Cue {
     /// Stamp, seq, incarnation.
@@ -83,8 +85,12 @@ pub struct Cue {
     pub kind: CueKind,
     /// Where it came from.
     pub source: CueSource,
-    /// In [0, 1].
+    /// In [0, 1]; of a voice the head's score.
     pub confidence: f32,
+    /// Of a voice: how far it stood out from what is always there, decibels.
+    pub signal_db: f32,
+    /// Of a voice: share of samples that were cut off in the last second.
+    pub clipped: f32,
     /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel direction.
     pub odom_from_start: Pose2,
     /// The odometry incarnation in whose frame `odom_from_start` is.
@@ -112,6 +118,98 @@ pub struct CueRequest {
     pub header: Header,
     /// What is asked for.
     pub kind: CueKind,
+}
+
+/// Why a cue was refused.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueRefusal/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum CueRefusal {
+    /// It was not: it is accepted.
+    #[default]
+    None = 0,
+    /// It is older than a cue may be.
+    TooOld,
+    /// Its start frame or its confidence is none.
+    Unusable,
+    /// The turn that it goes on from is no longer in force.
+    TurnOver,
+    /// It was given before the stop that it would end.
+    BeforeStop,
+    /// The run is locked.
+    Locked,
+    /// A service that motion needs is not up.
+    ServiceNotUp,
+    /// The line of a service that motion needs is not watched yet.
+    LineNotArmed,
+    /// A service that motion needs is silent.
+    ServiceSilent,
+    /// A stream that motion needs is too old.
+    StreamStale,
+    /// The emergency stop is not released.
+    EmergencyStop,
+    /// The robot's battery is nearly empty.
+    BatteryLow,
+}
+
+impl CueRefusal {
+    /// Every reason to refuse, in the order of its number.
+    pub const ALL: [Self; 11] = [
+        Self::TooOld,
+        Self::Unusable,
+        Self::TurnOver,
+        Self::BeforeStop,
+        Self::Locked,
+        Self::ServiceNotUp,
+        Self::LineNotArmed,
+        Self::ServiceSilent,
+        Self::StreamStale,
+        Self::EmergencyStop,
+        Self::BatteryLow,
+    ];
+
+    /// The name, as in reports and language files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::None => "none",
+            Self::TooOld => "too_old",
+            Self::Unusable => "unusable",
+            Self::TurnOver => "turn_over",
+            Self::BeforeStop => "before_stop",
+            Self::Locked => "locked",
+            Self::ServiceNotUp => "service_not_up",
+            Self::LineNotArmed => "line_not_armed",
+            Self::ServiceSilent => "service_silent",
+            Self::StreamStale => "stream_stale",
+            Self::EmergencyStop => "emergency_stop",
+            Self::BatteryLow => "battery_low",
+        }
+    }
+}
+
+/// The supervisor's answer to a cue: accepted or refused, and why.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueAnswer/1"))]
+#[repr(C)]
+pub struct CueAnswer {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What was asked for.
+    pub kind: CueKind,
+    /// Where it came from.
+    pub source: CueSource,
+    /// The cue's incarnation and seq; 0 where an operator's cue was refused before it became one.
+    pub cue_incarnation: u32,
+    /// See `cue_incarnation`.
+    pub cue_seq: u64,
+    /// Why it was refused; [`CueRefusal::None`]: it is accepted.
+    pub refusal: CueRefusal,
+    /// The service or stream that is lacking, or the stop that locks the run.
+    pub reason: StopReason,
 }
 
 /// Decision `n` of a policy.
@@ -378,6 +476,7 @@ pub struct Permit {
 message!(
     Cue => Cue,
     CueRequest => CueRequest,
+    CueAnswer => CueAnswer,
     PolicyAction => PolicyAction { action_count <= MAX_ACTIONS },
     Permit => ShieldPermit,
 );

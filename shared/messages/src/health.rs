@@ -79,6 +79,8 @@ pub enum Latency {
     PermitToCommand,
     /// Decision due -> action published.
     Decision,
+    /// Stop (or hold) -> first sample of its reason handed to the output.
+    StopToSpeech,
 }
 
 impl Latency {
@@ -91,6 +93,7 @@ impl Latency {
             Self::ScanToPermit => "scan_to_permit",
             Self::PermitToCommand => "permit_to_command",
             Self::Decision => "decision",
+            Self::StopToSpeech => "stop_to_speech",
         }
     }
 }

@@ -14,6 +14,7 @@ mod mode;
 mod pose;
 mod sensors;
 mod service;
+mod speech;
 pub mod stops;
 pub mod topic;
 mod world;
@@ -22,7 +23,8 @@ pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
 pub use estop::{EmergencyStop, StopInput};
 pub use fault::{Device, Fault, Injection, Target};
 pub use guidance::{
-    Cue, CueKind, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause, PolicyAction, UnsafeCause,
+    Cue, CueAnswer, CueKind, CueRefusal, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause,
+    PolicyAction, UnsafeCause,
 };
 pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
 pub use health::{Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, PortCounters, PortRole, ServiceState};
@@ -30,6 +32,7 @@ pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReaso
 pub use pose::{Pose2, Twist2};
 pub use sensors::{DepthFrame, DepthHeader, LidarScan, MAX_BEAMS, Odometry, Pose3, ScanHeader};
 pub use service::ServiceId;
+pub use speech::{SpeechPhase, SpeechSaid, SpeechText, Urgency};
 pub use topic::TopicId;
 pub use world::{MAX_WALKERS, RobotCommand, Walker, WorldTruth};
 

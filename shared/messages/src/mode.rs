@@ -118,6 +118,8 @@ pub enum StopKind {
     BatteryLow,
     /// Lock: the emergency stop was pressed, unplugged, or fell silent.
     EmergencyStop,
+    /// Lock: the walk has come to its goal, and the run is ending.
+    Arrived,
 }
 
 impl StopKind {
@@ -193,6 +195,7 @@ impl StopKind {
             Self::RemoteStop => "remote_stop",
             Self::BatteryLow => "battery_low",
             Self::EmergencyStop => "emergency_stop",
+            Self::Arrived => "arrived",
         }
     }
 }

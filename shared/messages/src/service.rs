@@ -47,11 +47,13 @@ pub enum ServiceId {
     Bridge,
     /// The brake's voice there, and the one that speaks where the bridge is gone.
     Backstop,
+    /// Tells the handler aloud what the robot does, and why it stands.
+    Speak,
 }
 
 impl ServiceId {
     /// Every service, in the order of start: what stops the robot comes first.
-    pub const ALL: [Self; 16] = [
+    pub const ALL: [Self; 17] = [
         Self::Supervisor,
         Self::Locomotion,
         Self::Brake,
@@ -67,6 +69,7 @@ impl ServiceId {
         Self::Cue,
         Self::Policy,
         Self::Shield,
+        Self::Speak,
         Self::Recorder,
     ];
 
@@ -91,6 +94,7 @@ impl ServiceId {
             Self::Estop => "estop",
             Self::Bridge => "bridge",
             Self::Backstop => "backstop",
+            Self::Speak => "speak",
         }
     }
 

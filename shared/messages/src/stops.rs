@@ -23,7 +23,7 @@ const CUE: &str = "give a cue once the robot is ready";
 const LOG: &str = "its log in the run directory says why; it is restarted: give a cue once the robot is ready";
 
 /// Every kind of stop.
-pub const STOPS: [StopInfo; 35] = [
+pub const STOPS: [StopInfo; 36] = [
     row(StopKind::Boot, "fault", "the run has just begun", CUE),
     row(StopKind::ServiceDied, "fault", "a process that motion needs is dead", LOG),
     row(StopKind::ServiceHung, "fault", "a process takes input and gives nothing back, or no longer takes part", LOG),
@@ -119,6 +119,7 @@ pub const STOPS: [StopInfo; 35] = [
         "the emergency stop was pressed, unplugged, or fell silent",
         "look why; release it, or plug it in; guidedog resume, then a cue",
     ),
+    row(StopKind::Arrived, "lock", "the walk has come to its goal, and the run is ending", "none"),
 ];
 
 #[cfg(test)]
@@ -132,6 +133,6 @@ mod tests {
             assert_eq!(info.kind as usize, i + 1, "{}", info.kind.name());
             assert!(["hold", "fault", "lock"].contains(&info.class) && !info.advice.is_empty());
         }
-        assert_eq!(STOPS.last().map(|info| info.kind), Some(StopKind::EmergencyStop), "the last kind there is");
+        assert_eq!(STOPS.last().map(|info| info.kind), Some(StopKind::Arrived), "the last kind there is");
     }
 }

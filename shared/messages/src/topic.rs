@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::ServiceId;
 use crate::ServiceId::{
     Brake, Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator,
-    Supervisor,
+    Speak, Supervisor,
 };
 use zerocopy::TryFromBytes;
 
@@ -52,6 +52,10 @@ pub enum TopicId {
     ClockAck,
     /// `estop`
     Estop,
+    /// `cue/answer`
+    CueAnswer,
+    /// `speech/said`
+    SpeechSaid,
 }
 
 /// How a topic is laid out in shared memory.
@@ -112,7 +116,7 @@ const MEMBERS: &[ServiceId] =
     &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
 
 /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
-pub const TOPICS: [TopicSpec; 15] = [
+pub const TOPICS: [TopicSpec; 17] = [
     TopicSpec {
         id: TopicId::LidarScan,
         name: "lidar/scan",
@@ -139,7 +143,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::Odometry,
         name: "odometry",
         publishers: &[Odometry, Replay],
-        subscribers: &[Lidar, Policy, Shield, Locomotion, Cue, Recorder],
+        subscribers: &[Lidar, Policy, Shield, Locomotion, Cue, Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
@@ -183,7 +187,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::ShieldPermit,
         name: "shield/permit",
         publishers: &[Shield],
-        subscribers: &[Locomotion, Supervisor, Replay, Recorder],
+        subscribers: &[Locomotion, Supervisor, Replay, Speak, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -194,7 +198,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::Mode,
         name: "mode",
         publishers: &[Supervisor],
-        subscribers: &[Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Simulator, Replay, Recorder],
+        subscribers: &[Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Simulator, Replay, Speak, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -205,7 +209,7 @@ pub const TOPICS: [TopicSpec; 15] = [
         id: TopicId::LocomotionState,
         name: "locomotion/state",
         publishers: &[Locomotion],
-        subscribers: &[Supervisor, Odometry, Recorder],
+        subscribers: &[Supervisor, Odometry, Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
@@ -277,6 +281,28 @@ pub const TOPICS: [TopicSpec; 15] = [
         loans: 2,
         wakes: true,
         why: "a press and a release may come at once, and neither may be lost; 50 Hz besides",
+    },
+    TopicSpec {
+        id: TopicId::CueAnswer,
+        name: "cue/answer",
+        publishers: &[Supervisor],
+        subscribers: &[Speak, Recorder],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        why: "events that must not be lost",
+    },
+    TopicSpec {
+        id: TopicId::SpeechSaid,
+        name: "speech/said",
+        publishers: &[Speak],
+        subscribers: &[Cue, Supervisor, Recorder],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        why: "events that must not be lost: a sentence that is cut and the next one come at once",
     },
 ];
 

@@ -7,12 +7,11 @@ use std::path::Path;
 
 use guidance::observation::{Frames, Senses};
 use guidance::{ActionTable, Se2};
+use inference::{Session, TensorRef};
 use messages::MAX_ACTIONS;
-use ort::session::Session;
-use ort::value::TensorRef;
 
 use crate::model::{Manifest, ModelError};
-use crate::{Engine, EngineError, Probabilities, Situation, runtime};
+use crate::{Engine, EngineError, Probabilities, Situation};
 
 /// A network and what it remembers.
 pub struct LearntEngine {
@@ -38,7 +37,7 @@ impl LearntEngine {
         library: Option<&Path>,
     ) -> Result<Self, ModelError> {
         let wrong = |what: String| ModelError::Content { path: path.to_owned(), what };
-        let session = runtime::session(bytes, library).map_err(&wrong)?;
+        let session = inference::session(bytes, library).map_err(&wrong)?;
         let mut engine = Self {
             session,
             actions: table.len(),
@@ -61,14 +60,14 @@ impl LearntEngine {
 
     /// Probabilities from what the frames hold; the recurrent state goes on.
     fn run(&mut self) -> Result<Probabilities, EngineError> {
-        let failed = |error: ort::Error| EngineError::Run(error.to_string());
+        let failed = |error: inference::Error| EngineError::Run(error.to_string());
         let senses = self.frames.senses();
         let senses = TensorRef::from_array_view(([1, senses.len()], senses)).map_err(failed)?;
         let outputs = if self.memory.is_empty() {
-            self.session.run(ort::inputs!["senses" => senses])
+            self.session.run(inference::inputs!["senses" => senses])
         } else {
             let memory = TensorRef::from_array_view(([1, self.memory.len()], &self.memory[..])).map_err(failed)?;
-            self.session.run(ort::inputs!["senses" => senses, "memory" => memory])
+            self.session.run(inference::inputs!["senses" => senses, "memory" => memory])
         };
         let outputs = outputs.map_err(failed)?;
         let output = |name: &'static str, wanted: usize| {

@@ -5,7 +5,6 @@
 pub mod geometric;
 mod learnt;
 mod model;
-mod runtime;
 
 use std::path::Path;
 
@@ -15,9 +14,9 @@ use guidance::{ActionTable, Evidence, HandlerBody, Se2};
 use messages::{CueKind, MAX_ACTIONS, ScanHeader};
 
 pub use geometric::{GeometricConfig, GeometricEngine};
+pub use inference::RuntimeError;
 pub use learnt::LearntEngine;
 pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, ModelKind, OBSERVATION, Trained};
-pub use runtime::RuntimeError;
 
 /// Probabilities over the action table; those beyond it are 0.
 pub type Probabilities = [f32; MAX_ACTIONS];

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use messages::{
-    Cue, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit, PolicyAction, Pose2,
-    ScanHeader, TopicId, Twist2, WorldTruth,
+    Cue, CueAnswer, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit, PolicyAction, Pose2,
+    ScanHeader, SpeechSaid, TopicId, Twist2, WorldTruth,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
@@ -50,7 +50,7 @@ const fn own(
 }
 
 /// Every channel.
-pub const CHANNELS: [Channel; 11] = [
+pub const CHANNELS: [Channel; 13] = [
     own(TopicId::LidarScan, "foxglove.LaserScan", || file(include_str!("../schemas/laser_scan.json")), decode_scan),
     own(
         TopicId::Odometry,
@@ -71,6 +71,12 @@ pub const CHANNELS: [Channel; 11] = [
         back(json).map(|state| Record::Locomotion(Box::new(state)))
     }),
     own(TopicId::Estop, "guidedog.EmergencyStop", schema::<EmergencyStop>, |json| back(json).map(Record::Estop)),
+    own(TopicId::CueAnswer, "guidedog.CueAnswer", schema::<CueAnswer>, |json| {
+        back(json).map(|answer| Record::CueAnswer(Box::new(answer)))
+    }),
+    own(TopicId::SpeechSaid, "guidedog.SpeechSaid", schema::<SpeechSaid>, |json| {
+        back(json).map(|said| Record::Said(Box::new(said)))
+    }),
     own(TopicId::WorldTruth, "guidedog.WorldTruth", schema::<WorldTruth>, |json| {
         back(json).map(|truth| Record::Truth(Box::new(truth)))
     }),
@@ -124,6 +130,8 @@ pub fn encode(record: &Record, bytes: &mut Vec<u8>) -> Result<(), String> {
         Record::Mode(mode) => serde_json::to_writer(bytes, &mode.mirror()),
         Record::Locomotion(state) => serde_json::to_writer(bytes, &state.mirror()),
         Record::Estop(stop) => serde_json::to_writer(bytes, &stop.mirror()),
+        Record::CueAnswer(answer) => serde_json::to_writer(bytes, &answer.mirror()),
+        Record::Said(said) => serde_json::to_writer(bytes, &said.mirror()),
         Record::Truth(truth) => serde_json::to_writer(bytes, &truth.mirror()),
     };
     written.map_err(|error| error.to_string())

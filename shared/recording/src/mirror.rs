@@ -1,9 +1,9 @@
 //! Our own messages as JSON: every type has a mirror whose numbers come back to the bit, and tells its JSON schema.
 
 use messages::{
-    Cue, CueInForce, CueKind, CueRequest, CueSource, EmergencyStop, Header, LocomotionState, Mode, ModeClass, Outcome,
-    Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopInput, StopKind, StopReason, TopicId, Twist2,
-    UnsafeCause, Walker, WorldTruth,
+    Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, EmergencyStop, Header, LocomotionState,
+    Mode, ModeClass, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, SpeechPhase, SpeechSaid,
+    SpeechText, StopInput, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -43,7 +43,7 @@ macro_rules! plain {
 plain!({ "type": "integer", "minimum": 0 }: u32, u64);
 plain!({ "type": "boolean" }: bool);
 plain!({ "type": "string" }: CueKind, CueSource, ModeClass, Outcome, PermitCause, ServiceId, StopKind, TopicId);
-plain!({ "type": "string" }: StopInput, UnsafeCause);
+plain!({ "type": "string" }: CueRefusal, SpeechPhase, StopInput, UnsafeCause, Urgency);
 
 /// Numbers that may be NaN or infinite.
 macro_rules! number {
@@ -64,6 +64,19 @@ macro_rules! number {
 }
 
 number!(f64 => Real, f32 => Reading);
+
+impl Mirrored for SpeechText {
+    type Json = String;
+    fn mirror(self) -> String {
+        self.as_str().to_owned()
+    }
+    fn back(json: String) -> Self {
+        json.as_str().into()
+    }
+    fn schema() -> Value {
+        json!({ "type": "string" })
+    }
+}
 
 impl Mirrored for Header {
     type Json = HeaderJson;
@@ -101,10 +114,10 @@ impl<T: Mirrored, const N: usize> Mirrored for [T; N] {
 
 /// The mirror of a struct, field by field: one that is left out does not compile.
 macro_rules! mirror {
-    ($($json:ident = $name:ident { $($field:ident: $type:ty),+ $(,)? })+) => {$(
-        #[derive(Debug, Clone, Copy, Serialize, Deserialize)]
+    ($($json:ident = $name:ident { $($(#[$attribute:meta])* $field:ident: $type:ty),+ $(,)? })+) => {$(
+        #[derive(Debug, Clone, Serialize, Deserialize)]
         pub struct $json {
-            $($field: <$type as Mirrored>::Json,)+
+            $($(#[$attribute])* $field: <$type as Mirrored>::Json,)+
         }
 
         impl Mirrored for $name {
@@ -128,10 +141,21 @@ mirror! {
     TwistJson = Twist2 { vx_mps: f64, vy_mps: f64, wz_radps: f64 }
     WalkerMirror = Walker { x_m: f64, y_m: f64, radius_m: f64 }
     CueMirror = Cue {
-        header: Header, kind: CueKind, source: CueSource, confidence: f32, odom_from_start: Pose2,
-        odometry_incarnation: u32, request_seq: u64,
+        header: Header, kind: CueKind, source: CueSource, confidence: f32,
+        // Older recordings know of no voice.
+        #[serde(default)] signal_db: f32,
+        #[serde(default)] clipped: f32,
+        odom_from_start: Pose2, odometry_incarnation: u32, request_seq: u64,
     }
     CueRequestMirror = CueRequest { header: Header, kind: CueKind }
+    CueAnswerMirror = CueAnswer {
+        header: Header, kind: CueKind, source: CueSource, cue_incarnation: u32, cue_seq: u64, refusal: CueRefusal,
+        reason: StopReason,
+    }
+    SpeechSaidMirror = SpeechSaid {
+        header: Header, phase: SpeechPhase, urgency: Urgency, number: u64, about_ns: u64, first_sample_ns: u64,
+        duration_ns: u64, reason: StopReason, text: SpeechText,
+    }
     PolicyActionMirror = PolicyAction {
         header: Header, decision: u64, action_table_id: u64, action_count: u32,
         probabilities: [f32; messages::MAX_ACTIONS], cue_incarnation: u32, cue_seq: u64, scan_stamp_ns: u64,

@@ -1,8 +1,8 @@
 //! One recorded message.
 
 use messages::{
-    Cue, CueRequest, DepthHeader, EmergencyStop, Header, LocomotionState, Mode, Odometry, Permit, PolicyAction,
-    ScanHeader, TopicId, WorldTruth,
+    Cue, CueAnswer, CueRequest, DepthHeader, EmergencyStop, Header, LocomotionState, Mode, Odometry, Permit,
+    PolicyAction, ScanHeader, SpeechSaid, TopicId, WorldTruth,
 };
 
 /// One recorded message, of one topic.
@@ -39,6 +39,10 @@ pub enum Record {
     Locomotion(Box<LocomotionState>),
     /// Of `estop`.
     Estop(EmergencyStop),
+    /// Of `cue/answer`.
+    CueAnswer(Box<CueAnswer>),
+    /// Of `speech/said`.
+    Said(Box<SpeechSaid>),
     /// Of `world/truth`.
     Truth(Box<WorldTruth>),
 }
@@ -61,6 +65,8 @@ impl Record {
             Self::Mode(_) => TopicId::Mode,
             Self::Locomotion(_) => TopicId::LocomotionState,
             Self::Estop(_) => TopicId::Estop,
+            Self::CueAnswer(_) => TopicId::CueAnswer,
+            Self::Said(_) => TopicId::SpeechSaid,
             Self::Truth(_) => TopicId::WorldTruth,
         }
     }
@@ -79,6 +85,8 @@ impl Record {
             Self::Mode(mode) => &mode.header,
             Self::Locomotion(state) => &state.header,
             Self::Estop(stop) => &stop.header,
+            Self::CueAnswer(answer) => &answer.header,
+            Self::Said(said) => &said.header,
             Self::Truth(truth) => &truth.header,
         }
     }

@@ -123,6 +123,8 @@ impl Part {
                 TopicId::Mode,
                 TopicId::LocomotionState,
                 TopicId::Estop,
+                TopicId::CueAnswer,
+                TopicId::SpeechSaid,
                 TopicId::WorldTruth,
             ],
             Self::Depth => &[TopicId::DepthFrame],

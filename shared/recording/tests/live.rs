@@ -10,9 +10,9 @@ use std::path::Path;
 use common::{chain, scan};
 use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, life_path, recover};
 use messages::{
-    Cue, CueInForce, CueKind, CueRequest, CueSource, DepthHeader, Header, LocomotionState, Mode, ModeClass, Odometry,
-    Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, StopKind, StopReason, TopicId, Twist2,
-    UnsafeCause, Walker, WorldTruth,
+    Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthHeader, Header, LocomotionState, Mode,
+    ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, SpeechPhase, SpeechSaid,
+    StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
 use tempfile::tempdir;
 
@@ -39,6 +39,8 @@ fn cue(seq: u64) -> Cue {
         kind: CueKind::Left,
         source: CueSource::TurnDone,
         confidence: 0.1,
+        signal_db: 12.5,
+        clipped: 0.25,
         odom_from_start: POSE,
         odometry_incarnation: 2,
         request_seq: u64::MAX,
@@ -86,6 +88,20 @@ fn every_topic() -> (Vec<Record>, Record) {
         Record::Mode(Box::new(mode)),
         Record::Locomotion(Box::new(state)),
         Record::Estop(messages::EmergencyStop { header: header(11), input: messages::StopInput::Pressed }),
+        Record::CueAnswer(Box::new(CueAnswer {
+            header: header(12),
+            kind: CueKind::Left,
+            refusal: CueRefusal::StreamStale,
+            reason: REASON,
+            ..CueAnswer::default()
+        })),
+        Record::Said(Box::new(SpeechSaid {
+            header: header(13),
+            phase: SpeechPhase::Cut,
+            urgency: Urgency::Stop,
+            text: "Gestoppt: Lidar-Ausfall, startet für dich neu.".into(),
+            ..SpeechSaid::default()
+        })),
         Record::Truth(Box::new(truth)),
     ];
     let camera = Pose3 { x_m: 0.1, y_m: 0.2, z_m: 0.3, yaw_rad: -0.0, pitch_rad: 0.7 };
@@ -167,7 +183,7 @@ fn our_schemas_name_every_member() {
         check(&described, &value, &schema.name);
         seen += usize::from(schema.name.starts_with("guidedog."));
     }
-    assert_eq!(seen, 8);
+    assert_eq!(seen, 10);
 }
 
 /// As far as our schemas go: types, members, items.

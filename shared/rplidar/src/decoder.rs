@@ -1,13 +1,13 @@
 //! Bytes of a running scan to samples, through losses.
 //!
-//! Where what comes is no frame, one byte at a time is left out until there is one again. A checksum tells a capsule;
-//! a standard node has three bits only, so that several in a row have to fit together before the first is believed. What
+//! Where what comes is no frame, one byte at a time is left out until there is one again. A checksum tells a capsule; a
+//! standard node has three bits only, so that several in a row have to fit together before the first is believed. What
 //! no reader of such a stream can tell: a bit that is wrong in a node's angle or range, and whole nodes that are lost.
 
 use crate::sample::{Capsule, FRAME_BYTES_MAX, Format, Sample, standard};
 
-/// Standard nodes that fit together before the second is believed, where it is not known where one begins: the first may
-/// be the end of one that is torn and fit by chance,
+/// Standard nodes that fit together before the second is believed, where it is not known where one begins: the first
+/// may be the end of one that is torn and fit by chance,
 const NODES_TO_LOCK: usize = 5;
 /// and where it follows another: a byte that is lost within a node makes its range of the next one's first byte, which
 /// only those behind it tell.

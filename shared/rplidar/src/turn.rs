@@ -1,5 +1,5 @@
-//! Samples to whole turns ([`Turns`]), and a turn's samples to as many beams as wanted ([`Fan`]), counter-clockwise, each
-//! the nearest surface that it met.
+//! Samples to whole turns ([`Turns`]), and a turn's samples to as many beams as wanted ([`Fan`]), counter-clockwise,
+//! each the nearest surface that it met.
 
 use std::f64::consts::TAU;
 

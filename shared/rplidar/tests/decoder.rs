@@ -157,8 +157,8 @@ fn standard_nodes_that_lost_bytes_give_no_reading_that_was_not_measured() {
         match dice(3) {
             0 => drop(torn.remove(at)),
             1 => torn.insert(at, torn[at]),
-            // Where it is a multiple of a node's five bytes, one has the range of another that is up to twelve nodes on:
-            // of those nobody can know.
+            // Where it is a multiple of a node's five bytes, one has the range of another that is up to twelve nodes
+            // on: of those nobody can know.
             _ => drop(torn.drain(at..at + 5 * dice(12) + 1 + dice(4))),
         }
         faults += 1;

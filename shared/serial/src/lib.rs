@@ -1,8 +1,9 @@
 //! A serial port at any speed, and the other end of one that is emulated.
 //!
-//! No call waits. Even a read that is not to wait, and a poll, may wait in a terminal for the kernel, which hands bytes over
-//! by a thread without priority: for tens of milliseconds, and sometimes seconds, where a machine has far more to do than it
-//! can. So a thread of the port's own reads, and hands over through a pipe. A port that is gone says so at the next read or write, and is opened anew by whoever needs it.
+//! No call waits. Even a read that is not to wait, and a poll, may wait in a terminal for the kernel, which hands bytes
+//! over by a thread without priority: for tens of milliseconds, and sometimes seconds, where a machine has far more to
+//! do than it can. So a thread of the port's own reads, and hands over through a pipe. A port that is gone says so at
+//! the next read or write, and is opened anew by whoever needs it.
 
 mod pseudo;
 

@@ -1,6 +1,9 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
-use crate::sections::{DepthDevice, DepthSettings, EstopSource, LinkKind, OdometryDevice, Settings, Source};
+use crate::recorded::CueOrigin;
+use crate::sections::{
+    CueSettings, DepthDevice, DepthSettings, EstopSource, LinkKind, OdometryDevice, Settings, Source, VoiceSource,
+};
 use crate::units::Millis;
 
 /// Whether the settings go together.
@@ -44,6 +47,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     check_devices(settings)?;
     check_serial(settings)?;
     check_depth_device(depth, settings.commands_robot())?;
+    check_voice(&settings.cue)?;
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
@@ -53,8 +57,24 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
     crate::planned::check(settings)?;
+    crate::sections::check_speak(&settings.speak)?;
     if settings.supervision.restart_budget == 0 {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
+    }
+    Ok(())
+}
+
+/// A voice is heard by something, and in a run that plays recorded cues not at all.
+fn check_voice(cue: &CueSettings) -> Result<(), String> {
+    let voice = &cue.voice;
+    if voice.source == VoiceSource::Stream && voice.stream.is_none() {
+        return Err("cue.voice.source = \"stream\" needs cue.voice.stream, a file or a pipe".to_owned());
+    }
+    if voice.source == VoiceSource::Microphone && voice.microphone.is_empty() {
+        return Err("cue.voice.microphone is empty: `arecord -L` lists the names".to_owned());
+    }
+    if voice.source != VoiceSource::Absent && cue.source == CueOrigin::Replayed {
+        return Err("cue.voice.source is not \"absent\", and cue.source = \"replayed\"".to_owned());
     }
     Ok(())
 }

@@ -19,6 +19,7 @@ pub use sections::{
     DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler,
     HandlerModel, Librealsense, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
     OdometryDevice, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings,
-    ShieldSettings, Simulation, Source, Supervision, SwapSettings, UnitreeSettings, Walk, WalkErrors,
+    ShieldSettings, Simulation, Source, Speak, Supervision, SwapSettings, UnitreeSettings, Verbosity, VoiceSettings,
+    VoiceSource, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};

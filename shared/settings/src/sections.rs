@@ -1,5 +1,6 @@
 //! The sections of the configuration file and their defaults.
 
+mod cue;
 mod depth;
 mod estop;
 mod lidar;
@@ -7,6 +8,7 @@ mod locomotion;
 mod odometry;
 mod policy;
 mod shield;
+mod speak;
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 use std::path::PathBuf;
@@ -26,6 +28,7 @@ use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
+pub use cue::{CueSettings, VoiceSettings, VoiceSource};
 pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthSettings, DepthSocket, Librealsense};
 pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
 pub use lidar::{LidarSettings, RplidarSettings};
@@ -33,6 +36,8 @@ pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, Un
 pub use odometry::{MatchingSettings, OdometryDevice, OdometrySettings};
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
+pub(crate) use speak::check as check_speak;
+pub use speak::{Speak, Verbosity};
 
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
@@ -61,6 +66,8 @@ pub struct Settings {
     pub locomotion: Locomotion,
     /// The emergency stop.
     pub estop: Estop,
+    /// The robot's voice.
+    pub speak: Speak,
     /// How old an input may be for motion.
     pub max_age: MaxAge,
     /// The supervisor.
@@ -308,18 +315,6 @@ pub enum Source {
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// The cue recogniser.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct CueSettings {
-    /// Where cues come from.
-    pub source: CueOrigin,
-    /// A route file whose cues the scripted handler gives; none: only the operator gives cues.
-    pub script: Option<PathBuf>,
-    /// Replay: the scripted handler gives "forward" once `ready_for_cue`, and again after every fault.
-    pub forward_when_ready: bool,
 }
 
 /// How old an input may be for motion.

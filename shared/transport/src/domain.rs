@@ -114,6 +114,8 @@ impl Domain {
                 TopicId::ClockStep => self.create::<messages::ClockStep>(&mut topics)?,
                 TopicId::ClockAck => self.create::<messages::ClockAck>(&mut topics)?,
                 TopicId::Estop => self.create::<messages::EmergencyStop>(&mut topics)?,
+                TopicId::CueAnswer => self.create::<messages::CueAnswer>(&mut topics)?,
+                TopicId::SpeechSaid => self.create::<messages::SpeechSaid>(&mut topics)?,
                 TopicId::Health => {
                     for of in ServiceId::ALL {
                         topics.push(Box::new(self.messages::<messages::Health>(of, true)?));
@@ -254,6 +256,8 @@ pub fn pool_sizes(depth_pixels: usize) -> Vec<PoolSize> {
         TopicId::ClockStep => size_of::<messages::ClockStep>(),
         TopicId::ClockAck => size_of::<messages::ClockAck>(),
         TopicId::Estop => size_of::<messages::EmergencyStop>(),
+        TopicId::CueAnswer => size_of::<messages::CueAnswer>(),
+        TopicId::SpeechSaid => size_of::<messages::SpeechSaid>(),
         TopicId::None => 0,
     };
     TOPICS

@@ -2,7 +2,7 @@
 //!
 //! Beats are published from this very loop, so a service that is stuck in its work is silent.
 
-use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, Member, QUANTUM_NS, ServiceId, ServiceState};
+use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, MAX_PORTS, Member, QUANTUM_NS, ServiceId, ServiceState};
 
 use crate::io::{Io, TOKEN_CONTROL, TOKEN_ORPHANED, TOKEN_OWN};
 use crate::line::{FromChild, Received, ToChild};
@@ -53,7 +53,7 @@ impl WaitLoop {
     pub fn open<S: Service>(io: &mut Io, service: &S) -> Result<Self, TransportError> {
         let stepped = io.domain.clock.is_stepped();
         let master = stepped && service.is_clock_master();
-        let critical = io.identity().service != ServiceId::Recorder;
+        let critical = !matches!(io.identity().service, ServiceId::Recorder | ServiceId::Speak);
         Ok(Self {
             health: io.publisher()?,
             usage: Usage::default(),
@@ -310,7 +310,8 @@ impl WaitLoop {
             ..Health::default()
         };
         let counters = io.counters();
-        health.port_count = counters.len() as u32;
+        // The supervisor reads of everybody, and tells of no more ports than a beat has room for.
+        health.port_count = counters.len().min(MAX_PORTS) as u32;
         for (slot, port) in health.ports.iter_mut().zip(counters.iter()) {
             *slot = *port;
         }

@@ -43,6 +43,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
         cues: Some(route.path().to_owned()),
         policy: None,
         emulated: false,
+        voice: None,
         pace,
     };
     let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;

@@ -33,9 +33,10 @@ const SHM_SLACK_KIB: i64 = 64;
 /// The scenarios of the quiet hour, in turn.
 const QUIET: [&str; 6] = ["corridor", "curve", "left-at-tee", "crossing", "cluttered", "l-turn"];
 /// What stops a robot rightly where nothing is broken: its way, its handler, its cues, the run's own ends.
-const RIGHTLY: [&str; 9] = [
+const RIGHTLY: [&str; 10] = [
     "boot",
     "shutting_down",
+    "arrived",
     "no_permit",
     "no_cue",
     "stop_cue",

@@ -138,7 +138,8 @@ impl Outcome {
         // The corridor is straight and nobody gives another cue: once it walks, only what is beside its way stops it
         // rightly.
         let stops = elements(report, "/stops").iter().filter(|stop| number(stop, "/at_s") >= since_s);
-        for reason in stops.map(|stop| text(stop, "/reason")).filter(|reason| *reason != "shutting_down") {
+        let is_the_end = |reason: &&str| ["shutting_down", "arrived"].contains(reason);
+        for reason in stops.map(|stop| text(stop, "/reason")).filter(|reason| !is_the_end(reason)) {
             if OF_ITS_WAY.contains(&reason) {
                 self.holds_of_its_way += 1;
             } else {

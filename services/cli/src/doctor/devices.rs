@@ -25,6 +25,12 @@ const ANY_BAUD: u32 = 115_200;
 /// A check for each device that the settings name; those that are emulated come with their run.
 pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     let mut checks = Vec::new();
+    if settings.speak.on {
+        checks.push(program("voice", "speak.voice", &settings.speak.voice));
+        if settings.speak.file.is_none() {
+            checks.push(program("player", "speak.player", &settings.speak.player));
+        }
+    }
     if settings.simulation.emulated.on {
         return checks;
     }
@@ -55,6 +61,23 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
         LinkKind::Simulated | LinkKind::Null => {}
     }
     checks
+}
+
+/// A program of others, where the shell would find it.
+fn program(name: &'static str, key: &str, words: &[String]) -> Check {
+    let program = words.first().map_or("", String::as_str);
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let mut places = std::env::split_paths(&folders).map(|folder| folder.join(program));
+    // A path is its own place: joined to any folder, an absolute one stays what it is.
+    let place = if program.contains('/') { Some(program.into()) } else { places.find(|place| place.is_file()) };
+    let ok = place.as_ref().is_some_and(|place| rustix::fs::access(place, Access::EXEC_OK).is_ok());
+    let found = place.map_or_else(|| format!("{program} is nowhere in PATH"), |place| place.display().to_string());
+    let fix = match program {
+        "espeak-ng" => "sudo apt-get install espeak-ng".to_owned(),
+        "aplay" => "sudo apt-get install alsa-utils".to_owned(),
+        _ => format!("install it, or name another in {key}"),
+    };
+    Check { name, ok, found, fix }
 }
 
 fn port(name: &'static str, path: &Path, baud: u32) -> Check {

@@ -6,37 +6,7 @@ use serde_json::{Value, json};
 
 use super::outcome::Outcome;
 use crate::out::number;
-
-/// Of the normal distribution, for 95 %.
-const Z: f64 = 1.959_964;
-
-/// A mean with its interval: of numbers, by the normal distribution.
-fn mean(values: impl Iterator<Item = f64>) -> Value {
-    let values: Vec<f64> = values.collect();
-    let n = values.len() as f64;
-    if values.is_empty() {
-        return Value::Null;
-    }
-    let mean = values.iter().sum::<f64>() / n;
-    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
-    let half = Z * (variance / n).sqrt();
-    json!({ "mean": mean, "lo": mean - half, "hi": mean + half, "n": values.len() })
-}
-
-/// A ratio with its interval (Wilson 1927).
-fn ratio(hits: impl Iterator<Item = bool>) -> Value {
-    let hits: Vec<bool> = hits.collect();
-    let n = hits.len() as f64;
-    if hits.is_empty() {
-        return Value::Null;
-    }
-    let p = hits.iter().filter(|hit| **hit).count() as f64 / n;
-    let (z2, center) = (Z * Z, p + Z * Z / (2.0 * n));
-    let half = Z * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
-    let scale = 1.0 + z2 / n;
-    let (lo, hi) = ((center - half) / scale, (center + half) / scale);
-    json!({ "mean": p, "lo": lo.clamp(0.0, p), "hi": hi.clamp(p, 1.0), "n": hits.len() })
-}
+use crate::statistics::{mean, ratio};
 
 /// Adds the figures of these episodes to a report.
 pub fn add(report: &mut Value, outcomes: &[Outcome]) {
@@ -132,20 +102,4 @@ pub fn text(report: &Value) -> String {
     let us = |key: &str| number(report, &format!("/decision_us/{key}"));
     lines.push(format!("{:<34}{:>9.0}  p99 {:.0} us", "decision, p50", us("p50"), us("p99")));
     lines.join("\n")
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{mean, ratio};
-
-    #[test]
-    fn intervals_are_those_of_the_books() {
-        // Wilson's interval of 9 in 10.
-        let nine = ratio((0..10).map(|i| i > 0));
-        assert!((nine["lo"].as_f64().expect("a number") - 0.5958).abs() < 1e-3, "{nine}");
-        assert!((nine["hi"].as_f64().expect("a number") - 0.9821).abs() < 1e-3, "{nine}");
-        let four = mean([1.0, 2.0, 3.0, 4.0].into_iter());
-        assert!((four["hi"].as_f64().expect("a number") - 2.5 - 1.96 * 0.6455).abs() < 1e-3, "{four}");
-        assert!(mean(std::iter::empty()).is_null() && ratio(std::iter::empty()).is_null());
-    }
 }

@@ -1,9 +1,9 @@
 //! Cues: which are accepted, and whether one would be.
 
-use messages::{Cue, CueInForce, CueKind, CueSource, ModeClass, StopInput, StopKind, StopReason, age_ns};
+use messages::{Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueSource, ModeClass, StopInput, StopReason, age_ns};
 
 use super::watched::Phase;
-use super::{Action, Machine, Now};
+use super::{Action, Machine, Now, Refused};
 
 impl Machine {
     pub(super) fn on_cue(&mut self, cue: &Cue, now: Now) {
@@ -18,10 +18,13 @@ impl Machine {
             // Locomotion took it already; here it ends the cue in force.
             self.mode.cue = CueInForce::default();
             self.mode_changed = true;
+            self.answer(cue, None);
             return;
         }
         if let Err(why) = self.may_accept(cue, now) {
-            self.actions.push(Action::Note(format!("cue \"{}\" refused: {why}", cue.kind.name())));
+            let not_ready = if why.is_not_ready() { "not ready: " } else { "" };
+            self.actions.push(Action::Note(format!("cue \"{}\" refused: {not_ready}{why}", cue.kind.name())));
+            self.answer(cue, Some(&why));
             return;
         }
         if self.mode.class == ModeClass::Fault {
@@ -31,28 +34,38 @@ impl Machine {
         }
         self.mode.cue = CueInForce { valid: true, cue: *cue };
         self.mode_changed = true;
+        self.answer(cue, None);
     }
 
-    pub(super) fn may_accept(&self, cue: &Cue, now: Now) -> Result<(), String> {
-        let age = age_ns(now.run_ns, cue.header.stamp_ns);
-        if age > self.limits.cue_max_age_ns {
-            return Err(format!(
-                "it is {} ms old, limit {} ms",
-                age / 1_000_000,
-                self.limits.cue_max_age_ns / 1_000_000
-            ));
+    /// Tells whoever gave a cue what became of it.
+    fn answer(&mut self, cue: &Cue, refused: Option<&Refused>) {
+        self.actions.push(Action::Answer(CueAnswer {
+            kind: cue.kind,
+            source: cue.source,
+            cue_incarnation: cue.header.incarnation,
+            cue_seq: cue.header.seq,
+            refusal: refused.map_or(CueRefusal::None, |why| why.refusal),
+            reason: refused.map_or(StopReason::default(), |why| why.reason),
+            ..CueAnswer::default()
+        }));
+    }
+
+    pub(super) fn may_accept(&self, cue: &Cue, now: Now) -> Result<(), Refused> {
+        let (age_ns, limit_ns) = (age_ns(now.run_ns, cue.header.stamp_ns), self.limits.cue_max_age_ns);
+        if age_ns > limit_ns {
+            return Err(Refused::new(CueRefusal::TooOld, StopReason { age_ns, limit_ns, ..StopReason::default() }));
         }
         if !cue.is_usable() {
-            return Err("its start frame or its confidence is none".to_owned());
+            return Err(Refused::of(CueRefusal::Unusable));
         }
         if cue.source == CueSource::TurnDone && !self.continues(cue) {
-            return Err("the turn that it goes on from is no longer in force".to_owned());
+            return Err(Refused::of(CueRefusal::TurnOver));
         }
         match self.mode.class {
-            ModeClass::Lock => Err(format!("the run is locked: {}", self.mode.reason)),
+            ModeClass::Lock => Err(Refused::new(CueRefusal::Locked, self.mode.reason)),
             ModeClass::Fault => match self.not_ready(now) {
-                Some(why) => Err(format!("not ready: {why}")),
-                None if cue.header.stamp_ns <= self.stopped_at_ns => Err("it was given before the stop".to_owned()),
+                Some(why) => Err(why),
+                None if cue.header.stamp_ns <= self.stopped_at_ns => Err(Refused::of(CueRefusal::BeforeStop)),
                 None => Ok(()),
             },
             ModeClass::Run => Ok(()),
@@ -66,31 +79,32 @@ impl Machine {
         self.mode.class == ModeClass::Run && self.mode.cue.valid && is_turn && turn.header.seq == cue.request_seq
     }
 
-    /// Why a cue would not be accepted in fault, if so.
+    /// Why no cue would be accepted now, if so.
     #[must_use]
-    pub fn not_ready(&self, now: Now) -> Option<String> {
+    pub fn not_ready(&self, now: Now) -> Option<Refused> {
         let stepped = self.limits.stepped;
         if self.mode.class == ModeClass::Lock {
-            return Some(format!("the run is locked: {}", self.mode.reason));
+            return Some(Refused::new(CueRefusal::Locked, self.mode.reason));
         }
         if self.estop != StopInput::Released {
-            return Some(format!("the emergency stop is {}", self.estop.name()));
+            return Some(Refused::estop(self.estop));
         }
         if self.battery_is_low() {
-            return Some(StopReason::of(StopKind::BatteryLow).to_string());
+            return Some(Refused::of(CueRefusal::BatteryLow));
         }
         for s in self.services.iter().filter(|s| s.is_critical()) {
+            let refused = |refusal| Some(Refused::service(refusal, s.plan.service, s.incarnation));
             if s.phase != Phase::Ready || (stepped && !s.joined) {
-                return Some(format!("{} is not up", s.plan.service));
+                return refused(CueRefusal::ServiceNotUp);
             }
             if !s.armed {
-                return Some(format!("the line of {} is not armed", s.plan.service));
+                return refused(CueRefusal::LineNotArmed);
             }
             if !s.beats_on_time(now.run_ns) {
-                return Some(format!("{} is silent", s.plan.service));
+                return refused(CueRefusal::ServiceSilent);
             }
         }
-        self.stale_stream(now, 1).map(|reason| reason.to_string())
+        self.stale_stream(now, 1).map(|reason| Refused::new(CueRefusal::StreamStale, reason))
     }
 
     pub(super) fn update_ready(&mut self, now: Now) {

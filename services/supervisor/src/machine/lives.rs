@@ -74,7 +74,7 @@ impl Machine {
             return self.update_roster(now);
         }
         let condemned = s.phase == Phase::Dying;
-        let (critical, restartable) = (s.is_critical(), s.plan.restartable);
+        let (critical, restartable, waited_for) = (s.is_critical(), s.plan.restartable, s.plan.waited_for);
         if service == ServiceId::Policy && self.policy_died(incarnation, critical && !condemned, why, now) {
             return;
         }
@@ -103,6 +103,8 @@ impl Machine {
         s.restarts += u32::from(!spent);
         if !restartable {
             self.actions.push(Action::EndRun(format!("{service} died: {why}")));
+        } else if spent && !waited_for {
+            self.actions.push(Action::Note(format!("{service} died too often and stays down until resume: {why}")));
         } else if spent && !self.begun {
             // A run that never began has nobody to wait for.
             self.actions.push(Action::EndRun(format!("{service} could not be started: {why}")));

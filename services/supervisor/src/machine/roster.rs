@@ -58,7 +58,11 @@ impl Machine {
     /// Stepped time: who takes part from the next step on. A condemned member does until it is dead: time waits for
     /// that.
     pub(super) fn update_roster(&mut self, now: Now) {
-        let all_up = self.services.iter().filter(|s| s.is_wanted()).all(|s| s.phase == Phase::Ready && s.armed);
+        let all_up = self
+            .services
+            .iter()
+            .filter(|s| s.is_wanted() && s.plan.waited_for)
+            .all(|s| s.phase == Phase::Ready && s.armed);
         if all_up && !self.begun {
             self.begun = true;
             self.actions.push(Action::Begin);

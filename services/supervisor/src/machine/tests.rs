@@ -7,6 +7,7 @@ use messages::{
 use settings::Settings;
 use transport::ClockKind;
 
+mod answers;
 mod beats;
 
 const MS: u64 = 1_000_000;
@@ -445,13 +446,16 @@ fn a_new_locomotion_watches_nobody_yet_and_a_new_brake_not_locomotion() {
         assert!(bench.machine.take_actions().contains(&Action::Spawn(watcher, 2)));
         bench.machine.handle(Event::Ready(watcher, 2), now);
         let why = bench.machine.not_ready(now);
-        assert!(why.as_ref().is_some_and(|why| why.contains("is not armed")), "{why:?}");
+        assert!(why.as_ref().is_some_and(|why| why.to_string().contains("is not armed")), "{why:?}");
         // What the dead one acknowledged is not heard.
         bench.machine.handle(Event::Armed { service: watched, incarnation: 1, by: 1 }, now);
         assert_eq!(bench.machine.not_ready(now), why);
         bench.alive.push((watcher, 2, true));
         bench.arm(now);
-        assert!(bench.machine.not_ready(now).is_some_and(|why| why.contains("is silent")), "it has not beaten yet");
+        assert!(
+            bench.machine.not_ready(now).is_some_and(|why| why.to_string().contains("is silent")),
+            "it has not beaten yet"
+        );
         bench.beat(watcher, 2, bench.now_ms);
         assert_eq!(bench.machine.not_ready(now), None);
     }

@@ -1,8 +1,8 @@
 //! What garbage and a plausible wrong value are, for each type. Enumerations and booleans stay valid here.
 
 use crate::{
-    ClockAck, ClockStep, Cue, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode, Odometry, Outcome,
-    Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
+    ClockAck, ClockStep, Cue, CueAnswer, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode, Odometry,
+    Outcome, Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
 };
 
 use super::{WRONG_AGE_NS, WRONG_SCALE};
@@ -131,7 +131,7 @@ impl Corrupt for Odometry {
 impl Corrupt for Cue {
     fn garble(&mut self, dice: &mut Dice) {
         self.kind = any_cue(dice);
-        self.confidence = dice.number() as f32;
+        (self.confidence, self.signal_db) = (dice.number() as f32, dice.number() as f32);
         self.odom_from_start = dice.pose();
         (self.odometry_incarnation, self.request_seq) = (dice.bits() as u32, dice.count());
     }
@@ -240,6 +240,9 @@ impl Corrupt for WorldTruth {}
 impl Corrupt for RobotCommand {}
 impl Corrupt for ClockStep {}
 impl Corrupt for ClockAck {}
+
+/// It moves nobody: there is no fault of it to try.
+impl Corrupt for CueAnswer {}
 
 /// Random readings.
 pub(crate) fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {

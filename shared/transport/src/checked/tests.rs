@@ -6,9 +6,9 @@ use std::os::unix::fs::FileExt;
 use std::rc::Rc;
 
 use messages::{
-    ClockAck, ClockStep, Cue, CueKind, CueRequest, DepthFrame, DepthHeader, EmergencyStop, Health, LidarScan,
-    LocomotionState, Member, Message, Mode, Odometry, Permit, PolicyAction, PortCounters, RobotCommand, ScanHeader,
-    ServiceId, WorldTruth,
+    ClockAck, ClockStep, Cue, CueAnswer, CueKind, CueRequest, DepthFrame, DepthHeader, EmergencyStop, Health,
+    LidarScan, LocomotionState, Member, Message, Mode, Odometry, Permit, PolicyAction, PortCounters, RobotCommand,
+    ScanHeader, ServiceId, SpeechSaid, WorldTruth,
 };
 
 use crate::domain::{Domain, Holder};
@@ -53,7 +53,7 @@ const TOPICS: u32 = messages::topic::TOPICS.len() as u32 + 1;
 
 fn stop_reason(at: usize) -> [(usize, u32); 3] {
     use messages::StopReason;
-    let last = messages::StopKind::EmergencyStop as u32;
+    let last = messages::StopKind::Arrived as u32;
     [
         (at + offset_of!(StopReason, kind), last + 1),
         (at + offset_of!(StopReason, service), SERVICES),
@@ -83,6 +83,17 @@ fn bytes_that_are_no_message_become_none() {
     only_values::<RobotCommand>(&[(offset_of!(RobotCommand, source), SERVICES)], &[]);
     only_values::<WorldTruth>(&[(offset_of!(WorldTruth, walker_count), 17)], &[]);
     only_values::<EmergencyStop>(&[(offset_of!(EmergencyStop, input), 4)], &[]);
+    let answer = [
+        &[(offset_of!(CueAnswer, kind), 4), (offset_of!(CueAnswer, source), 4)][..],
+        &[(offset_of!(CueAnswer, refusal), messages::CueRefusal::ALL.len() as u32 + 1)],
+        &stop_reason(offset_of!(CueAnswer, reason)),
+    ];
+    only_values::<CueAnswer>(&answer.concat(), &[]);
+    let said = [
+        &[(offset_of!(SpeechSaid, phase), 4), (offset_of!(SpeechSaid, urgency), 5)][..],
+        &stop_reason(offset_of!(SpeechSaid, reason)),
+    ];
+    only_values::<SpeechSaid>(&said.concat(), &[]);
     only_values::<Odometry>(&[], &[]);
     only_values::<ScanHeader>(&[], &[]);
     only_values::<DepthHeader>(&[], &[]);
@@ -99,7 +110,7 @@ fn arrays_and_counts_of_messages_are_checked_to_the_last_place() {
         (last_port + offset_of!(PortCounters, topic), TOPICS),
         (last_port + offset_of!(PortCounters, role), 2),
         (last_port + offset_of!(PortCounters, of), SERVICES),
-        (last_latency, messages::Latency::Decision as u32 + 1),
+        (last_latency, messages::Latency::StopToSpeech as u32 + 1),
     ];
     only_values::<Health>(&health, &[]);
     let last_member = (messages::MAX_MEMBERS - 1) * size_of::<Member>();

@@ -6,8 +6,12 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 
 use ort::environment::Environment;
-use ort::session::Session;
 use ort::session::builder::GraphOptimizationLevel;
+
+pub use ort::Error;
+pub use ort::inputs;
+pub use ort::session::Session;
+pub use ort::value::TensorRef;
 
 /// The interface version that is asked of the library: that of ONNX Runtime 1.22, and of all newer ones.
 const API: u32 = 22;
@@ -91,7 +95,10 @@ fn with_reason(error: &libloading::Error) -> String {
 }
 
 /// A session for a model, by tract or by the library.
-pub(crate) fn session(bytes: &[u8], library: Option<&Path>) -> Result<Session, String> {
+///
+/// # Errors
+/// Where there is no such engine, this process runs its models by another one, or the engine does not take the model.
+pub fn session(bytes: &[u8], library: Option<&Path>) -> Result<Session, String> {
     let runtime = RUNTIME.get_or_init(|| start(library)).as_ref().map_err(ToString::to_string)?;
     if runtime.library.as_deref() != library {
         return Err(RuntimeError::Taken(name(runtime.library.as_deref())).to_string());

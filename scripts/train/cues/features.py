@@ -1,0 +1,125 @@
+"""From samples to speech embeddings, streaming: what the robot's own code computes, to the last constant.
+
+Samples x are 16 kHz mono in [-1, 1].
+
+* Frame k takes samples 160 k to 160 k + 511: 100 frames a second. The window w is a periodic Hann of 400 samples in
+  the middle of the 512, w[56 + n] = 0.5 - 0.5 cos(2 pi n / 400) for n = 0..399, zero elsewhere.
+* Power spectrum P[b] = |sum_n w[n] x[160 k + n] exp(-2 pi i b n / 512)|^2, b = 0..256, with no division by anything.
+* 32 triangular bands on Slaney's mel scale, m(f) = 3 f / 200 below 1 kHz and 15 + 27 ln(f / 1000) / ln(6.4) from there
+  on. Their 34 edges e lie evenly in mel between 60 and 3800 Hz. Band i rises from e[i] to e[i+1] and falls to e[i+2],
+  linearly in Hz at f = 31.25 b, and has the area of one: height 2 / (e[i+2] - e[i]).
+* Level in decibels D[i] = max(10 log10(max(sum_b M[b, i] P[b], 1e-10)), -85.7). The floor is fixed, where the network
+  that this comes from takes 80 dB below the loudest of whatever was handed to it at once.
+* Log-mel = D / 10 + 2.
+* Embedding m is what the network makes of frames 8 m to 8 m + 75: one each 80 ms, the first after 12,512 samples.
+* The head sees embeddings m - 7 to m, oldest first: 1.342 s, the first after 21,472 samples.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+RATE = 16_000
+FFT, WINDOW, HOP = 512, 400, 160
+BANDS, BAND_LOW_HZ, BAND_HIGH_HZ = 32, 60.0, 3800.0
+POWER_MIN, FLOOR_DB = 1e-10, -85.7
+FRAMES, STEP_FRAMES, EMBEDDING = 76, 8, 96
+WINDOWS = 8
+STEP = STEP_FRAMES * HOP
+EMBEDDING_SPAN = (FRAMES - 1) * HOP + FFT
+HEAD_SPAN = EMBEDDING_SPAN + (WINDOWS - 1) * STEP
+
+EMBEDDING_PATH = Path(__file__).parents[3] / "config/cues/embedding.onnx"
+
+
+def window() -> np.ndarray:
+    """float64[512]: a periodic Hann of 400 samples in the middle."""
+    padded = np.zeros(FFT)
+    start = (FFT - WINDOW) // 2
+    padded[start : start + WINDOW] = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(WINDOW) / WINDOW)
+    return padded
+
+
+def mel_of_hz(hz: np.ndarray) -> np.ndarray:
+    return np.where(hz < 1000, hz * 3 / 200, 15 + 27 * np.log(np.maximum(hz, 1) / 1000) / np.log(6.4))
+
+
+def hz_of_mel(mel: np.ndarray) -> np.ndarray:
+    return np.where(mel < 15, mel * 200 / 3, 1000 * np.exp((mel - 15) * np.log(6.4) / 27))
+
+
+def mel_weights() -> np.ndarray:
+    """float64[257, 32]: what each of the FFT's bins gives to each band."""
+    low, high = mel_of_hz(np.array([BAND_LOW_HZ, BAND_HIGH_HZ]))
+    edges = hz_of_mel(np.linspace(low, high, BANDS + 2))
+    below, peak, above = edges[:-2], edges[1:-1], edges[2:]
+    hz = np.arange(FFT // 2 + 1)[:, None] * RATE / FFT
+    triangle = np.minimum((hz - below) / (peak - below), (above - hz) / (above - peak))
+    return np.maximum(triangle, 0) * 2 / (above - below)
+
+
+WINDOW_WEIGHTS = window().astype(np.float32)
+MEL_WEIGHTS = mel_weights().astype(np.float32)
+
+
+def log_mel(samples: np.ndarray) -> np.ndarray:
+    """float32[frames, 32] of float[n]; frames that would reach past the end are left out."""
+    if len(samples) < FFT:
+        return np.zeros((0, BANDS), np.float32)
+    frames = np.lib.stride_tricks.sliding_window_view(np.asarray(samples, np.float32), FFT)[::HOP]
+    spectrum = np.fft.rfft(frames * WINDOW_WEIGHTS, axis=1)
+    power = (spectrum.real**2 + spectrum.imag**2).astype(np.float32)
+    decibels = 10 * np.log10(np.maximum(power @ MEL_WEIGHTS, POWER_MIN))
+    return (np.maximum(decibels, FLOOR_DB) / 10 + 2).astype(np.float32)
+
+
+class Embedding:
+    """The frozen network (Google's speech embedding, 96 numbers for 76 frames).
+
+    It has no padding in time and its pooling makes 8 frames one: over a longer stretch it gives, in one go, the very
+    embeddings that 76 frames at a time give, each 8 frames, for a sixth of the work.
+    """
+
+    def __init__(self, path: Path = EMBEDDING_PATH, threads: int = 1) -> None:
+        import onnx
+        import onnxruntime
+
+        model = onnx.load(path)
+        first, *between, last = model.graph.node
+        assert first.op_type == last.op_type == "Reshape"
+        between[0].input[0] = "mel"
+        between[-1].output[0] = "embeddings"
+        shaped = onnx.helper.make_tensor_value_info
+        graph = onnx.helper.make_graph(
+            between,
+            "embeddings",
+            [shaped("mel", onnx.TensorProto.FLOAT, ["clips", 1, "frames", BANDS])],
+            [shaped("embeddings", onnx.TensorProto.FLOAT, ["clips", EMBEDDING, "steps", 1])],
+            model.graph.initializer,
+        )
+        streaming = onnx.helper.make_model(graph, opset_imports=model.opset_import, ir_version=model.ir_version)
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = 3
+        data = streaming.SerializeToString()
+        self.session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+
+    def of_mel(self, mel: np.ndarray) -> np.ndarray:
+        """float32[..., steps, 96] of log-mel float32[..., frames, 32]."""
+        clips = mel.reshape(-1, 1, *mel.shape[-2:])
+        steps = (mel.shape[-2] - FRAMES) // STEP_FRAMES + 1
+        if steps < 1:
+            return np.zeros((*mel.shape[:-2], 0, EMBEDDING), np.float32)
+        made = self.session.run(None, {"mel": clips})[0]
+        return made[..., 0].transpose(0, 2, 1).reshape(*mel.shape[:-2], steps, EMBEDDING)
+
+    def of_samples(self, samples: np.ndarray) -> np.ndarray:
+        """float32[steps, 96] of samples: step m ends at sample 12,512 + 1,280 m."""
+        mel = log_mel(samples)
+        # A minute at a time: the network keeps all that lies between its layers.
+        parts = []
+        for start in range(0, max(1, len(mel) - FRAMES + 1), 4000):
+            parts.append(self.of_mel(mel[start : start + 4000 + FRAMES - STEP_FRAMES]))
+        return np.concatenate(parts)

@@ -1,0 +1,185 @@
+"""From probabilities to cues: the rules that the robot follows, pure and without a clock.
+
+Time goes in steps of 80 ms. A step has the head's probabilities and the levels of its eight newest frames of 10 ms.
+
+Level. A frame's level in decibels is the mean over bands 4 to 27 (of 0 to 31) of its log-mel, less 2, times 10.
+
+Floor. The level of what is always there. It begins at the first frame's level. A frame below the floor draws it down by
+`floor_fall` of the distance; any other raises it by `floor_rise` decibels, but never above the frame.
+
+stop. P(stop) >= threshold in `windows` steps in a row (one). It is reported at once, ends what is waiting, and is not
+reported again within `refractory`.
+
+Directions. P(word) >= threshold and above all others in `windows` steps in a row: a candidate, unless a direction was
+reported within `refractory` or the same word is waiting already; another word's candidate takes the waiting one's
+place. It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop
+needs `forward_after_stop` until a direction was reported.
+
+Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
+level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
+`reach`. In each step while it waits, from the newest frame back:
+1. No frame is loud since `reach` before the candidate: it stands alone, it is reported.
+2. From the last loud frame back to the first that has no gap of `quiet` without a loud frame behind it: that is the
+   segment. If it is longer than `segment_max`, both ends counted, this is running speech: the candidate is dropped.
+3. The last `quiet` are without a loud frame: it is reported.
+4. It has waited for `wait_max`: it is dropped.
+Levels are remembered for `MEMORY`; what is older counts as not loud.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from words import LABELS
+
+STEP_S, FRAME_S, FRAMES = 0.08, 0.01, 8
+MEMORY = 256  # frames: reach, wait_max, segment_max and quiet together
+DIRECTIONS = LABELS[:3]
+STOP = LABELS.index("stop")
+
+
+@dataclass(frozen=True)
+class Rules:
+    stop: float = 0.7
+    stop_windows: int = 1
+    directions: tuple[float, float, float] = (0.7, 0.7, 0.7)  # forward, left, right
+    direction_windows: int = 2
+    forward_after_stop: float = 0.85
+    isolated: bool = True
+    refractory_s: float = 1.0
+    quiet_s: float = 0.18
+    segment_max_s: float = 1.0
+    wait_max_s: float = 0.6
+    reach_s: float = 0.8
+    margin_db: float = 8.0
+    depth_db: float = 30.0
+    floor_rise_db: float = 0.02
+    floor_fall: float = 0.2
+
+
+class Detection(NamedTuple):
+    cue: str
+    step: int  # in which it is reported
+    heard: int  # in which it became a candidate
+    score: float  # the lowest of the probabilities that made it
+
+
+class Candidate(NamedTuple):
+    word: int
+    step: int
+    score: float
+    loud_db: float
+
+
+def frames(seconds: float) -> int:
+    return round(seconds / FRAME_S)
+
+
+def steps(seconds: float) -> int:
+    return round(seconds / STEP_S)
+
+
+@dataclass
+class Recogniser:
+    rules: Rules = field(default_factory=Rules)
+    stopped: bool = False
+
+    def __post_init__(self) -> None:
+        self.step = -1
+        self.floor: float | None = None
+        self.levels: deque[float] = deque(maxlen=MEMORY)
+        self.streak = [0] * len(LABELS)
+        self.lowest = [1.0] * len(LABELS)
+        self.waiting: Candidate | None = None
+        self.silent_until = {"stop": 0, "direction": 0}
+
+    def hear(self, probabilities: np.ndarray, levels: np.ndarray) -> list[Detection]:
+        """What a step of float[5] and the levels float[8] of its frames make known."""
+        self.step += 1
+        for level in levels:
+            self.hear_level(float(level))
+        self.count(probabilities)
+        refractory = steps(self.rules.refractory_s)
+        if self.streak[STOP] >= self.rules.stop_windows:
+            self.waiting, self.stopped = None, True
+            if self.step < self.silent_until["stop"]:
+                return []
+            self.silent_until["stop"] = self.step + refractory
+            return [Detection("stop", self.step, self.step, self.lowest[STOP])]
+        for word in range(len(DIRECTIONS)):
+            if self.streak[word] >= self.rules.direction_windows and self.step >= self.silent_until["direction"]:
+                if self.waiting is None or self.waiting.word != word:
+                    self.waiting = Candidate(word, self.step, self.lowest[word], self.loud_db())
+        if self.waiting is None or not self.isolated():
+            return []
+        made, self.waiting, self.stopped = self.waiting, None, False
+        self.silent_until["direction"] = self.step + refractory
+        return [Detection(LABELS[made.word], self.step, made.step, made.score)]
+
+    def hear_level(self, level: float) -> None:
+        if self.floor is None:
+            self.floor = level
+        elif level < self.floor:
+            self.floor += self.rules.floor_fall * (level - self.floor)
+        else:
+            self.floor = min(level, self.floor + self.rules.floor_rise_db)
+        self.levels.append(level)
+
+    def count(self, probabilities: np.ndarray) -> None:
+        best = int(np.argmax(probabilities))
+        for word in range(len(LABELS) - 1):
+            p = float(probabilities[word])
+            if p >= self.threshold(word) and (word == STOP or word == best):
+                self.lowest[word] = min(p, self.lowest[word]) if self.streak[word] else p
+                self.streak[word] += 1
+            else:
+                self.streak[word] = 0
+
+    def threshold(self, word: int) -> float:
+        if word == STOP:
+            return self.rules.stop
+        if word == 0 and self.stopped:
+            return max(self.rules.directions[0], self.rules.forward_after_stop)
+        return self.rules.directions[word]
+
+    def loud_db(self) -> float:
+        """What is loud beside a candidate that is made now."""
+        assert self.floor is not None
+        reach = min(len(self.levels), frames(self.rules.reach_s))
+        peak = max(self.levels[-i] for i in range(1, reach + 1))
+        return max(self.floor + self.rules.margin_db, peak - self.rules.depth_db)
+
+    def isolated(self) -> bool:
+        """Whether the waiting candidate may be reported now; one that never may is dropped."""
+        assert self.waiting is not None
+        rules = self.rules
+        if not rules.isolated:
+            return True
+        waited = self.step - self.waiting.step
+        quiet = frames(rules.quiet_s)
+        ages = [age for age, level in enumerate(reversed(self.levels)) if level > self.waiting.loud_db]
+        if not ages or ages[0] >= frames(rules.reach_s) + FRAMES * waited:
+            return True
+        oldest = ages[0]
+        for age in ages:
+            if age - oldest > quiet:
+                break
+            oldest = age
+        if oldest - ages[0] + 1 > frames(rules.segment_max_s):
+            self.waiting = None
+            return False
+        if ages[0] >= quiet:
+            return True
+        if waited >= steps(rules.wait_max_s):
+            self.waiting = None
+        return False
+
+
+def detect(rules: Rules, probabilities: np.ndarray, levels: np.ndarray) -> list[Detection]:
+    """All detections of a stream: probabilities float[steps, 5], levels float[steps, 8]."""
+    recogniser = Recogniser(rules)
+    return [found for p, l in zip(probabilities, levels) for found in recogniser.hear(p, l)]

@@ -1,0 +1,44 @@
+import numpy as np
+import pytest
+
+import export
+import network
+from golden import lcg
+from words import LABELS
+
+
+@pytest.fixture
+def weights() -> network.Weights:
+    rng = np.random.default_rng(0)
+    return network.initial(rng, np.full(96, 0.1), np.full(96, 1.2))
+
+
+def test_gradients_are_those_of_finite_differences(weights: network.Weights) -> None:
+    exact = {name: value.astype(np.float64) for name, value in weights.items()}
+    z = lcg(6 * 8 * 96).reshape(6, 8, 96)
+    target = np.eye(len(LABELS))[[0, 1, 2, 3, 4, 4]]
+    scale = np.array([1, 2, 0.5, 1, 1, 1.0])
+    kept = (np.arange(6 * network.FLAT).reshape(6, -1) % 3 > 0) * 1.5
+    found, loss = network.gradients(exact, z, target, scale, kept)
+    rng = np.random.default_rng(1)
+    for name in network.SHAPES:
+        for _ in range(4):
+            at = tuple(rng.integers(0, size) for size in exact[name].shape)
+            ends = []
+            for delta in (1e-6, -1e-6):
+                moved = {**exact, name: exact[name].copy()}
+                moved[name][at] += delta
+                ends.append(network.gradients(moved, z, target, scale, kept)[1])
+            assert found[name][at] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-7), (name, at)
+
+
+def test_the_exported_head_is_this_one(weights: network.Weights, tmp_path) -> None:
+    import onnxruntime
+
+    path = tmp_path / "head.onnx"
+    path.write_bytes(export.model(weights).SerializeToString())
+    x = (3 * lcg(8 * 96)).reshape(1, 8, 96).astype(np.float32)
+    session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
+    assert np.abs(session.run(None, {"embeddings": x})[0] - network.probabilities(weights, x)).max() < 1e-5
+    for name, value in export.read(path).items():
+        assert np.array_equal(value, weights[name])

@@ -1,0 +1,65 @@
+import numpy as np
+import pytest
+
+from golden import cases
+from rules import Recogniser, Rules
+
+EXPECTED = {
+    "a lone direction, reported once it is quiet": ["left"],
+    "one window is none": [],
+    "a direction in running speech is dropped": [],
+    "a direction at the end of running speech is dropped": [],
+    "a direction that is never followed by quiet is dropped": [],
+    "stop in running speech, and not again within a second": ["stop", "stop"],
+    "stop ends what waits": ["stop"],
+    "forward after a stop needs more": ["stop", "forward", "forward"],
+    "another direction within a second is not reported": ["left", "right"],
+    "levels that never rise: nothing is known of running speech": ["left"],
+}
+
+
+@pytest.mark.parametrize("case", cases(), ids=lambda case: case["name"])
+def test_a_stream_by_hand(case: dict) -> None:
+    assert [found["cue"] for found in case["detections"]] == EXPECTED[case["name"]]
+
+
+def test_the_floor_falls_fast_and_rises_slowly() -> None:
+    recogniser = Recogniser()
+    for level in [-20.0] * 100 + [-60.0] * 30:
+        recogniser.hear_level(level)
+    assert recogniser.floor == pytest.approx(-60, abs=0.1)
+    for level in [-20.0] * 100:
+        recogniser.hear_level(level)
+    assert recogniser.floor == pytest.approx(-60 + 100 * Rules().floor_rise_db, abs=0.1)
+
+
+def candidate(levels: list[float]) -> Recogniser:
+    """A recogniser that heard levels, whole steps of them, and in the last two steps a "left"."""
+    recogniser = Recogniser()
+    left, other = np.array([0, 0.9, 0, 0, 0.1]), np.array([0, 0, 0, 0, 1.0])
+    rows = np.array(levels).reshape(-1, 8)
+    recogniser.found = [
+        f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row)
+    ]
+    return recogniser
+
+
+def test_a_candidate_waits_for_quiet_and_not_longer() -> None:
+    quiet = round(Rules().quiet_s * 100)
+    recogniser = candidate([-60.0] * 80 + [-20.0] * (40 - quiet + 1) + [-60.0] * (quiet - 1))
+    assert recogniser.found == [] and recogniser.waiting is not None
+    assert [f.cue for f in recogniser.hear(np.array([0, 0, 0, 0, 1.0]), np.full(8, -60.0))] == ["left"]
+    assert [f.cue for f in candidate([-60.0] * 80 + [-20.0] * (40 - quiet) + [-60.0] * quiet).found] == ["left"]
+
+
+def test_a_segment_may_be_as_long_as_the_rule_says_and_no_longer() -> None:
+    longest = round(Rules().segment_max_s * 100)
+    for length, cues in ((longest, ["left"]), (longest + 1, [])):
+        levels = [-60.0] * (240 - length - 24) + [-20.0] * length + [-60.0] * 24
+        assert [f.cue for f in candidate(levels).found] == cues
+
+
+def test_a_steady_noise_that_has_begun_does_not_lengthen_a_word() -> None:
+    """It is far above the floor, but as far below the word."""
+    levels = [-80.0] * 80 + [-50.0] * 100 + [-20.0] * 36 + [-50.0] * 24
+    assert [f.cue for f in candidate(levels).found] == ["left"]

@@ -1,0 +1,251 @@
+"""Makes the training windows: clips, put into scenes, as sequences of embeddings in build/windows.
+
+A sequence is float16[13, 96]: six windows of eight embeddings, 80 ms apart, all with the same label. A group is one
+kind of sound; training says how often each is drawn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from functools import cache
+from pathlib import Path
+from typing import Callable, Iterator, NamedTuple
+
+import numpy as np
+
+import features
+import sounds
+from augment import SHIFTS, SPAN, STEPS, Scene, equalised, extent
+from features import RATE
+from sounds import TEST_FOLD
+from synthesise import BUILD, Clip, held_out, load, seed_of
+from words import CUES, LABELS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
+
+OTHER = LABELS.index("other")
+ALIKES = {word for words in SOUND_ALIKES.values() for word in words}
+
+
+class Example(NamedTuple):
+    label: int
+    fold: int  # of the recording it comes from; -1: none that is ever kept back
+    heard: np.ndarray  # log-mel float32[172, 32], or already embedded: float32[13, 96]
+
+
+@cache
+def scene() -> Scene:
+    noises = [r.audio for r in sounds.noise() if r.fold != TEST_FOLD]
+    talk = [r.audio for r in sounds.librispeech() if r.fold != TEST_FOLD] + [r.audio for r in sounds.prompts()]
+    return Scene(noises, talk)
+
+
+@cache
+def embedding() -> features.Embedding:
+    return features.Embedding()
+
+
+@cache
+def clips(family: str) -> list[Clip]:
+    return [clip for clip in load(family) if not held_out(family, clip.voice) and len(clip.audio) > RATE // 10]
+
+
+def label_of(text: str) -> int:
+    if text in STOP_PHRASES:
+        return LABELS.index("stop")
+    return LABELS.index(text) if text in CUES else OTHER
+
+
+def spoken(clip: Clip, rng: np.random.Generator) -> Example:
+    """A synthetic word; of a sentence some stretch."""
+    audio = scene().voice(clip.audio, rng)
+    end = extent(audio)[1]
+    if clip.text in SENTENCES:
+        end = int(rng.integers(RATE // 4, len(audio)))
+    placed = scene().placed(audio, end, rng, context=rng.random() < 0.2)
+    return Example(label_of(clip.text), -1, scene().mel(scene().heard(placed, rng)))
+
+
+def synthetic(family: str, wanted: Callable[[str], bool], times: int) -> Iterator[Example]:
+    for i, clip in enumerate(clips(family)):
+        if wanted(clip.text):
+            for k in range(times):
+                yield spoken(clip, np.random.default_rng(seed_of("spoken", family, i, k)))
+
+
+def is_cue(text: str) -> bool:
+    return label_of(text) != OTHER
+
+
+def partial(family: str, times: int) -> Iterator[Example]:
+    """A cue of which not even half has been heard: no cue yet."""
+    for i, clip in enumerate(clips(family)):
+        if clip.text in CUES:
+            for k in range(times):
+                rng = np.random.default_rng(seed_of("partial", family, i, k))
+                audio = scene().voice(clip.audio, rng)
+                start, end = extent(audio)
+                audio = audio[: start + int(rng.uniform(0.2, 0.45) * (end - start))]
+                placed = np.zeros(SPAN, np.float32)
+                audio = audio[-SPAN:]
+                placed[SPAN - len(audio) :] = audio
+                yield Example(OTHER, -1, scene().mel(scene().heard(placed, rng)))
+
+
+def real(recordings: list[sounds.Recording], times: int) -> Iterator[Example]:
+    for recording in recordings:
+        for k in range(times):
+            rng = np.random.default_rng(seed_of("real", recording.name, k))
+            audio = scene().voice(recording.audio, rng, gentle=True) if k else recording.audio
+            placed = scene().placed(audio, extent(audio)[1], rng, context=rng.random() < 0.1)
+            label = label_of(recording.word)
+            yield Example(label, recording.fold, scene().mel(scene().heard(placed, rng, quiet=rng.random() < 0.4)))
+
+
+def pieces(label: int, fold: int, mel: np.ndarray) -> Iterator[Example]:
+    """A long stretch, so that each window is in one sequence."""
+    embeddings = embedding().of_mel(mel)
+    for start in range(0, len(embeddings) - STEPS + 1, SHIFTS):
+        yield Example(label, fold, embeddings[start : start + STEPS])
+
+
+def streams(recordings: list[sounds.Recording], times: int, gentle: bool = True) -> Iterator[Example]:
+    """Running speech."""
+    for recording in recordings:
+        for k in range(times):
+            rng = np.random.default_rng(seed_of("stream", recording.name, k, gentle))
+            audio = scene().voice(recording.audio, rng, gentle)
+            audio = scene().heard(audio, rng, quiet=rng.random() < 0.5)
+            # A sentence or a prompt begins and ends in silence, if it is not cut short.
+            audio = np.pad(audio, (RATE if rng.random() < 0.5 else 0, RATE // 2))
+            audio += 10 ** (rng.uniform(-90, -60) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
+            yield from pieces(OTHER, recording.fold, features.log_mel(audio))
+
+
+def backgrounds(count: int) -> Iterator[Example]:
+    """Nobody speaks; some of it begins suddenly."""
+    for i in range(count):
+        rng = np.random.default_rng(seed_of("background", i))
+        audio = scene().background(rng, SPAN)
+        if rng.random() < 0.5:
+            audio = audio * (np.arange(SPAN) > rng.integers(0, SPAN))
+        if rng.random() < 0.3:
+            audio = audio + rng.uniform(0, 1) * scene().background(rng, SPAN)
+        audio = audio * 10 ** (rng.uniform(-60, 0) / 20) / max(float(np.abs(audio).max()), 1e-6)
+        if rng.random() < 0.02:
+            audio = np.zeros(SPAN)
+        yield Example(OTHER, -1, scene().mel(audio.astype(np.float32)))
+
+
+def noises(times: int) -> Iterator[Example]:
+    """Real noise that comes and goes, all of it."""
+    for recording in sounds.noise():
+        for k in range(times):
+            rng = np.random.default_rng(seed_of("noise", recording.name, k))
+            audio = equalised(recording.audio, rng, rng.uniform(0, 4))
+            at, gain = 0, np.zeros(len(audio), np.float32)
+            while at < len(audio):
+                length = int(rng.exponential(1.5) * RATE) + RATE // 10
+                gain[at : at + length] = rng.choice([0.0, 0.001, 1.0, 1.0]) * 10 ** (rng.uniform(-20, 0) / 20)
+                at += length
+            audio = audio * gain * 10 ** (rng.uniform(-40, 0) / 20) / float(np.abs(audio).max())
+            audio = audio + 10 ** (rng.uniform(-90, -50) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
+            yield from pieces(OTHER, recording.fold, features.log_mel(audio.astype(np.float32)))
+
+
+def strangers_words() -> list[sounds.Recording]:
+    """The first clips of the one speaker's other words; of the cues nothing trains, they show what enrolment brings."""
+    return [r._replace(fold=-1) for r in sounds.one_speaker() if r.word not in CUES and r.fold < sounds.ENROLMENT]
+
+
+def commands(cues: bool) -> list[sounds.Recording]:
+    return [r for r in sounds.speech_commands() if (r.word in CUES) == cues]
+
+
+GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
+    "cues_kokoro": lambda: synthetic("kokoro", is_cue, 8),
+    "cues_espeak": lambda: synthetic("espeak", is_cue, 2),
+    "cues_flite": lambda: synthetic("flite", is_cue, 4),
+    "cues_accents": lambda: synthetic("accents", is_cue, 3),
+    "cues_real": lambda: real(commands(True), 200),
+    "alikes_kokoro": lambda: synthetic("kokoro", lambda text: text in ALIKES, 4),
+    "alikes_espeak": lambda: synthetic("espeak", lambda text: text in ALIKES, 2),
+    "alikes_flite": lambda: synthetic("flite", lambda text: text in ALIKES, 1),
+    "alikes_accents": lambda: synthetic("accents", lambda text: not is_cue(text), 3),
+    "words_kokoro": lambda: synthetic("kokoro", lambda text: not is_cue(text) and text not in ALIKES, 3),
+    "words_espeak": lambda: synthetic("espeak", lambda text: not is_cue(text) and text not in ALIKES, 1),
+    "words_flite": lambda: synthetic("flite", lambda text: not is_cue(text) and text not in ALIKES, 1),
+    "words_real": lambda: real(commands(False), 40),
+    "words_speaker": lambda: real(strangers_words(), 12),
+    "partial": lambda: partial("kokoro", 2),
+    "reading": lambda: streams(sounds.librispeech(), 4),
+    "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
+    "prompts": lambda: streams(sounds.prompts(), 1),
+    "noise": lambda: noises(8),
+    "backgrounds": lambda: backgrounds(5000),
+}
+
+
+def path_of(group: str) -> Path:
+    return BUILD / "windows" / f"{group}.npz"
+
+
+def make(group: str) -> str:
+    """Writes a group's sequences: embeddings float16[n, 13, 96], labels int8[n], folds int8[n]."""
+    began = time.monotonic()
+    sequences, labels, folds, batch = [], [], [], []
+
+    def embed() -> None:
+        if batch:
+            sequences.append(embedding().of_mel(np.stack(batch)).astype(np.float16))
+            batch.clear()
+
+    for example in GROUPS[group]():
+        labels.append(example.label)
+        folds.append(example.fold)
+        if example.heard.shape == (STEPS, features.EMBEDDING):
+            embed()
+            sequences.append(example.heard[None].astype(np.float16))
+            continue
+        batch.append(example.heard)
+        if len(batch) == 32:
+            embed()
+    embed()
+    if not sequences:
+        return f"{group}: none, its sounds are missing"
+    path_of(group).parent.mkdir(parents=True, exist_ok=True)
+    fresh = path_of(group).with_suffix(".new.npz")
+    np.savez(
+        fresh, sequences=np.concatenate(sequences), labels=np.array(labels, np.int8), folds=np.array(folds, np.int8)
+    )
+    fresh.replace(path_of(group))
+    return f"{group}: {len(labels)} sequences, {time.monotonic() - began:.0f} s"
+
+
+class Group(NamedTuple):
+    sequences: np.ndarray  # float16[n, 13, 96]
+    labels: np.ndarray  # int8[n]
+    folds: np.ndarray  # int8[n]
+
+
+def group(name: str) -> Group | None:
+    if not path_of(name).exists():
+        return None
+    with np.load(path_of(name)) as file:
+        return Group(file["sequences"], file["labels"], file["folds"])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("groups", nargs="*", default=list(GROUPS))
+    parser.add_argument("--processes", type=int, default=2)
+    arguments = parser.parse_args()
+    missing = [name for name in arguments.groups if not path_of(name).exists()]
+    with ProcessPoolExecutor(arguments.processes) as pool:
+        for line in pool.map(make, missing):
+            print(line, file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()

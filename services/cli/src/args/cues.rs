@@ -1,0 +1,62 @@
+//! The command line of `guidedog evaluate-cues`.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+pub const HELP: &str = "\
+Examples:
+  guidedog evaluate-cues clips/                           a folder a word: clips/stop/a.wav, clips/dog/b.wav
+  guidedog evaluate-cues clips/ speech/ --json            and long streams, in which nobody gives a cue
+  guidedog evaluate-cues test.txt --conditions all --noise rain.wav --noise dishes.wav
+
+A folder's files are named by their folder: forward, left, right and stop are cues, any other name is another word.
+Files of over 5 s, and those of folders whose name begins with \"noise\" or \"silence\", are streams without a cue. A
+list has a file a line, and its word behind a tab or blanks (none: a stream); paths start at the list's folder. Files
+are WAV (16 bits) or FLAC, 16 kHz, one channel. Each is heard between two seconds of near-silence, sample by sample as
+on the robot. A cue is recalled where it is the first that is heard; another word is falsely accepted where anything is
+heard.";
+
+/// What is done to what is heard.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum ConditionName {
+    /// Nothing.
+    Clean,
+    /// Noise, 20 dB under the speech.
+    Noise20,
+    /// 10 dB.
+    Noise10,
+    /// 5 dB.
+    Noise5,
+    /// As loud as the speech.
+    Noise0,
+    /// As if shouted: higher, brighter, clipped.
+    Shout,
+    /// In a room that rings for half a second.
+    Reverb,
+    /// All of them, one after another.
+    All,
+}
+
+/// What is evaluated, and on what.
+#[derive(Debug, Args)]
+pub struct EvaluateCuesArgs {
+    /// Folders, lists, or files
+    #[arg(required = true, value_name = "DIR|LIST|FILE")]
+    pub what: Vec<PathBuf>,
+    /// What is done to what is heard; once for each
+    #[arg(long, value_enum, default_values = ["clean"], value_delimiter = ',')]
+    pub conditions: Vec<ConditionName>,
+    /// Noise to hear through, in place of pink noise; once for each file
+    #[arg(long, value_name = "FILE")]
+    pub noise: Vec<PathBuf>,
+    /// Seed of what is drawn
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Cores to use; all if not told
+    #[arg(long, value_name = "N")]
+    pub workers: Option<usize>,
+    /// Model, embedding and engine as this configuration has them
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}

@@ -1,0 +1,122 @@
+//! `guidedog evaluate-cues`: recorded speech through the very code that hears on the robot.
+
+mod conditions;
+mod figures;
+mod files;
+
+use std::path::Path;
+use std::time::Instant;
+
+use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
+use messages::CueKind;
+use rayon::prelude::*;
+use serde_json::json;
+use settings::VoiceSource;
+
+use crate::args::cues::EvaluateCuesArgs;
+use crate::exit::Failure;
+use crate::out::{self, say};
+use crate::prepare;
+use conditions::{Condition, Noises};
+use figures::Counts;
+use files::{Recorded, What};
+
+/// Near-silence before and after what is heard, samples.
+const SILENCE: usize = RATE_HZ as usize;
+/// How loud near-silence is, of full scale.
+const HISS: f32 = 3.2e-4;
+
+/// What came of one file under one condition.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// What was in it.
+    pub what: What,
+    /// What was heard: the cue, and when it was reported after the end of what was said, seconds.
+    pub heard: Vec<(CueKind, f64)>,
+    /// How long it was, seconds.
+    pub length_s: f64,
+    /// How long the recogniser took, seconds.
+    pub taken_s: f64,
+}
+
+/// `guidedog evaluate-cues`.
+///
+/// # Errors
+/// Where a file or the model cannot be used.
+pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
+    let model = model_files(args.config.as_deref())?;
+    // What does not fit is told before anything is read.
+    let manifest = Recogniser::load(&model).map_err(Failure::of_input)?.manifest().clone();
+    let recorded = files::find(&args.what)?;
+    let noises = Noises::read(&args.noise)?;
+    let pool =
+        rayon::ThreadPoolBuilder::new().num_threads(args.workers.unwrap_or(0)).build().map_err(Failure::of_run)?;
+    let mut reports = serde_json::Map::new();
+    for condition in conditions::named(&args.conditions) {
+        say(format!("{}: {} files", condition.name(), recorded.len()));
+        let outcomes = pool.install(|| play(&recorded, &model, condition, &noises, args.seed))?;
+        reports.insert(condition.name().to_owned(), Counts::of(&outcomes).report());
+    }
+    let report = json!({
+        "model": { "path": model.manifest, "sha256": manifest.sha256, "embedding_sha256": manifest.embedding_sha256 },
+        "engine": model.onnx_runtime.as_ref().map_or_else(|| "tract".to_owned(), |path| path.display().to_string()),
+        "files": recorded.len(),
+        "seed": args.seed,
+        "conditions": reports,
+    });
+    if as_json {
+        return out::json(&report);
+    }
+    say(figures::text(&report));
+    Ok(())
+}
+
+/// Where the configuration has them, or where they lie by default.
+pub fn model_files(config: Option<&Path>) -> Result<ModelFiles, Failure> {
+    let mut settings = prepare::load(settings::Profile::Walk, config)?;
+    // The files are looked for only where somebody listens.
+    settings.cue.voice.source = VoiceSource::Microphone;
+    let settings = prepare::rooted(settings, config)?;
+    let voice = settings.cue.voice;
+    Ok(ModelFiles {
+        manifest: voice.model.unwrap_or_default(),
+        embedding: voice.embedding.unwrap_or_default(),
+        onnx_runtime: settings.policy.onnx_runtime,
+    })
+}
+
+/// Every file, each worker with a recogniser of its own.
+fn play(
+    recorded: &[Recorded],
+    model: &ModelFiles,
+    condition: Condition,
+    noises: &Noises,
+    seed: u64,
+) -> Result<Vec<Outcome>, Failure> {
+    let recogniser = || Recogniser::load(model);
+    let one = |recogniser: &mut Result<Recogniser, SpeechError>, (number, recorded): (usize, &Recorded)| {
+        let recogniser = recogniser.as_mut().map_err(|error| Failure::run(error.to_string()))?;
+        let samples = recorded.read()?;
+        let (end, heard) = condition.apply(&samples, noises, seed.wrapping_add(number as u64));
+        listen(recogniser, recorded, &heard, end).map_err(Failure::of_run)
+    };
+    recorded.par_iter().enumerate().map_init(recogniser, |recogniser, item| one(recogniser, (item.0, item.1))).collect()
+}
+
+/// Plays one stretch of sound.
+fn listen(
+    recogniser: &mut Recogniser,
+    recorded: &Recorded,
+    samples: &[f32],
+    word_end: usize,
+) -> Result<Outcome, SpeechError> {
+    recogniser.clear();
+    let (mut heard, begun) = (Vec::new(), Instant::now());
+    recogniser.push(samples, false, |step| {
+        if let Some(cue) = step.heard {
+            heard.push((cue.kind, (step.end as f64 - word_end as f64) / f64::from(RATE_HZ)));
+        }
+    })?;
+    let length_s = samples.len() as f64 / f64::from(RATE_HZ);
+    Ok(Outcome { what: recorded.what.clone(), heard, length_s, taken_s: begun.elapsed().as_secs_f64() })
+}

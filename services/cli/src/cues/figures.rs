@@ -1,0 +1,144 @@
+//! What many recordings amount to, with intervals of 95 %.
+
+use std::collections::BTreeMap;
+
+use messages::CueKind;
+use serde_json::{Value, json};
+
+use super::Outcome;
+use super::files::What;
+use crate::out::number;
+use crate::statistics::{an_hour, ratio};
+
+const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, CueKind::Stop];
+
+/// What was counted under one condition.
+#[derive(Debug, Default)]
+pub struct Counts {
+    /// By cue: whether it was the first that was heard.
+    recall: BTreeMap<&'static str, Vec<bool>>,
+    /// By other word: whether anything was heard.
+    false_accepts: BTreeMap<String, Vec<bool>>,
+    /// By what was said: what was heard in its place, and how often.
+    confusions: BTreeMap<String, BTreeMap<&'static str, usize>>,
+    /// By cue, in streams without one.
+    alarms: BTreeMap<&'static str, usize>,
+    stream_hours: f64,
+    /// After what was said had ended, seconds.
+    latencies_s: Vec<f64>,
+    length_s: f64,
+    taken_s: f64,
+}
+
+impl Counts {
+    /// Counts.
+    pub fn of(outcomes: &[Outcome]) -> Self {
+        let mut counts = Self::default();
+        outcomes.iter().for_each(|outcome| counts.take(outcome));
+        counts.latencies_s.sort_by(f64::total_cmp);
+        counts
+    }
+
+    fn take(&mut self, outcome: &Outcome) {
+        self.length_s += outcome.length_s;
+        self.taken_s += outcome.taken_s;
+        let said = match &outcome.what {
+            What::Cue(cue) => {
+                let first = outcome.heard.first().filter(|(kind, _)| kind == cue);
+                self.recall.entry(cue.name()).or_default().push(first.is_some());
+                self.latencies_s.extend(first.map(|(_, latency_s)| latency_s));
+                cue.name()
+            }
+            What::Other(word) => {
+                self.false_accepts.entry(word.clone()).or_default().push(!outcome.heard.is_empty());
+                word
+            }
+            What::Stream => {
+                self.stream_hours += outcome.length_s / 3600.0;
+                for (kind, _) in &outcome.heard {
+                    *self.alarms.entry(kind.name()).or_default() += 1;
+                }
+                return;
+            }
+        };
+        for (kind, _) in outcome.heard.iter().filter(|(kind, _)| kind.name() != said) {
+            *self.confusions.entry(said.to_owned()).or_default().entry(kind.name()).or_default() += 1;
+        }
+    }
+
+    /// As one object.
+    pub fn report(&self) -> Value {
+        let rates = |counts: &[(&str, &Vec<bool>)]| -> Value {
+            let mut rates: serde_json::Map<String, Value> =
+                counts.iter().map(|(word, hits)| ((*word).to_owned(), ratio(hits.iter().copied()))).collect();
+            rates.insert("all".to_owned(), ratio(counts.iter().flat_map(|(_, hits)| hits.iter().copied())));
+            Value::Object(rates)
+        };
+        let recall: Vec<(&str, &Vec<bool>)> = self.recall.iter().map(|(word, hits)| (*word, hits)).collect();
+        let others: Vec<(&str, &Vec<bool>)> =
+            self.false_accepts.iter().map(|(word, hits)| (word.as_str(), hits)).collect();
+        let alarms = |wanted: &dyn Fn(CueKind) -> bool| {
+            let count = CUES.into_iter().filter(|kind| wanted(*kind)).filter_map(|kind| self.alarms.get(kind.name()));
+            an_hour(count.sum(), self.stream_hours)
+        };
+        let mut alarms_an_hour: serde_json::Map<String, Value> =
+            CUES.into_iter().map(|cue| (cue.name().to_owned(), alarms(&|kind| kind == cue))).collect();
+        alarms_an_hour.insert("directions".to_owned(), alarms(&CueKind::is_moving));
+        let at = |share: f64| {
+            let last = self.latencies_s.len().checked_sub(1)?;
+            self.latencies_s.get(((self.latencies_s.len() as f64 * share) as usize).min(last))
+        };
+        json!({
+            "recall": rates(&recall),
+            "false_accepts": rates(&others),
+            "confusions": self.confusions,
+            "false_alarms_an_hour": alarms_an_hour,
+            "latency_s": { "p50": at(0.5), "p95": at(0.95), "n": self.latencies_s.len() },
+            "cpu_share": self.taken_s / self.length_s.max(1e-9),
+            "audio_s": self.length_s,
+        })
+    }
+}
+
+/// The report as lines for people.
+pub fn text(report: &Value) -> String {
+    let mut lines = Vec::new();
+    let rate = |name: &str, value: &Value, digits: usize| {
+        let of = |key| number(value, key);
+        let n = if value["n"].is_u64() { format!("n = {}", of("/n")) } else { format!("{:.2} h", of("/hours")) };
+        format!("  {name:<24}{:>8.digits$}  [{:.digits$}, {:.digits$}]  {n}", of("/mean"), of("/lo"), of("/hi"))
+    };
+    for (condition, counts) in report["conditions"].as_object().into_iter().flatten() {
+        lines.push(condition.clone());
+        for (title, key, digits) in [
+            ("", "recall", 3),
+            ("false accepts of ", "false_accepts", 3),
+            ("false alarms/h ", "false_alarms_an_hour", 1),
+        ] {
+            for (word, value) in counts[key].as_object().into_iter().flatten().filter(|(_, value)| value.is_object()) {
+                let is_worth_a_line = key != "false_accepts" || word == "all" || number(value, "/mean") > 0.0;
+                if is_worth_a_line {
+                    lines.push(rate(&format!("{title}{word}"), value, digits));
+                }
+            }
+        }
+        let of = |key| number(counts, key);
+        let latency = counts["latency_s"]["n"].as_u64() > Some(0);
+        if latency {
+            lines.push(format!(
+                "  {:<24}{:>8.2}  p95 {:.2} s  n = {}",
+                "after the word's end",
+                of("/latency_s/p50"),
+                of("/latency_s/p95"),
+                of("/latency_s/n")
+            ));
+        }
+        lines.push(format!(
+            "  {:<24}{:>8.1} % of a core, {:.0} s of sound",
+            "cost",
+            100.0 * of("/cpu_share"),
+            of("/audio_s")
+        ));
+    }
+    lines.join("\n")
+}

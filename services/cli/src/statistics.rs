@@ -1,0 +1,74 @@
+//! Means and rates with intervals of 95 %, as reports tell them.
+
+use serde_json::{Value, json};
+
+/// Of the normal distribution, for 95 %.
+const Z: f64 = 1.959_964;
+
+/// A mean with its interval: of numbers, by the normal distribution.
+pub fn mean(values: impl Iterator<Item = f64>) -> Value {
+    let values: Vec<f64> = values.collect();
+    let n = values.len() as f64;
+    if values.is_empty() {
+        return Value::Null;
+    }
+    let mean = values.iter().sum::<f64>() / n;
+    let variance = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+    let half = Z * (variance / n).sqrt();
+    json!({ "mean": mean, "lo": mean - half, "hi": mean + half, "n": values.len() })
+}
+
+/// A ratio with its interval (Wilson 1927).
+pub fn ratio(hits: impl Iterator<Item = bool>) -> Value {
+    let hits: Vec<bool> = hits.collect();
+    let n = hits.len() as f64;
+    if hits.is_empty() {
+        return Value::Null;
+    }
+    let p = hits.iter().filter(|hit| **hit).count() as f64 / n;
+    let (z2, center) = (Z * Z, p + Z * Z / (2.0 * n));
+    let half = Z * (p * (1.0 - p) / n + z2 / (4.0 * n * n)).sqrt();
+    let scale = 1.0 + z2 / n;
+    let (lo, hi) = ((center - half) / scale, (center + half) / scale);
+    json!({ "mean": p, "lo": lo.clamp(0.0, p), "hi": hi.clamp(p, 1.0), "n": hits.len() })
+}
+
+/// Events an hour, with their interval: of rare events, by Byar's approximation of Poisson's.
+pub fn an_hour(count: usize, hours: f64) -> Value {
+    if hours <= 0.0 {
+        return Value::Null;
+    }
+    let bound = |count: f64, side: f64| {
+        if count <= 0.0 { 0.0 } else { count * (1.0 - 1.0 / (9.0 * count) + side * Z / (3.0 * count.sqrt())).powi(3) }
+    };
+    let (lo, hi) = (bound(count as f64, -1.0), bound(count as f64 + 1.0, 1.0));
+    json!({ "mean": count as f64 / hours, "lo": lo / hours, "hi": hi / hours, "count": count, "hours": hours })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{an_hour, mean, ratio};
+    use serde_json::Value;
+
+    fn near(report: &Value, key: &str, expected: f64) {
+        let found = report[key].as_f64().expect("a number");
+        assert!((found - expected).abs() < 0.02 * expected.max(0.05), "{key} of {report}, not {expected}");
+    }
+
+    #[test]
+    fn intervals_are_those_of_the_books() {
+        // Wilson's interval of 9 in 10.
+        let nine = ratio((0..10).map(|i| i > 0));
+        near(&nine, "lo", 0.5958);
+        near(&nine, "hi", 0.9821);
+        let four = mean([1.0, 2.0, 3.0, 4.0].into_iter());
+        near(&four, "hi", 2.5 + 1.96 * 0.6455);
+        assert!(mean(std::iter::empty()).is_null() && ratio(std::iter::empty()).is_null());
+        // Poisson's exact intervals: of 0 events 0 to 3.69, of 5 events 1.62 to 11.67.
+        near(&an_hour(0, 1.0), "hi", 3.69);
+        near(&an_hour(5, 1.0), "lo", 1.62);
+        near(&an_hour(5, 1.0), "hi", 11.67);
+        near(&an_hour(5, 0.5), "mean", 10.0);
+        assert!(an_hour(0, 0.0).is_null());
+    }
+}

@@ -1,0 +1,103 @@
+//! Sound from a file or a pipe, in a microphone's place.
+
+use std::fs::{File, OpenOptions};
+use std::io::{ErrorKind, Read};
+use std::os::unix::fs::{FileTypeExt, OpenOptionsExt};
+use std::path::{Path, PathBuf};
+
+use grabber::microphone::Sound;
+use grabber::{Grab, Trouble};
+use hearing::{PcmStream, RATE_HZ};
+use messages::NS_PER_S;
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::OFlags;
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use transport::monotonic_ns;
+
+/// A piece of a file comes as often as a microphone's does, nanoseconds.
+const PIECE_NS: u64 = 80_000_000;
+const PIECE_BYTES: usize = 2 * (RATE_HZ as usize) * 80 / 1000;
+/// So long is waited for a pipe's next bytes.
+const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 80_000_000 };
+
+/// An open file or pipe.
+#[derive(Debug)]
+pub struct Stream {
+    file: File,
+    path: PathBuf,
+    pcm: PcmStream,
+    bytes: Vec<u8>,
+    /// Of a file: when its next piece is due, as a microphone would bring it.
+    due_ns: Option<u64>,
+}
+
+impl Stream {
+    /// Opens a file or a pipe; a pipe has no writer yet, perhaps.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn open(path: &Path) -> Result<Self, Trouble> {
+        let failed = |what: String| Trouble::new(format!("{}: {what}", path.display()), "cue.voice.stream names it");
+        let mut options = OpenOptions::new();
+        // Whoever opens a pipe without a writer would wait for one.
+        let options = options.read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed());
+        let file = options.open(path).map_err(|error| failed(error.to_string()))?;
+        let kind = file.metadata().map_err(|error| failed(error.to_string()))?.file_type();
+        if !(kind.is_file() || kind.is_fifo()) {
+            return Err(failed("it is neither a file nor a pipe".to_owned()));
+        }
+        let due_ns = kind.is_file().then(monotonic_ns);
+        Ok(Self { file, path: path.to_owned(), pcm: PcmStream::default(), bytes: vec![0; PIECE_BYTES], due_ns })
+    }
+
+    /// Whether it is a file, which ends for good.
+    #[must_use]
+    pub fn is_file(&self) -> bool {
+        self.due_ns.is_some()
+    }
+
+    fn over(&self) -> Trouble {
+        let why = self.pcm.missing().map_or_else(|| "it has ended".to_owned(), |missing| missing.to_owned());
+        Trouble::new(format!("{}: {why}", self.path.display()), "no voice is heard from there any more")
+    }
+}
+
+/// In this thread, which is the source's own.
+fn sleep_until(at_ns: u64) {
+    let at = Timespec { tv_sec: (at_ns / NS_PER_S) as i64, tv_nsec: (at_ns % NS_PER_S) as i64 };
+    // Who is woken early comes early.
+    let _ = clock_nanosleep_absolute(ClockId::Monotonic, &at);
+}
+
+impl Grab for Stream {
+    type Item = Sound;
+
+    fn about(&self) -> String {
+        format!("hears what comes from {}", self.path.display())
+    }
+
+    fn grab(&mut self) -> Result<Option<Sound>, Trouble> {
+        if let Some(due_ns) = self.due_ns {
+            sleep_until(due_ns);
+            self.due_ns = Some(due_ns + PIECE_NS);
+        } else if poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&WAIT)) == Ok(0) {
+            return Ok(None);
+        }
+        let count = match self.file.read(&mut self.bytes) {
+            // A pipe that nobody has written to yet reads as ended.
+            Ok(0) if self.due_ns.is_none() && self.pcm.is_new() => {
+                sleep_until(monotonic_ns() + PIECE_NS);
+                return Ok(None);
+            }
+            Ok(0) => return Err(self.over()),
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(None),
+            Err(error) => return Err(Trouble::new(format!("{}: {error}", self.path.display()), "it is opened anew")),
+        };
+        let mut samples = Vec::with_capacity(count / 2);
+        self.pcm.push(&self.bytes[..count], &mut samples).map_err(|error| {
+            Trouble::new(format!("{}: {error}", self.path.display()), "no voice is heard from there")
+        })?;
+        Ok(Some(Sound { samples, taken_ns: monotonic_ns() }))
+    }
+}

@@ -1,0 +1,30 @@
+//! What the handler says: from samples to cues, streaming.
+//!
+//! Samples → log-mel frames, 100 a second ([`LogMel`]) → a frozen speech embedding every 80 ms → a small network, the
+//! head, over the last eight of these → how probable each word is → cues, by rules that are data ([`Rules`],
+//! [`CueRules`]). Beside it goes what the sound itself tells ([`Levels`]; [`Signal`]: clipping, a microphone that is
+//! dead).
+//!
+//! [`Recogniser`] is all of it, for the robot and for the evaluation. Features and rules are those of
+//! `scripts/train/cues`, to the last constant: `tests/golden.rs` holds one against the other.
+
+mod levels;
+mod mel;
+mod model;
+mod pcm;
+mod recogniser;
+mod rules;
+mod signal;
+
+pub use levels::{Around, Isolation, Levels, level_db};
+pub use mel::{BANDS, HOP, LogMel, Mel, RATE_HZ};
+pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Networks, SpeechError, WINDOWS};
+pub use pcm::{PcmError, PcmStream};
+pub use recogniser::{Recogniser, STEP_NS, STEP_SAMPLES, Step};
+pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Stop, Thresholds};
+pub use signal::{Quality, Signal, Trouble};
+
+/// The words that are told apart: the head's outputs, in this order; all else is the last.
+pub const LABELS: [&str; 5] = ["forward", "left", "right", "stop", "other"];
+/// How probable each of [`LABELS`] is.
+pub type Probabilities = [f32; LABELS.len()];

@@ -1,0 +1,257 @@
+//! The files that hearing needs: the embedding, which is brought by a script, and the head with its manifest, which say
+//! what they are for. What is verified is what is used.
+
+use std::fs::File;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use inference::{Session, TensorRef};
+use serde::Deserialize;
+use sha2::{Digest, Sha256};
+
+use crate::mel::{BANDS, Mel};
+use crate::rules::Rules;
+use crate::{LABELS, Probabilities};
+
+/// What the head is fed with, and its version.
+const FEATURES: &str = "speech-embedding-96/1";
+/// Frames that one embedding is of.
+pub const FRAMES: usize = 76;
+/// Numbers of an embedding.
+pub const EMBEDDING: usize = 96;
+/// Embeddings that the head looks at.
+pub const WINDOWS: usize = 8;
+/// A file that is larger is none of ours, bytes.
+const BYTES_MAX: u64 = 16 << 20;
+
+/// Why nothing can be heard.
+#[derive(Debug, thiserror::Error)]
+pub enum SpeechError {
+    /// A file cannot be read.
+    #[error("failed to read {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        source: io::Error,
+    },
+    /// The embedding is not there.
+    #[error("{} is missing: run scripts/cue-embedding, which brings it", path.display())]
+    NoEmbedding {
+        /// Where it is looked for.
+        path: PathBuf,
+    },
+    /// It is not what such a file holds.
+    #[error("{}: {what}", path.display())]
+    Content {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong.
+        what: String,
+    },
+    /// It is another file than the manifest is about.
+    #[error("{} has the digest {found}, and {} says {wanted}", path.display(), manifest.display())]
+    Digest {
+        /// The file.
+        path: PathBuf,
+        /// The manifest.
+        manifest: PathBuf,
+        /// What the manifest says.
+        wanted: String,
+        /// What it is.
+        found: String,
+    },
+    /// A network failed.
+    #[error("the {network} cannot be run: {what}")]
+    Run {
+        /// Which.
+        network: &'static str,
+        /// Why.
+        what: String,
+    },
+}
+
+/// Where the files are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ModelFiles {
+    /// The manifest, `NAME.toml`; the head is `NAME.onnx` beside it.
+    pub manifest: PathBuf,
+    /// The embedding.
+    pub embedding: PathBuf,
+    /// ONNX Runtime's library, where networks are not to be run by tract.
+    pub onnx_runtime: Option<PathBuf>,
+}
+
+/// What stands beside the head.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Manifest {
+    /// SHA-256 of the head, in hexadecimal.
+    pub sha256: String,
+    /// SHA-256 of the embedding that it was trained with.
+    pub embedding_sha256: String,
+    /// What it is fed with.
+    pub features: String,
+    /// Its outputs.
+    pub labels: Vec<String>,
+    /// How many embeddings it looks at.
+    pub windows: usize,
+    /// How its outputs become cues.
+    pub rules: Rules,
+    /// SHA-256 of the rehearsal set, with which its dense layers are trained anew for one speaker.
+    pub rehearsal_sha256: Option<String>,
+    /// How it was trained, and what it scored.
+    #[serde(default)]
+    pub trained: toml::Table,
+}
+
+impl Manifest {
+    /// Reads a manifest, and says what of it does not fit.
+    ///
+    /// # Errors
+    /// Where it is none, or is of a head that this program cannot feed.
+    pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SpeechError> {
+        let wrong = |what: String| SpeechError::Content { path: path.to_owned(), what };
+        let text = std::str::from_utf8(bytes).map_err(|error| wrong(error.to_string()))?;
+        let manifest: Self = toml::from_str(text).map_err(|error| wrong(error.to_string().trim_end().to_owned()))?;
+        if manifest.features != FEATURES {
+            return Err(wrong(format!("features = \"{}\", and this program makes \"{FEATURES}\"", manifest.features)));
+        }
+        if manifest.labels != LABELS {
+            return Err(wrong(format!("labels = {:?}, and this program knows {LABELS:?}", manifest.labels)));
+        }
+        if manifest.windows != WINDOWS {
+            return Err(wrong(format!("windows = {}, and this program has {WINDOWS}", manifest.windows)));
+        }
+        manifest.rules.check().map_err(wrong)?;
+        Ok(manifest)
+    }
+}
+
+/// Reads a file that is no larger than any of ours.
+pub(crate) fn read(path: &Path) -> Result<Vec<u8>, SpeechError> {
+    let failed = |source| SpeechError::Read { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    let found = std::fs::metadata(path).map_err(failed)?;
+    // Before it is opened: opening a pipe would wait for its writer.
+    if !found.is_file() {
+        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it is not a file")));
+    }
+    File::open(path).and_then(|file| file.take(BYTES_MAX + 1).read_to_end(&mut bytes)).map_err(failed)?;
+    if bytes.len() as u64 > BYTES_MAX {
+        return Err(SpeechError::Content { path: path.to_owned(), what: format!("it has over {BYTES_MAX} bytes") });
+    }
+    Ok(bytes)
+}
+
+/// SHA-256 in hexadecimal.
+pub(crate) fn digest(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
+fn verify(path: &Path, bytes: &[u8], manifest: &Path, wanted: &str) -> Result<(), SpeechError> {
+    let found = digest(bytes);
+    if found == wanted {
+        return Ok(());
+    }
+    let (path, manifest) = (path.to_owned(), manifest.to_owned());
+    Err(SpeechError::Digest { path, manifest, wanted: wanted.to_owned(), found })
+}
+
+/// The head's bytes, verified, with its manifest.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Head {
+    /// Where it is.
+    pub path: PathBuf,
+    /// An ONNX file.
+    pub bytes: Vec<u8>,
+    /// What stands beside it.
+    pub manifest: Manifest,
+}
+
+impl Head {
+    /// Reads head and manifest.
+    ///
+    /// # Errors
+    /// Where one cannot be read, or they do not belong together.
+    pub fn read(manifest_path: &Path) -> Result<Self, SpeechError> {
+        let manifest = Manifest::parse(manifest_path, &read(manifest_path)?)?;
+        let path = manifest_path.with_extension("onnx");
+        let bytes = read(&path)?;
+        verify(&path, &bytes, manifest_path, &manifest.sha256)?;
+        Ok(Self { path, bytes, manifest })
+    }
+}
+
+/// The two networks.
+pub struct Networks {
+    embedding: Session,
+    head: Session,
+}
+
+impl Networks {
+    /// Reads, verifies and runs both once.
+    ///
+    /// # Errors
+    /// Where a file is missing, not what its digest says, or of another shape.
+    pub fn load(files: &ModelFiles) -> Result<(Self, Manifest), SpeechError> {
+        let head = Head::read(&files.manifest)?;
+        if !files.embedding.exists() {
+            return Err(SpeechError::NoEmbedding { path: files.embedding.clone() });
+        }
+        let embedding = read(&files.embedding)?;
+        verify(&files.embedding, &embedding, &files.manifest, &head.manifest.embedding_sha256)?;
+        let session = |path: &Path, bytes: &[u8]| {
+            let wrong = |what: String| SpeechError::Content { path: path.to_owned(), what };
+            inference::session(bytes, files.onnx_runtime.as_deref()).map_err(wrong)
+        };
+        let mut networks =
+            Self { embedding: session(&files.embedding, &embedding)?, head: session(&head.path, &head.bytes)? };
+        // One of another shape is found out now.
+        let shape =
+            |path: &Path, error: SpeechError| SpeechError::Content { path: path.to_owned(), what: error.to_string() };
+        networks.embed(&[[0.0; BANDS]; FRAMES]).map_err(|error| shape(&files.embedding, error))?;
+        networks.judge(&[[0.0; EMBEDDING]; WINDOWS]).map_err(|error| shape(&head.path, error))?;
+        Ok((networks, head.manifest))
+    }
+
+    /// The embedding of [`FRAMES`] frames.
+    ///
+    /// # Errors
+    /// Where it cannot be run.
+    pub fn embed(&mut self, frames: &[Mel]) -> Result<[f32; EMBEDDING], SpeechError> {
+        run(&mut self.embedding, "embedding", &[1, FRAMES, BANDS, 1], frames.as_flattened())
+    }
+
+    /// How probable each word is after [`WINDOWS`] embeddings.
+    ///
+    /// # Errors
+    /// Where it cannot be run.
+    pub fn judge(&mut self, embeddings: &[[f32; EMBEDDING]]) -> Result<Probabilities, SpeechError> {
+        let probabilities: Probabilities =
+            run(&mut self.head, "head", &[1, WINDOWS, EMBEDDING], embeddings.as_flattened())?;
+        if probabilities.iter().all(|p| (0.0..=1.0).contains(p)) {
+            return Ok(probabilities);
+        }
+        Err(SpeechError::Run { network: "head", what: format!("{probabilities:?} are no probabilities") })
+    }
+}
+
+/// Runs a network of one input and one output.
+fn run<const N: usize>(
+    session: &mut Session,
+    network: &'static str,
+    shape: &[usize],
+    numbers: &[f32],
+) -> Result<[f32; N], SpeechError> {
+    let failed = |error: inference::Error| SpeechError::Run { network, what: error.to_string() };
+    let input = TensorRef::from_array_view((shape.to_vec(), numbers)).map_err(failed)?;
+    let outputs = session.run(inference::inputs![input]).map_err(failed)?;
+    let (_, found) = outputs[0].try_extract_tensor::<f32>().map_err(failed)?;
+    let wrong = || SpeechError::Run { network, what: format!("it gives {} numbers, not {N}", found.len()) };
+    let output: [f32; N] = found.try_into().map_err(|_| wrong())?;
+    if output.iter().all(|number| number.is_finite()) {
+        return Ok(output);
+    }
+    Err(SpeechError::Run { network, what: "its output is not finite".to_owned() })
+}

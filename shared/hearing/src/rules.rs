@@ -1,0 +1,261 @@
+//! From probabilities to cues: the rules, which are data, and who follows them. Pure.
+//!
+//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, and to
+//! stand alone: it is given only once the sound that it is in has ended, and that was no longer than a word. *forward*
+//! after a stop has to be surer. `scripts/train/cues/rules.py` is the same, step by step.
+
+use messages::CueKind;
+use serde::Deserialize;
+use settings::{Millis, Positive, Share};
+
+use crate::levels::{Around, Isolation, Levels};
+use crate::recogniser::{FRAMES_A_STEP, STEP_NS};
+use crate::{LABELS, Probabilities};
+
+/// From one frame to the next, nanoseconds.
+const FRAME_NS: u64 = STEP_NS / FRAMES_A_STEP as u64;
+const FORWARD: usize = 0;
+const DIRECTIONS: usize = 3;
+const STOP: usize = 3;
+
+/// The cue of a label.
+fn kind(word: usize) -> CueKind {
+    CueKind::from_name(LABELS[word]).unwrap_or(CueKind::Stop)
+}
+
+/// Thresholds and times: they stand beside the head that they were chosen for.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Rules {
+    /// When a stop counts.
+    pub stop: Stop,
+    /// When a direction does.
+    pub direction: Direction,
+    /// When *forward* does after a stop.
+    pub forward_after_stop: Stop,
+    /// After a cue no further one for so long; *stop* and the directions apart.
+    pub refractory: Millis,
+    /// When a direction stands alone.
+    pub isolation: IsolationRules,
+}
+
+/// How probable a word has to be, in how many steps in a row.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Stop {
+    /// The least probability.
+    pub threshold: Share,
+    /// Steps in a row.
+    pub windows: u32,
+}
+
+/// The same of the directions.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Direction {
+    /// The least probability of each.
+    pub threshold: Thresholds,
+    /// Steps in a row.
+    pub windows: u32,
+    /// Whether it has to stand alone.
+    pub isolated: bool,
+}
+
+/// The least probability of each direction.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Thresholds {
+    /// Of *forward*.
+    pub forward: Share,
+    /// Of *left*.
+    pub left: Share,
+    /// Of *right*.
+    pub right: Share,
+}
+
+/// When a direction stands alone; see [`Isolation`].
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct IsolationRules {
+    /// So much quiet ends a sound.
+    pub quiet: Millis,
+    /// A sound that is longer is running speech.
+    pub segment_max: Millis,
+    /// A direction waits at most so long for the end of its sound.
+    pub wait_max: Millis,
+    /// What was loud longer ago than this is no part of it.
+    pub reach: Millis,
+    /// See [`Isolation::margin_db`].
+    pub margin_db: Positive,
+    /// See [`Isolation::depth_db`].
+    pub depth_db: Positive,
+    /// See [`Isolation::floor_rise_db`].
+    pub floor_rise_db: Positive,
+    /// See [`Isolation::floor_fall`].
+    pub floor_fall: Share,
+}
+
+/// So many of these, to the nearest.
+fn count(time: Millis, each_ns: u64) -> usize {
+    ((time.ns() + each_ns / 2) / each_ns) as usize
+}
+
+impl IsolationRules {
+    fn in_frames(&self) -> Isolation {
+        Isolation {
+            quiet: count(self.quiet, FRAME_NS),
+            segment_max: count(self.segment_max, FRAME_NS),
+            reach: count(self.reach, FRAME_NS),
+            margin_db: self.margin_db.get(),
+            depth_db: self.depth_db.get(),
+            floor_fall: self.floor_fall.get(),
+            floor_rise_db: self.floor_rise_db.get(),
+        }
+    }
+}
+
+impl Rules {
+    /// Whether they can be followed.
+    ///
+    /// # Errors
+    /// Names the rule that cannot.
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let Thresholds { forward, left, right } = self.direction.threshold;
+        if [self.stop.threshold, forward, left, right, self.forward_after_stop.threshold].iter().any(|p| p.get() <= 0.0)
+        {
+            return Err("a threshold of 0: everything would be a cue".to_owned());
+        }
+        if self.stop.windows == 0 || self.direction.windows == 0 {
+            return Err("windows = 0: everything would be a cue".to_owned());
+        }
+        if self.isolation.wait_max.s() > 0.9 {
+            return Err("isolation.wait_max is over 900 ms: a cue would be too old to be accepted".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// A cue that was heard.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Heard {
+    /// Which.
+    pub kind: CueKind,
+    /// The least of the probabilities that made it.
+    pub score: f32,
+    /// Steps ago that it was sure, waiting for the end of its sound since.
+    pub steps_ago: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Candidate {
+    word: usize,
+    step: u64,
+    score: f32,
+    loud_db: f64,
+}
+
+/// Follows the rules, step by step.
+#[derive(Debug, Clone)]
+pub struct CueRules {
+    rules: Rules,
+    levels: Levels,
+    step: u64,
+    /// Steps in a row in which a word was probable enough, and the least it was.
+    streaks: [(u32, f32); STOP + 1],
+    waiting: Option<Candidate>,
+    /// The last cue was a stop.
+    is_stopped: bool,
+    /// No further stop, and no further direction, before this step.
+    silent_until: (u64, u64),
+}
+
+impl CueRules {
+    /// Nothing was heard yet.
+    #[must_use]
+    pub fn new(rules: Rules) -> Self {
+        Self {
+            levels: Levels::new(rules.isolation.in_frames()),
+            rules,
+            step: 0,
+            streaks: [(0, 1.0); STOP + 1],
+            waiting: None,
+            is_stopped: false,
+            silent_until: (0, 0),
+        }
+    }
+
+    /// The sound's levels.
+    #[must_use]
+    pub fn levels(&self) -> &Levels {
+        &self.levels
+    }
+
+    /// The robot stands by somebody's stop: *forward* has to be as sure as after one that was heard.
+    pub fn stopped(&mut self) {
+        self.is_stopped = true;
+    }
+
+    /// Takes a step, with the level of each of its frames, decibels.
+    pub fn take(&mut self, probabilities: &Probabilities, levels_db: &[f64; FRAMES_A_STEP]) -> Option<Heard> {
+        levels_db.iter().for_each(|level_db| self.levels.take(*level_db));
+        let step = self.step;
+        self.step += 1;
+        self.count(probabilities);
+        let refractory = count(self.rules.refractory, STEP_NS) as u64;
+        let (streak, score) = self.streaks[STOP];
+        if streak >= self.rules.stop.windows {
+            (self.waiting, self.is_stopped) = (None, true);
+            let is_new = step >= self.silent_until.0;
+            if is_new {
+                self.silent_until.0 = step + refractory;
+            }
+            return is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0 });
+        }
+        for (word, (streak, score)) in self.streaks.iter().copied().enumerate().take(DIRECTIONS) {
+            let is_sure = streak >= self.rules.direction.windows && step >= self.silent_until.1;
+            if is_sure && self.waiting.is_none_or(|waiting| waiting.word != word) {
+                self.waiting = Some(Candidate { word, step, score, loud_db: self.levels.loud_db() });
+            }
+        }
+        let Candidate { word, step: since, score, .. } = self.isolated(step)?;
+        (self.waiting, self.is_stopped) = (None, false);
+        self.silent_until.1 = step + refractory;
+        Some(Heard { kind: kind(word), score, steps_ago: step - since })
+    }
+
+    fn count(&mut self, probabilities: &Probabilities) {
+        // The first of equals.
+        let best = (0..LABELS.len()).rev().max_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b]));
+        for (word, p) in probabilities.iter().copied().enumerate().take(STOP + 1) {
+            let (streak, least) = self.streaks[word];
+            let counts = f64::from(p) >= self.threshold(word) && (word == STOP || best == Some(word));
+            let least = if streak > 0 { least.min(p) } else { p };
+            self.streaks[word] = if counts { (streak + 1, least) } else { (0, 1.0) };
+        }
+    }
+
+    fn threshold(&self, word: usize) -> f64 {
+        let Thresholds { forward, left, right } = self.rules.direction.threshold;
+        match word {
+            STOP => self.rules.stop.threshold.get(),
+            FORWARD if self.is_stopped => forward.get().max(self.rules.forward_after_stop.threshold.get()),
+            _ => [forward, left, right][word].get(),
+        }
+    }
+
+    /// The direction that waits, where it may be given now; one that never may is dropped.
+    fn isolated(&mut self, step: u64) -> Option<Candidate> {
+        let waiting = self.waiting?;
+        if !self.rules.direction.isolated {
+            return Some(waiting);
+        }
+        let waited = (step - waiting.step) as usize;
+        match self.levels.around(waiting.loud_db, waited * FRAMES_A_STEP) {
+            Around::Quiet => return Some(waiting),
+            Around::Running => self.waiting = None,
+            Around::Open if waited >= count(self.rules.isolation.wait_max, STEP_NS) => self.waiting = None,
+            Around::Open => {}
+        }
+        None
+    }
+}

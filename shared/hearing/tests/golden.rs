@@ -1,0 +1,151 @@
+//! Features, networks and rules held against those of `scripts/train/cues`, which made `golden.json`.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use guidedog_hearing::{CueRules, LABELS, LogMel, Mel, ModelFiles, Networks, Recogniser, Rules, level_db};
+use serde_json::{Value, json};
+
+fn golden() -> Value {
+    serde_json::from_str(include_str!("golden.json")).expect("JSON")
+}
+
+/// What `golden.json` says of its signal, in words.
+fn signal() -> Vec<f32> {
+    let mut state = 1_u32;
+    let tone = |hz: f64, sweep: f64, t: f64| (std::f64::consts::TAU * (hz * t + sweep * t * t)).sin();
+    (0..48_000_u32)
+        .map(|n| {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let (t, noise) = (f64::from(n) / 16_000.0, f64::from(state) / f64::from(1_u32 << 31) - 1.0);
+            let second = if n / 4000 % 2 == 1 { 0.1 * tone(1200.0, 300.0, t) } else { 0.0 };
+            let sound = 0.3 * tone(200.0, 150.0, t) + second + 0.02 * noise;
+            if (16_000..20_000).contains(&n) { 0.0 } else { sound as f32 }
+        })
+        .collect()
+}
+
+fn numbers(value: &Value) -> Vec<f32> {
+    value.as_array().expect("a list").iter().map(|number| number.as_f64().expect("a number") as f32).collect()
+}
+
+fn by_number(value: &Value) -> BTreeMap<usize, Value> {
+    let entries = value.as_object().expect("an object").iter();
+    entries.map(|(at, value)| (at.parse().expect("a number"), value.clone())).collect()
+}
+
+fn frames(signal: &[f32]) -> Vec<Mel> {
+    let (mut mel, mut frames) = (LogMel::default(), Vec::new());
+    mel.push(signal, |frame| frames.push(frame));
+    frames
+}
+
+#[test]
+fn frames_and_their_levels_are_those_of_training() {
+    let (golden, signal) = (golden(), signal());
+    for (at, sample) in by_number(&golden["samples"]) {
+        assert!((f64::from(signal[at]) - sample.as_f64().expect("a number")).abs() < 1e-6, "sample {at}");
+    }
+    let frames = frames(&signal);
+    for (at, expected) in by_number(&golden["log_mel"]) {
+        for (found, expected) in frames[at].iter().zip(numbers(&expected)) {
+            assert!((found - expected).abs() < 1e-3, "frame {at}: {found}, not {expected}");
+        }
+    }
+    for (at, expected) in by_number(&golden["levels_db"]) {
+        let (found, expected) = (level_db(&frames[at]), expected.as_f64().expect("a number"));
+        assert!((found - expected).abs() < 1e-2, "frame {at}: {found} dB, not {expected}");
+    }
+}
+
+/// The rules of a case as they stand in a manifest.
+fn rules(case: &Value) -> Rules {
+    let of = |key: &str| case["rules"][key].clone();
+    let ms = |key: &str| json!(format!("{}ms", (of(key).as_f64().expect("seconds") * 1000.0).round()));
+    let manifest = json!({
+        "stop": { "threshold": of("stop"), "windows": of("stop_windows") },
+        "direction": {
+            "threshold": {
+                "forward": case["rules"]["directions"][0],
+                "left": case["rules"]["directions"][1],
+                "right": case["rules"]["directions"][2],
+            },
+            "windows": of("direction_windows"),
+            "isolated": of("isolated"),
+        },
+        "forward_after_stop": { "threshold": of("forward_after_stop"), "windows": of("direction_windows") },
+        "refractory": ms("refractory_s"),
+        "isolation": {
+            "quiet": ms("quiet_s"), "segment_max": ms("segment_max_s"), "wait_max": ms("wait_max_s"),
+            "reach": ms("reach_s"), "margin_db": of("margin_db"), "depth_db": of("depth_db"),
+            "floor_rise_db": of("floor_rise_db"), "floor_fall": of("floor_fall"),
+        },
+    });
+    serde_json::from_value(manifest).expect("rules")
+}
+
+#[test]
+fn rules_are_followed_as_in_training() {
+    for case in golden()["rules"].as_array().expect("cases") {
+        let (mut rules, mut found, mut step) = (CueRules::new(rules(case)), Vec::new(), 0_u64);
+        for span in case["spans"].as_array().expect("spans") {
+            let p = span["probability"].as_f64().expect("a number") as f32;
+            let label = span["label"].as_str().expect("a label");
+            // What is left is the other words'.
+            let share = |of: &str| if of == "other" { 1.0 - p } else { 0.0 };
+            let probabilities = LABELS.map(|of| share(of) + if of == label { p } else { 0.0 });
+            for _ in 0..span["steps"].as_u64().expect("a count") {
+                let levels_db = [span["level_db"].as_f64().expect("a number"); 8];
+                if let Some(heard) = rules.take(&probabilities, &levels_db) {
+                    let score = (f64::from(heard.score) * 1e4).round() / 1e4;
+                    found.push(json!({
+                        "cue": heard.kind.name(), "step": step, "heard": step - heard.steps_ago, "score": score,
+                    }));
+                }
+                step += 1;
+            }
+        }
+        assert_eq!(json!(found), case["detections"], "{}", case["name"]);
+    }
+}
+
+/// The embedding, where `scripts/cue-embedding` has brought it.
+fn files() -> Option<ModelFiles> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/cues");
+    let embedding = folder.join("embedding.onnx");
+    if !embedding.exists() {
+        assert!(std::env::var_os("CI").is_none(), "{} is missing", embedding.display());
+        eprintln!("passed over: {} is missing (scripts/cue-embedding brings it)", embedding.display());
+        return None;
+    }
+    let onnx_runtime = std::env::var_os("GUIDEDOG_ONNX_RUNTIME").map(PathBuf::from);
+    Some(ModelFiles { manifest: folder.join("cues.toml"), embedding, onnx_runtime })
+}
+
+#[test]
+fn networks_give_what_they_gave_in_training() {
+    let Some(files) = files() else { return };
+    let golden = golden();
+    let (mut networks, manifest) = Networks::load(&files).expect("they load");
+    assert_eq!(golden["head"]["sha256"], json!(manifest.sha256), "golden.py was not run for this head");
+    let (signal, frames) = (signal(), frames(&signal()));
+    for (at, expected) in by_number(&golden["embeddings"]) {
+        let found = networks.embed(&frames[8 * at..8 * at + 76]).expect("it runs");
+        for (found, expected) in found.iter().zip(numbers(&expected)) {
+            assert!((found - expected).abs() < 2e-2, "embedding {at}: {found}, not {expected}");
+        }
+    }
+    // The whole way, in pieces as a microphone brings them.
+    let mut recogniser = Recogniser::load(&files).expect("it loads");
+    let mut found = Vec::new();
+    for piece in signal.chunks(777) {
+        recogniser.push(piece, false, |step| found.push(step.probabilities)).expect("it runs");
+    }
+    let expected = golden["head"]["probabilities"].as_array().expect("steps");
+    assert_eq!(found.len(), expected.len());
+    for (step, (found, expected)) in found.iter().zip(expected).enumerate() {
+        for (found, expected) in found.iter().zip(numbers(expected)) {
+            assert!((found - expected).abs() < 2e-3, "step {step}: {found}, not {expected}");
+        }
+    }
+}

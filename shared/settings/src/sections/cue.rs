@@ -1,0 +1,60 @@
+//! The cue recogniser's section.
+
+use std::path::PathBuf;
+
+use serde::{Deserialize, Serialize};
+
+use crate::recorded::CueOrigin;
+
+/// Where cues come from.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct CueSettings {
+    /// Where cues come from.
+    pub source: CueOrigin,
+    /// A route file whose cues the scripted handler gives; none: only the operator gives cues.
+    pub script: Option<PathBuf>,
+    /// Replay: the scripted handler gives "forward" once `ready_for_cue`, and again after every fault.
+    pub forward_when_ready: bool,
+    /// The handler's voice, beside the others.
+    pub voice: VoiceSettings,
+}
+
+/// How a voice is heard.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VoiceSource {
+    /// Not at all.
+    #[default]
+    Absent,
+    /// By a microphone, through ALSA.
+    Microphone,
+    /// From a file or a pipe: WAV, or raw samples; 16 kHz, 16 bits, one channel.
+    Stream,
+}
+
+/// The handler's voice.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct VoiceSettings {
+    /// How it is heard.
+    pub source: VoiceSource,
+    /// The microphone, by ALSA's name for it (`arecord -L`).
+    pub microphone: String,
+    /// The file or pipe.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stream: Option<PathBuf>,
+    /// The head's manifest, NAME.toml beside NAME.onnx; none: the one that is shipped.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub model: Option<PathBuf>,
+    /// The speech embedding; none: `cues/embedding.onnx`, where `scripts/cue-embedding` puts it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub embedding: Option<PathBuf>,
+}
+
+impl Default for VoiceSettings {
+    fn default() -> Self {
+        let microphone = "default".to_owned();
+        Self { source: VoiceSource::Absent, microphone, stream: None, model: None, embedding: None }
+    }
+}
