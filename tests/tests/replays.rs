@@ -97,7 +97,7 @@ fn a_lidar_that_often_sees_nothing_freezes_nobody_once_its_own_mount_is_left_out
         let (report, code) = place.json(&args);
         assert_eq!(code, 0, "{report:#}");
         let (report, code) = place.json(&["shield", "--recording", &recording, "--json"]);
-        assert_eq!((code, report["scans"].as_u64()), (0, Some(13)), "{report:#}");
+        assert_eq!((code, report["scans"].as_u64()), (0, Some(12)), "{report:#}");
         let with_all = report["team"].as_array().and_then(|rows| rows.last()).expect("a row").clone();
         assert_eq!(with_all["rules"], serde_json::json!({ "escape": true, "memory": true }));
         with_all["share_no_motion"].as_f64().expect("a share")

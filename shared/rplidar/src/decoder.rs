@@ -126,8 +126,8 @@ impl Decoder {
         while let Some(begins) = self.begins_frame(&self.rest[from..]) {
             let rest = &self.rest[from..];
             if begins {
-                // Of a standard stream that is found again the first node only shows where the others are.
-                if self.format == Format::Standard && !self.locked {
+                // Of a standard stream that is found again the first node may be none.
+                if self.format == Format::Standard && !self.locked && !standard::turn_evenly(rest) {
                     (self.locked, self.last_node) = (true, rest[..length].try_into().ok());
                     self.counters.skipped_bytes += length as u64;
                     from += length;
@@ -157,8 +157,11 @@ impl Decoder {
         // The first one follows the answer that begins the scan: there is no doubt where it begins.
         let follows = |before: [u8; 5]| standard::may_follow(&before, frame);
         let is_next = self.locked && self.last_node.is_none_or(follows);
-        let most = if self.is_over { bytes.len() / frame.len() } else { usize::MAX };
-        let needed = if is_next { NODES_TO_BELIEVE.min(most) } else { NODES_TO_LOCK };
+        let needed = match is_next {
+            true if self.is_over => 1,
+            true => NODES_TO_BELIEVE,
+            false => NODES_TO_LOCK,
+        };
         let nodes = bytes.get(..needed * frame.len())?;
         let pairs = nodes.chunks_exact(frame.len()).zip(nodes.chunks_exact(frame.len()).skip(1));
         Some(pairs.into_iter().all(|(before, node)| self.format.is_frame(node) && standard::may_follow(before, node)))

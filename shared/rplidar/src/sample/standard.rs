@@ -12,10 +12,24 @@ pub(super) fn is_node(bytes: &[u8]) -> bool {
     start != inverse && bytes[1] & 1 == 1 && i32::from(angle_q6(bytes)) < TURN_Q6
 }
 
+/// The steps of nodes that follow on one another differ by less, but for a few, degrees.
+const UNEVEN_DEG_MAX: f64 = 2.0;
+
+/// From one node to another, degrees, on the short way.
+fn step_deg(before: &[u8], node: &[u8]) -> f64 {
+    let (before, here) = (f64::from(angle_q6(before)) / 64.0, f64::from(angle_q6(node)) / 64.0);
+    (here - before + 180.0).rem_euclid(360.0) - 180.0
+}
+
 /// Whether one node may follow another.
 pub(crate) fn may_follow(before: &[u8], node: &[u8]) -> bool {
-    let (before, here) = (f64::from(angle_q6(before)) / 64.0, f64::from(angle_q6(node)) / 64.0);
-    ((here - before + 180.0).rem_euclid(360.0) - 180.0).abs() <= NEIGHBOUR_DEG_MAX
+    step_deg(before, node).abs() <= NEIGHBOUR_DEG_MAX
+}
+
+/// Whether it is as far from the first to the second node as from that to the third.
+pub(crate) fn turn_evenly(nodes: &[u8]) -> bool {
+    let node = |i: usize| &nodes[5 * i..5 * i + 5];
+    (step_deg(node(0), node(1)) - step_deg(node(1), node(2))).abs() <= UNEVEN_DEG_MAX
 }
 
 fn angle_q6(bytes: &[u8]) -> u16 {
