@@ -44,7 +44,7 @@ fn capture() -> Vec<u8> {
 
 /// What a lidar answers a driver, from the first question to two turns of a scan.
 fn conversation(model: rplidar::Model) -> Vec<u8> {
-    let wanted = rplidar::Wanted { baud: model.baud(), mode: None, motor_rpm: 600 };
+    let wanted = rplidar::Wanted { baud: model.baud(), mode: None, motor_rpm: 600, searches: false };
     let (mut lidar, mut session) = (rplidar::Emulated::new(model), rplidar::Session::new(wanted, 0));
     let (mut all, mut samples) = (vec![64, 1], Vec::new());
     for ms in 0..600 {
