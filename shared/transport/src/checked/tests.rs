@@ -63,7 +63,7 @@ fn stop_reason(at: usize) -> [(usize, u32); 3] {
 
 #[test]
 fn bytes_that_are_no_message_become_none() {
-    let cue = |at: usize| [(at + offset_of!(Cue, kind), 4), (at + offset_of!(Cue, source), 4)];
+    let cue = |at: usize| [(at + offset_of!(Cue, kind), 4), (at + offset_of!(Cue, source), 5)];
     only_values::<Cue>(&cue(0), &[]);
     only_values::<CueRequest>(&[(offset_of!(CueRequest, kind), 4)], &[]);
     only_values::<PolicyAction>(&[(offset_of!(PolicyAction, action_count), 17)], &[]);
@@ -84,7 +84,7 @@ fn bytes_that_are_no_message_become_none() {
     only_values::<WorldTruth>(&[(offset_of!(WorldTruth, walker_count), 17)], &[]);
     only_values::<EmergencyStop>(&[(offset_of!(EmergencyStop, input), 4)], &[]);
     let answer = [
-        &[(offset_of!(CueAnswer, kind), 4), (offset_of!(CueAnswer, source), 4)][..],
+        &[(offset_of!(CueAnswer, kind), 4), (offset_of!(CueAnswer, source), 5)][..],
         &[(offset_of!(CueAnswer, refusal), messages::CueRefusal::ALL.len() as u32 + 1)],
         &stop_reason(offset_of!(CueAnswer, reason)),
     ];
