@@ -128,6 +128,10 @@ impl Rules {
         if self.stop.windows == 0 || self.direction.windows == 0 {
             return Err("windows = 0: everything would be a cue".to_owned());
         }
+        // It is counted with the others, so another number would do nothing.
+        if self.forward_after_stop.windows != self.direction.windows {
+            return Err("forward_after_stop.windows is not direction.windows".to_owned());
+        }
         if self.isolation.wait_max.s() > 0.9 {
             return Err("isolation.wait_max is over 900 ms: a cue would be too old to be accepted".to_owned());
         }
