@@ -9,7 +9,7 @@ mod policy;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
-use messages::{CueKind, Pose2};
+use messages::Pose2;
 use settings::{Millis, PolicyModel};
 
 use crate::exit::EXIT_CODES_HELP;
@@ -43,9 +43,9 @@ pub enum Verb {
     Status(RunArg),
     /// Why the robot stands, and the last stops with their evidence
     Why(WhyArgs),
-    /// Give a cue, as the handler would
-    #[command(after_help = "Example:\n  guidedog cue left")]
-    Cue(CueArgs),
+    /// Give a cue, as the handler would, or fit the recogniser to a handler's voice
+    #[command(after_help = "Examples:\n  guidedog cue left\n  guidedog cue enrol -o anna")]
+    Cue(cues::CueArgs),
     /// Stop the robot and lock the run until `guidedog resume`
     Stop(RunArg),
     /// End a lock; the robot still waits for a cue
@@ -155,17 +155,6 @@ pub struct WhyArgs {
     /// List every reason that there is, with what to do about it
     #[arg(long, conflicts_with = "run")]
     pub reasons: bool,
-    /// Which run.
-    #[command(flatten)]
-    pub run: RunArg,
-}
-
-/// `guidedog cue`.
-#[derive(Debug, Args)]
-pub struct CueArgs {
-    /// Which
-    #[arg(value_parser = cue)]
-    pub cue: CueKind,
     /// Which run.
     #[command(flatten)]
     pub run: RunArg,
@@ -484,10 +473,6 @@ pub struct ShieldArgs {
 fn field_of_view(text: &str) -> Result<f64, String> {
     let degrees = text.parse::<f64>().ok().filter(|degrees| (10.0..=360.0).contains(degrees));
     degrees.ok_or_else(|| "a field of view is 10 to 360 degrees".to_owned())
-}
-
-fn cue(text: &str) -> Result<CueKind, String> {
-    CueKind::from_name(text).ok_or_else(|| "a cue is forward, left, right or stop".to_owned())
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -1,10 +1,11 @@
-//! `guidedog evaluate-cues`: recorded speech through the very code that hears on the robot.
+//! `guidedog cue`; `guidedog evaluate-cues`: recorded speech through the very code that hears on the robot.
 
 mod conditions;
+mod enrol;
 mod figures;
 mod files;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
@@ -13,18 +14,13 @@ use rayon::prelude::*;
 use serde_json::json;
 use settings::VoiceSource;
 
-use crate::args::cues::EvaluateCuesArgs;
+use crate::args::cues::{CueVerb, EvaluateCuesArgs};
 use crate::exit::Failure;
 use crate::out::{self, say};
-use crate::prepare;
+use crate::{operate, prepare};
 use conditions::{Condition, Noises};
 use figures::Counts;
 use files::{Recorded, What};
-
-/// Near-silence before and after what is heard, samples.
-const SILENCE: usize = RATE_HZ as usize;
-/// How loud near-silence is, of full scale.
-const HISS: f32 = 3.2e-4;
 
 /// What came of one file under one condition.
 #[derive(Debug, Clone)]
@@ -37,6 +33,20 @@ pub struct Outcome {
     pub length_s: f64,
     /// How long the recogniser took, seconds.
     pub taken_s: f64,
+}
+
+/// `guidedog cue`.
+///
+/// # Errors
+/// As [`operate::cue`] and [`enrol::enrol`].
+pub fn cue(verb: &CueVerb, as_json: bool) -> Result<(), Failure> {
+    match verb {
+        CueVerb::Forward(run) => operate::cue(CueKind::Forward, run, as_json),
+        CueVerb::Left(run) => operate::cue(CueKind::Left, run, as_json),
+        CueVerb::Right(run) => operate::cue(CueKind::Right, run, as_json),
+        CueVerb::Stop(run) => operate::cue(CueKind::Stop, run, as_json),
+        CueVerb::Enrol(args) => enrol::enrol(args, as_json),
+    }
 }
 
 /// `guidedog evaluate-cues`.
@@ -83,6 +93,11 @@ pub fn model_files(config: Option<&Path>) -> Result<ModelFiles, Failure> {
         embedding: voice.embedding.unwrap_or_default(),
         onnx_runtime: settings.policy.onnx_runtime,
     })
+}
+
+/// The manifest of the head that is shipped.
+pub fn shipped_manifest() -> Result<PathBuf, Failure> {
+    prepare::find_speech_file("cues.toml")
 }
 
 /// Every file, each worker with a recogniser of its own.

@@ -88,7 +88,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Status(run) => done(operate::status(&run, json)),
         Verb::Why(args) if args.reasons => done(operate::reasons(json)),
         Verb::Why(args) => done(operate::why(&args.run, json)),
-        Verb::Cue(args) => done(operate::cue(&args, json)),
+        Verb::Cue(args) => done(cues::cue(&args.verb, json)),
         Verb::Stop(run) => done(operate::stop(&run, json)),
         Verb::Resume(run) => done(operate::resume(&run, json)),
         Verb::Policy(args) => policy::policy(&args, json),

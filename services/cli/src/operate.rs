@@ -1,9 +1,10 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
+use messages::CueKind;
 use messages::stops::{STOPS, StopInfo};
 use serde_json::{Value, json};
 
-use crate::args::{CueArgs, InjectArgs, RunArg};
+use crate::args::{InjectArgs, RunArg};
 use crate::control::ask;
 use crate::exit::Failure;
 use crate::out::{self, count, elements, entries, number, say, table, text};
@@ -58,9 +59,9 @@ pub fn reasons(as_json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 /// As [`ask`].
-pub fn cue(args: &CueArgs, as_json: bool) -> Result<(), Failure> {
-    let name = args.cue.name();
-    tell(&args.run, &json!({ "verb": "cue", "cue": name }), &format!("cue {name} given"), as_json)
+pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
+    let name = cue.name();
+    tell(run, &json!({ "verb": "cue", "cue": name }), &format!("cue {name} given"), as_json)
 }
 
 /// `guidedog stop`

@@ -337,19 +337,22 @@ pub fn scenario_file(name: &str) -> Result<PathBuf, Failure> {
     find_scenario(name, &config_folders())
 }
 
-/// Names the files that hearing needs, where the configuration does not: those in `cues` where configuration lies.
+/// A file that hearing needs: in `cues` where configuration lies. Where there is none, the first place, for the error.
+///
+/// # Errors
+/// Where the present folder is gone.
+pub fn find_speech_file(name: &str) -> Result<PathBuf, Failure> {
+    let places: Vec<PathBuf> = config_folders().iter().map(|folder| folder.join("cues").join(name)).collect();
+    absolute(places.iter().find(|path| path.is_file()).or(places.first()).map_or(Path::new(""), PathBuf::as_path))
+}
+
+/// Names the files that hearing needs, where the configuration does not.
 fn find_speech(voice: &mut VoiceSettings) -> Result<(), Failure> {
-    let folders = config_folders();
-    let find = |name: &str| {
-        let places = folders.iter().map(|folder| folder.join("cues").join(name));
-        // Where there is none, the first place is named in the error.
-        absolute(&places.clone().find(|path| path.is_file()).or_else(|| places.clone().next()).unwrap_or_default())
-    };
     if voice.model.is_none() {
-        voice.model = Some(find("cues.toml")?);
+        voice.model = Some(find_speech_file("cues.toml")?);
     }
     if voice.embedding.is_none() {
-        voice.embedding = Some(find("embedding.onnx")?);
+        voice.embedding = Some(find_speech_file("embedding.onnx")?);
     }
     Ok(())
 }

@@ -4,7 +4,6 @@
 use std::collections::{BTreeMap, VecDeque};
 use std::rc::Rc;
 
-use rustix::io::Errno;
 use transport::{Helper, Io, TransportError};
 
 use crate::clip::Clip;
@@ -81,16 +80,11 @@ impl Voice {
     /// Takes what the voice has given: a text and its sound, once it is whole.
     pub fn read(&mut self, io: &Io) -> Option<Spoken> {
         let job = self.job.as_mut()?;
-        let mut piece = [0; 1 << 16];
-        let why = loop {
-            let Some(stdout) = job.helper.stdout() else { break None };
-            match rustix::io::read(stdout, &mut piece) {
-                Ok(0) => break None,
-                Ok(n) if job.bytes.len() + n > WAV_MAX_BYTES => break Some("it gives no end of sound".to_owned()),
-                Ok(n) => job.bytes.extend_from_slice(&piece[..n]),
-                Err(Errno::AGAIN | Errno::INTR) => return None,
-                Err(errno) => break Some(errno.to_string()),
-            }
+        let why = match job.helper.read(&mut job.bytes, WAV_MAX_BYTES) {
+            Ok(_) if job.bytes.len() > WAV_MAX_BYTES => Some("it gives no end of sound".to_owned()),
+            Ok(false) => return None,
+            Ok(true) => None,
+            Err(errno) => Some(errno.to_string()),
         };
         let parsed = why.map_or_else(|| Clip::parse(&job.bytes), Err);
         let sound = parsed.map_err(|why| format!("{}; {why}", job.helper.failure()));

@@ -8,6 +8,7 @@
 //! [`Recogniser`] is all of it, for the robot and for the evaluation. Features and rules are those of
 //! `scripts/train/cues`, to the last constant: `tests/golden.rs` holds one against the other.
 
+mod clip;
 mod levels;
 mod mel;
 mod model;
@@ -16,11 +17,12 @@ mod recogniser;
 mod rules;
 mod signal;
 
+pub use clip::{faster, speech_power, word_end};
 pub use levels::{Around, Isolation, Levels, level_db};
-pub use mel::{BANDS, HOP, LogMel, Mel, RATE_HZ};
-pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Networks, SpeechError, WINDOWS};
+pub use mel::{BANDS, FRAME, HOP, LogMel, Mel, RATE_HZ};
+pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Network, Networks, SpeechError, WINDOWS, digest, read};
 pub use pcm::{PcmError, PcmStream};
-pub use recogniser::{Recogniser, STEP_NS, STEP_SAMPLES, Step};
+pub use recogniser::{FRAMES_A_STEP, Recogniser, STEP_NS, STEP_SAMPLES, Step};
 pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Stop, Thresholds};
 pub use signal::{Quality, Signal, Trouble};
 

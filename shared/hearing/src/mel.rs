@@ -16,7 +16,7 @@ pub const HOP: usize = 160;
 /// Bands of a frame.
 pub const BANDS: usize = 32;
 /// Samples of a frame, of which the window takes the middle ones.
-const FRAME: usize = 512;
+pub const FRAME: usize = 512;
 const WINDOW: usize = 400;
 const BINS: usize = FRAME / 2 + 1;
 /// The bands' edges lie evenly between these on Slaney's mel scale, Hz.

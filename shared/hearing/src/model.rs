@@ -129,7 +129,10 @@ impl Manifest {
 }
 
 /// Reads a file that is no larger than any of ours.
-pub(crate) fn read(path: &Path) -> Result<Vec<u8>, SpeechError> {
+///
+/// # Errors
+/// Where it cannot be read, is no file, or is larger.
+pub fn read(path: &Path) -> Result<Vec<u8>, SpeechError> {
     let failed = |source| SpeechError::Read { path: path.to_owned(), source };
     let mut bytes = Vec::new();
     let found = std::fs::metadata(path).map_err(failed)?;
@@ -145,7 +148,8 @@ pub(crate) fn read(path: &Path) -> Result<Vec<u8>, SpeechError> {
 }
 
 /// SHA-256 in hexadecimal.
-pub(crate) fn digest(bytes: &[u8]) -> String {
+#[must_use]
+pub fn digest(bytes: &[u8]) -> String {
     Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
@@ -183,36 +187,80 @@ impl Head {
     }
 }
 
+/// A network of one input and one output.
+pub struct Network {
+    session: Session,
+    name: &'static str,
+}
+
+impl Network {
+    /// Makes one of a model's bytes, which were read from `path`; `name` is what it is called where it fails.
+    ///
+    /// # Errors
+    /// Where it is none that the engine can run.
+    pub fn new(
+        path: &Path,
+        bytes: &[u8],
+        name: &'static str,
+        onnx_runtime: Option<&Path>,
+    ) -> Result<Self, SpeechError> {
+        let wrong = |what: String| SpeechError::Content { path: path.to_owned(), what };
+        Ok(Self { session: inference::session(bytes, onnx_runtime).map_err(wrong)?, name })
+    }
+
+    /// Runs it: numbers of this shape in, finite numbers out.
+    ///
+    /// # Errors
+    /// Where it cannot be run.
+    pub fn run(&mut self, shape: &[usize], numbers: &[f32]) -> Result<Vec<f32>, SpeechError> {
+        let network = self.name;
+        let failed = |error: inference::Error| SpeechError::Run { network, what: error.to_string() };
+        let input = TensorRef::from_array_view((shape.to_vec(), numbers)).map_err(failed)?;
+        let outputs = self.session.run(inference::inputs![input]).map_err(failed)?;
+        let (_, found) = outputs[0].try_extract_tensor::<f32>().map_err(failed)?;
+        if found.iter().all(|number| number.is_finite()) {
+            return Ok(found.to_vec());
+        }
+        Err(SpeechError::Run { network, what: "its output is not finite".to_owned() })
+    }
+
+    /// As [`Network::run`], where so many numbers have to come.
+    fn run_for<const N: usize>(&mut self, shape: &[usize], numbers: &[f32]) -> Result<[f32; N], SpeechError> {
+        let network = self.name;
+        let found = self.run(shape, numbers)?;
+        let wrong = |found: Vec<f32>| format!("it gives {} numbers, not {N}", found.len());
+        found.try_into().map_err(|found| SpeechError::Run { network, what: wrong(found) })
+    }
+}
+
 /// The two networks.
 pub struct Networks {
-    embedding: Session,
-    head: Session,
+    embedding: Network,
+    head: Network,
 }
 
 impl Networks {
-    /// Reads, verifies and runs both once.
+    /// Reads and verifies the embedding, and runs both networks once.
     ///
     /// # Errors
     /// Where a file is missing, not what its digest says, or of another shape.
-    pub fn load(files: &ModelFiles) -> Result<(Self, Manifest), SpeechError> {
-        let head = Head::read(&files.manifest)?;
+    pub fn new(head: &Head, files: &ModelFiles) -> Result<Self, SpeechError> {
         if !files.embedding.exists() {
             return Err(SpeechError::NoEmbedding { path: files.embedding.clone() });
         }
         let embedding = read(&files.embedding)?;
         verify(&files.embedding, &embedding, &files.manifest, &head.manifest.embedding_sha256)?;
-        let session = |path: &Path, bytes: &[u8]| {
-            let wrong = |what: String| SpeechError::Content { path: path.to_owned(), what };
-            inference::session(bytes, files.onnx_runtime.as_deref()).map_err(wrong)
+        let onnx_runtime = files.onnx_runtime.as_deref();
+        let mut networks = Self {
+            embedding: Network::new(&files.embedding, &embedding, "embedding", onnx_runtime)?,
+            head: Network::new(&head.path, &head.bytes, "head", onnx_runtime)?,
         };
-        let mut networks =
-            Self { embedding: session(&files.embedding, &embedding)?, head: session(&head.path, &head.bytes)? };
         // One of another shape is found out now.
         let shape =
             |path: &Path, error: SpeechError| SpeechError::Content { path: path.to_owned(), what: error.to_string() };
         networks.embed(&[[0.0; BANDS]; FRAMES]).map_err(|error| shape(&files.embedding, error))?;
         networks.judge(&[[0.0; EMBEDDING]; WINDOWS]).map_err(|error| shape(&head.path, error))?;
-        Ok((networks, head.manifest))
+        Ok(networks)
     }
 
     /// The embedding of [`FRAMES`] frames.
@@ -220,7 +268,7 @@ impl Networks {
     /// # Errors
     /// Where it cannot be run.
     pub fn embed(&mut self, frames: &[Mel]) -> Result<[f32; EMBEDDING], SpeechError> {
-        run(&mut self.embedding, "embedding", &[1, FRAMES, BANDS, 1], frames.as_flattened())
+        self.embedding.run_for(&[1, FRAMES, BANDS, 1], frames.as_flattened())
     }
 
     /// How probable each word is after [`WINDOWS`] embeddings.
@@ -228,30 +276,10 @@ impl Networks {
     /// # Errors
     /// Where it cannot be run.
     pub fn judge(&mut self, embeddings: &[[f32; EMBEDDING]]) -> Result<Probabilities, SpeechError> {
-        let probabilities: Probabilities =
-            run(&mut self.head, "head", &[1, WINDOWS, EMBEDDING], embeddings.as_flattened())?;
+        let probabilities: Probabilities = self.head.run_for(&[1, WINDOWS, EMBEDDING], embeddings.as_flattened())?;
         if probabilities.iter().all(|p| (0.0..=1.0).contains(p)) {
             return Ok(probabilities);
         }
         Err(SpeechError::Run { network: "head", what: format!("{probabilities:?} are no probabilities") })
     }
-}
-
-/// Runs a network of one input and one output.
-fn run<const N: usize>(
-    session: &mut Session,
-    network: &'static str,
-    shape: &[usize],
-    numbers: &[f32],
-) -> Result<[f32; N], SpeechError> {
-    let failed = |error: inference::Error| SpeechError::Run { network, what: error.to_string() };
-    let input = TensorRef::from_array_view((shape.to_vec(), numbers)).map_err(failed)?;
-    let outputs = session.run(inference::inputs![input]).map_err(failed)?;
-    let (_, found) = outputs[0].try_extract_tensor::<f32>().map_err(failed)?;
-    let wrong = || SpeechError::Run { network, what: format!("it gives {} numbers, not {N}", found.len()) };
-    let output: [f32; N] = found.try_into().map_err(|_| wrong())?;
-    if output.iter().all(|number| number.is_finite()) {
-        return Ok(output);
-    }
-    Err(SpeechError::Run { network, what: "its output is not finite".to_owned() })
 }

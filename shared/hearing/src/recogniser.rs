@@ -4,13 +4,13 @@ use std::collections::VecDeque;
 
 use crate::levels::level_db;
 use crate::mel::{HOP, LogMel, Mel, RATE_HZ};
-use crate::model::{EMBEDDING, FRAMES, Networks, SpeechError, WINDOWS};
+use crate::model::{EMBEDDING, FRAMES, Head, Networks, SpeechError, WINDOWS};
 use crate::rules::{CueRules, Heard};
 use crate::signal::{Quality, Signal, Trouble};
 use crate::{Manifest, ModelFiles, Probabilities};
 
 /// Frames of a step.
-pub(crate) const FRAMES_A_STEP: usize = 8;
+pub const FRAMES_A_STEP: usize = 8;
 /// Samples of a step.
 pub const STEP_SAMPLES: usize = FRAMES_A_STEP * HOP;
 /// From one step to the next, nanoseconds.
@@ -52,9 +52,17 @@ impl Recogniser {
     /// # Errors
     /// Where a file is missing, not what its digest says, or of another shape.
     pub fn load(files: &ModelFiles) -> Result<Self, SpeechError> {
-        let (networks, manifest) = Networks::load(files)?;
+        Self::with(&Head::read(&files.manifest)?, files)
+    }
+
+    /// As [`Recogniser::load`], with a head that is at hand.
+    ///
+    /// # Errors
+    /// Likewise.
+    pub fn with(head: &Head, files: &ModelFiles) -> Result<Self, SpeechError> {
+        let manifest = head.manifest.clone();
         Ok(Self {
-            networks,
+            networks: Networks::new(head, files)?,
             mel: LogMel::default(),
             frames: VecDeque::with_capacity(FRAMES + 1),
             levels_db: Vec::with_capacity(FRAMES_A_STEP),

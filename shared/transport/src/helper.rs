@@ -7,6 +7,7 @@ use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 
 use nix::libc;
 use rustix::fs::{MemfdFlags, OFlags};
+use rustix::io::Errno;
 use rustix::process::{Pid, Signal};
 
 /// What is told of a program's own words, bytes.
@@ -60,10 +61,29 @@ impl Helper {
         Ok(helper)
     }
 
-    /// What it gives, where it does: reads what is there without waiting.
+    /// What it gives, where it does: its descriptor.
     #[must_use]
     pub fn stdout(&self) -> Option<&ChildStdout> {
         self.child.stdout.as_ref()
+    }
+
+    /// Takes what it has given until now, `bytes` becoming no longer than `most` and one piece: whether that was all.
+    /// Never waits.
+    ///
+    /// # Errors
+    /// Where it cannot be read.
+    pub fn read(&self, bytes: &mut Vec<u8>, most: usize) -> rustix::io::Result<bool> {
+        let Some(stdout) = self.stdout() else { return Ok(true) };
+        let mut piece = [0; 1 << 16];
+        while bytes.len() <= most {
+            match rustix::io::read(stdout, &mut piece) {
+                Ok(0) => return Ok(true),
+                Ok(n) => bytes.extend_from_slice(&piece[..n]),
+                Err(Errno::AGAIN | Errno::INTR) => return Ok(false),
+                Err(errno) => return Err(errno),
+            }
+        }
+        Ok(false)
     }
 
     /// Lets other work come first: what it does is in no hurry.

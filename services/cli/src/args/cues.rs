@@ -1,8 +1,10 @@
-//! The command line of `guidedog evaluate-cues`.
+//! The command lines of `guidedog cue` and `guidedog evaluate-cues`.
 
 use std::path::PathBuf;
 
-use clap::{Args, ValueEnum};
+use clap::{Args, Subcommand, ValueEnum};
+
+use super::RunArg;
 
 pub const HELP: &str = "\
 Examples:
@@ -57,6 +59,63 @@ pub struct EvaluateCuesArgs {
     #[arg(long, value_name = "N")]
     pub workers: Option<usize>,
     /// Model, embedding and engine as this configuration has them
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+}
+
+/// `guidedog cue`.
+#[derive(Debug, Args)]
+pub struct CueArgs {
+    /// What to do.
+    #[command(subcommand)]
+    pub verb: CueVerb,
+}
+
+/// What to do about cues.
+#[derive(Debug, Subcommand)]
+pub enum CueVerb {
+    /// Walk on
+    Forward(RunArg),
+    /// Turn left at the next opening
+    Left(RunArg),
+    /// Turn right at the next opening
+    Right(RunArg),
+    /// Stand
+    Stop(RunArg),
+    /// Fit the recogniser to a handler's voice: each cue is said five times
+    #[command(after_help = ENROL_HELP)]
+    Enrol(EnrolArgs),
+}
+
+const ENROL_HELP: &str = "\
+Examples:
+  guidedog cue enrol -o anna                       asks for twenty words by the microphone of the configuration
+  guidedog cue enrol -o anna --from clips/         clips that are there: clips/left/1.wav, ...
+  guidedog cue enrol -o anna --undo                back to what was before
+
+The folder anna then holds head.toml and head.onnx, which the configuration names ([cue.voice] model), and the clips.
+Words are asked for in writing, and aloud by the commands of [speak]. Who breaks off goes on with the same command.
+What is enrolled is in force from the next run on.";
+
+/// `guidedog cue enrol`.
+#[derive(Debug, Args)]
+pub struct EnrolArgs {
+    /// The handler's folder
+    #[arg(short, long, value_name = "FOLDER")]
+    pub output: PathBuf,
+    /// Clips that are there, in place of a microphone: folders forward, left, right, stop with WAV or FLAC files
+    #[arg(long, value_name = "FOLDER")]
+    pub from: Option<PathBuf>,
+    /// Go back to what was in force before; once more, and it is undone
+    #[arg(long, conflicts_with_all = ["from", "base", "config"])]
+    pub undo: bool,
+    /// Do not ask aloud
+    #[arg(long)]
+    pub quiet: bool,
+    /// The manifest of the head to begin with, with rehearsal.bin beside it; the shipped one if not told
+    #[arg(long, value_name = "FILE")]
+    pub base: Option<PathBuf>,
+    /// Microphone, voice, embedding and engine as this configuration has them
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }

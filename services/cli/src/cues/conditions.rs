@@ -3,19 +3,17 @@
 use std::f32::consts::TAU;
 use std::path::PathBuf;
 
-use hearing::RATE_HZ;
+use enrolment::{SILENCE, amid_silence};
+use hearing::{RATE_HZ, speech_power, word_end};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use realfft::RealFftPlanner;
 
-use super::{HISS, SILENCE, files};
+use super::files;
 use crate::args::cues::ConditionName;
 use crate::exit::Failure;
 
-/// A block of which the loudness is taken, samples, and of which the end of a word is found.
-const BLOCK: usize = 320;
-const FINE: usize = 160;
 /// A raised voice is higher by so much, brighter by so many decibels an octave, and clipped at this share of its peak.
 const SHOUT: (f32, f32, f32) = (1.15, 5.0, 1.0 / 3.0);
 /// A room: the time in which echoes fall by 60 dB, and the sound's own share of the energy.
@@ -95,9 +93,7 @@ impl Condition {
     pub fn apply(self, samples: &[f32], noises: &Noises, seed: u64) -> (usize, Vec<f32>) {
         let mut dice = ChaCha8Rng::seed_from_u64(seed);
         let end = SILENCE + word_end(samples);
-        let mut heard = vec![0.0; samples.len() + 2 * SILENCE];
-        heard[SILENCE..SILENCE + samples.len()].copy_from_slice(samples);
-        heard.iter_mut().for_each(|sample| *sample += HISS * normal(&mut dice));
+        let mut heard = amid_silence(samples, &mut dice);
         match self {
             Self::Clean => (end, heard),
             Self::Noise(snr_db) => {
@@ -126,31 +122,6 @@ fn peak(samples: &[f32]) -> f32 {
     samples.iter().fold(0.0, |peak: f32, sample| peak.max(sample.abs()))
 }
 
-/// Mean power of the louder half of what was recorded.
-fn speech_power(samples: &[f32]) -> f32 {
-    let mut blocks: Vec<f32> = samples.chunks(BLOCK).map(mean_square).collect();
-    blocks.sort_by(f32::total_cmp);
-    let louder = &blocks[blocks.len() / 2..];
-    louder.iter().sum::<f32>() / louder.len().max(1) as f32 + 1e-12
-}
-
-/// Where what is said ends: above the recording's own floor, treble raised, as its last consonant is no louder.
-fn word_end(samples: &[f32]) -> usize {
-    let bright: Vec<f32> = samples.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    let levels_db: Vec<f32> =
-        bright.chunks_exact(FINE).map(|block| 10.0 * (mean_square(block) + 1e-12).log10()).collect();
-    let smooth = |i: usize| {
-        let near = &levels_db[i.saturating_sub(1)..(i + 2).min(levels_db.len())];
-        near.iter().sum::<f32>() / near.len() as f32
-    };
-    let smooth_db: Vec<f32> = (0..levels_db.len()).map(smooth).collect();
-    let mut sorted = smooth_db.clone();
-    sorted.sort_by(f32::total_cmp);
-    let (Some(floor_db), Some(peak_db)) = (sorted.get(sorted.len() / 10), sorted.last()) else { return samples.len() };
-    let loud_db = (peak_db - 35.0).max((floor_db + 9.0).min(peak_db - 6.0));
-    smooth_db.iter().rposition(|level_db| *level_db > loud_db).map_or(samples.len(), |last| (last + 1) * FINE)
-}
-
 /// Pink noise by Kellet's filter, over white noise.
 fn pink(len: usize, dice: &mut ChaCha8Rng) -> Vec<f32> {
     const POLES: [(f32, f32); 3] = [(0.997_65, 0.099_046), (0.963, 0.296_516_4), (0.57, 1.052_691_3)];
@@ -169,14 +140,7 @@ fn pink(len: usize, dice: &mut ChaCha8Rng) -> Vec<f32> {
 /// Played faster, so higher; brighter by a first-order shelf; clipped.
 fn shouted(samples: &[f32]) -> Vec<f32> {
     let (faster, bright_db, clip) = SHOUT;
-    let count = ((samples.len().saturating_sub(1)) as f32 / faster) as usize;
-    let mut made: Vec<f32> = (0..count)
-        .map(|i| {
-            let at = i as f32 * faster;
-            let (from, share) = (at as usize, at.fract());
-            samples[from] * (1.0 - share) + samples[(from + 1).min(samples.len() - 1)] * share
-        })
-        .collect();
+    let mut made = hearing::faster(samples, faster);
     // Two octaves above a corner at 700 Hz are raised, those below are left.
     let pole = 1.0 - (-TAU * 700.0 / RATE_HZ as f32).exp();
     let gain = 10_f32.powf(2.0 * bright_db / 20.0) - 1.0;
@@ -238,7 +202,8 @@ fn convolved(samples: &[f32], tail: &[f32]) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Condition, HISS, Noises, SILENCE, convolved, mean_square, word_end};
+    use super::{Condition, Noises, SILENCE, convolved, mean_square, word_end};
+    use enrolment::HISS;
 
     /// Half a second of a tone between stretches of faint noise.
     fn word() -> Vec<f32> {

@@ -56,7 +56,8 @@ pub fn find(places: &[PathBuf]) -> Result<Vec<Recorded>, Failure> {
     Ok(found)
 }
 
-fn is_sound(path: &Path) -> bool {
+/// Whether it is called like a WAV or FLAC file.
+pub fn is_sound(path: &Path) -> bool {
     path.extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("wav") || extension.eq_ignore_ascii_case("flac"))
 }

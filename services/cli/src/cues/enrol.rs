@@ -1,0 +1,154 @@
+//! `guidedog cue enrol`: a handler says each cue five times, and the recogniser is fitted to that voice.
+
+mod folder;
+mod recording;
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use enrolment::{Clip, Enrolled, HeadFile, Rehearsal};
+use hearing::{Head, ModelFiles, Recogniser, digest};
+use messages::CueKind;
+use serde_json::{Value, json};
+
+use super::{files, model_files};
+use crate::args::cues::EnrolArgs;
+use crate::exit::Failure;
+use crate::out::{self, say};
+use crate::prepare;
+use folder::Folder;
+
+/// The cues, in the order in which they are asked for.
+const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, CueKind::Stop];
+/// Clips of each cue that are asked for; fewer than the least are too few to train with, more than the most no better.
+const TAKES: usize = 5;
+const TAKES_LEAST: usize = 3;
+const TAKES_MOST: usize = 20;
+/// A clip is no longer, seconds.
+const CLIP_MAX_S: f64 = 5.0;
+/// Of what is drawn.
+const SEED: u64 = 1;
+
+/// `guidedog cue enrol`.
+///
+/// # Errors
+/// Where the recogniser's files, the clips or the microphone cannot be used; what was in force stays so.
+pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
+    let folder = Folder::new(prepare::absolute(&args.output)?)?;
+    if args.undo {
+        folder.undo()?;
+        let head = Head::read(&folder.manifest()).map_err(Failure::of_input)?;
+        return report(&json!({ "head": folder.manifest(), "sha256": head.manifest.sha256 }), as_json, || {
+            format!("{} is as it was before; --undo again takes that back", folder.path().display())
+        });
+    }
+    let model = ModelFiles { manifest: base(args)?, ..model_files(args.config.as_deref())? };
+    let rehearsal_path = model.manifest.with_file_name("rehearsal.bin");
+    // What does not fit is told before anybody has to speak.
+    let head = Head::read(&model.manifest).map_err(Failure::of_input)?;
+    HeadFile::parse(&head).map_err(Failure::of_input)?;
+    Recogniser::with(&head, &model).map_err(Failure::of_input)?;
+    let rehearsal = Rehearsal::read(&rehearsal_path, &head).map_err(Failure::of_input)?;
+    folder.keep_before(&head, &model.manifest)?;
+    if let Some(from) = &args.from {
+        folder.copy_clips(from)?;
+    } else {
+        recording::record(&prepare::load(settings::Profile::Walk, args.config.as_deref())?, &folder, args.quiet)?;
+    }
+    let clips = read_clips(&folder.new_clips())?;
+    say(format!("training with {} clips", clips.len()));
+    let begun = Instant::now();
+    let enrolled = enrolment::enrol(&model, &rehearsal, &clips, SEED).map_err(Failure::of_run)?;
+    folder.put(&enrolled.head.bytes, &manifest(&model.manifest, &enrolled, &clips)?)?;
+    Recogniser::load(&ModelFiles { manifest: folder.new_manifest(), ..model }).map_err(Failure::of_run)?;
+    folder.put_in_force()?;
+    let of = clips.len();
+    let summary = json!({
+        "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": of,
+        "heard_right": { "before": enrolled.before, "held_out": enrolled.held_out, "of": of },
+        "seconds": begun.elapsed().as_secs_f64(),
+    });
+    report(&summary, as_json, || told(&folder, &enrolled, of))
+}
+
+/// The shipped head, or the one that is named: what is enrolled already is not enrolled upon.
+fn base(args: &EnrolArgs) -> Result<PathBuf, Failure> {
+    args.base.as_deref().map_or_else(super::shipped_manifest, prepare::absolute)
+}
+
+fn report(summary: &Value, as_json: bool, told: impl Fn() -> String) -> Result<(), Failure> {
+    if as_json {
+        return out::json(summary);
+    }
+    say(told());
+    Ok(())
+}
+
+fn told(folder: &Folder, enrolled: &Enrolled, of: usize) -> String {
+    let verdict = if enrolled.held_out < enrolled.before {
+        "\nThat is no gain: --undo takes it back, and quieter surroundings may help.".to_owned()
+    } else {
+        String::new()
+    };
+    format!(
+        "{} of {of} clips were heard right before; now {} of {of}, each by a head that was not trained on it.{verdict}\n\
+         The recogniser hears this voice, from the next run on, where the configuration says:\n\n\
+         [cue.voice]\nmodel = \"{}\"\n",
+        enrolled.before,
+        enrolled.held_out,
+        folder.manifest().display()
+    )
+}
+
+/// All clips in a folder of folders, each named by its cue.
+fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
+    let mut clips = Vec::new();
+    for cue in CUES {
+        let paths = folder::clips_of(folder, cue)?;
+        if !paths.is_empty() && paths.len() < TAKES_LEAST {
+            let (count, name) = (paths.len(), cue.name());
+            let folder = folder.display();
+            return Err(Failure::input(format!(
+                "{folder}/{name}: {count} clips, and {TAKES_LEAST} are too few to leave out"
+            )));
+        }
+        if paths.is_empty() {
+            say(format!("{}: no clips, so it is heard as before", cue.name()));
+        }
+        for (take, path) in paths.iter().enumerate() {
+            let samples = files::read(path)?;
+            if samples.len() as f64 > CLIP_MAX_S * f64::from(hearing::RATE_HZ) {
+                return Err(Failure::input(format!("{}: it is longer than {CLIP_MAX_S} s", path.display())));
+            }
+            clips.push(Clip { cue, take, samples });
+        }
+    }
+    if clips.is_empty() {
+        let names = CUES.map(CueKind::name).join(", ");
+        return Err(Failure::input(format!("{}: no WAV or FLAC file in {names}", folder.display())));
+    }
+    Ok(clips)
+}
+
+/// The manifest of the enrolled head: as that of the head before, with its own digest and how it was made.
+fn manifest(base: &Path, enrolled: &Enrolled, clips: &[Clip]) -> Result<String, Failure> {
+    let bytes = hearing::read(base).map_err(Failure::of_input)?;
+    let text = String::from_utf8_lossy(&bytes);
+    let mut manifest: toml::Table = toml::from_str(&text).map_err(Failure::of_input)?;
+    let count = |cue: CueKind| clips.iter().filter(|clip| clip.cue == cue).count();
+    let counts: toml::Table = CUES.iter().map(|cue| (cue.name().to_owned(), (count(*cue) as i64).into())).collect();
+    let made = [
+        ("base_sha256".to_owned(), manifest["sha256"].clone()),
+        ("clips".to_owned(), counts.into()),
+        ("heard_right_before".to_owned(), (enrolled.before as i64).into()),
+        ("heard_right_held_out".to_owned(), (enrolled.held_out as i64).into()),
+    ];
+    manifest.insert("sha256".to_owned(), digest(&enrolled.head.bytes).into());
+    manifest.remove("rehearsal_sha256");
+    manifest.insert(
+        "trained".to_owned(),
+        toml::Table::from_iter([("enrolled".to_owned(), toml::Table::from_iter(made).into())]).into(),
+    );
+    let text = toml::to_string(&manifest).map_err(Failure::of_run)?;
+    Ok(format!("# Written by `guidedog cue enrol`: a head fitted to one handler's voice.\n{text}"))
+}

@@ -1,0 +1,183 @@
+//! The folder of a handler: `head.toml`, `head.onnx`, `clips/CUE/N.wav`. Beside it lies `NAME.before`, which is brought
+//! back by an undo, and while somebody enrols `NAME.new`. What is in force changes in one step, and is whole at any time.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use hearing::{Head, RATE_HZ};
+use messages::CueKind;
+use rustix::fs::{CWD, RenameFlags, renameat_with};
+
+use super::{CUES, TAKES_MOST};
+use crate::cues::files;
+use crate::exit::Failure;
+
+const MANIFEST: &str = "head.toml";
+const HEAD: &str = "head.onnx";
+const CLIPS: &str = "clips";
+
+/// Where a handler's head is.
+#[derive(Debug, Clone)]
+pub struct Folder(PathBuf);
+
+fn failed(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::run(format!("{}: {error}", path.display()))
+}
+
+fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    let folder = path.parent().unwrap_or(path);
+    fs::create_dir_all(folder).and_then(|()| fs::write(path, bytes)).map_err(|error| failed(path, &error))
+}
+
+fn remove(folder: &Path) -> Result<(), Failure> {
+    if !folder.exists() {
+        return Ok(());
+    }
+    fs::remove_dir_all(folder).map_err(|error| failed(folder, &error))
+}
+
+/// The clips of a cue in a folder of folders, in the order of their names.
+pub fn clips_of(folder: &Path, cue: CueKind) -> Result<Vec<PathBuf>, Failure> {
+    let folder = folder.join(cue.name());
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let mut found = Vec::new();
+    for entry in fs::read_dir(&folder).map_err(|error| failed(&folder, &error))? {
+        let path = entry.map_err(|error| failed(&folder, &error))?.path();
+        if files::is_sound(&path) {
+            found.push(path);
+        }
+    }
+    found.sort();
+    found.truncate(TAKES_MOST);
+    Ok(found)
+}
+
+impl Folder {
+    /// One that there is, or is to be.
+    ///
+    /// # Errors
+    /// Where something else is there.
+    pub fn new(path: PathBuf) -> Result<Self, Failure> {
+        let folder = Self(path);
+        let is_other = folder.0.exists() && !folder.manifest().is_file();
+        if is_other || folder.0.file_name().is_none() {
+            let path = folder.0.display();
+            return Err(Failure::input(format!(
+                "{path}: it is no folder that `cue enrol` has made, and is left as it is"
+            )));
+        }
+        Ok(folder)
+    }
+
+    /// The folder itself.
+    pub fn path(&self) -> &Path {
+        &self.0
+    }
+
+    /// What a configuration names.
+    pub fn manifest(&self) -> PathBuf {
+        self.0.join(MANIFEST)
+    }
+
+    fn beside(&self, what: &str) -> PathBuf {
+        let mut name = self.0.file_name().unwrap_or_default().to_owned();
+        name.push(what);
+        self.0.with_file_name(name)
+    }
+
+    fn before(&self) -> PathBuf {
+        self.beside(".before")
+    }
+
+    fn new_one(&self) -> PathBuf {
+        self.beside(".new")
+    }
+
+    /// Where clips are put until they have trained a head.
+    pub fn new_clips(&self) -> PathBuf {
+        self.new_one().join(CLIPS)
+    }
+
+    /// The manifest that is not in force yet.
+    pub fn new_manifest(&self) -> PathBuf {
+        self.new_one().join(MANIFEST)
+    }
+
+    /// Where nobody was enrolled before, an undo brings back the head that is enrolled upon.
+    pub fn keep_before(&self, base: &Head, manifest: &Path) -> Result<(), Failure> {
+        if self.0.exists() {
+            return Ok(());
+        }
+        let before = self.before();
+        write(&before.join(HEAD), &base.bytes)?;
+        write(&before.join(MANIFEST), &hearing::read(manifest).map_err(Failure::of_input)?)
+    }
+
+    /// The clips of a folder of folders, each named by its cue, in place of any that lie there.
+    pub fn copy_clips(&self, from: &Path) -> Result<(), Failure> {
+        remove(&self.new_clips())?;
+        for cue in CUES {
+            for path in clips_of(from, cue)? {
+                self.put_clip(cue, &path.file_stem().unwrap_or_default().to_string_lossy(), &files::read(&path)?)?;
+            }
+        }
+        if self.new_clips().is_dir() {
+            return Ok(());
+        }
+        let names = CUES.map(CueKind::name).join(", ");
+        Err(Failure::input(format!("{}: no WAV or FLAC file in {names}", from.display())))
+    }
+
+    /// One more clip, at [`RATE_HZ`].
+    pub fn put_clip(&self, cue: CueKind, name: &str, samples: &[f32]) -> Result<(), Failure> {
+        let path = self.new_clips().join(cue.name()).join(format!("{name}.wav"));
+        let spec = hound::WavSpec {
+            channels: 1,
+            sample_rate: RATE_HZ,
+            bits_per_sample: 16,
+            sample_format: hound::SampleFormat::Int,
+        };
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        let mut written = || {
+            let mut writer = hound::WavWriter::new(&mut bytes, spec)?;
+            samples.iter().try_for_each(|sample| writer.write_sample((sample * 32_767.0) as i16))?;
+            writer.finalize()
+        };
+        written().map_err(|error| Failure::run(format!("{}: {error}", path.display())))?;
+        write(&path, &bytes.into_inner())
+    }
+
+    /// The head and its manifest, not in force yet.
+    pub fn put(&self, head: &[u8], manifest: &str) -> Result<(), Failure> {
+        write(&self.new_one().join(HEAD), head)?;
+        write(&self.new_manifest(), manifest.as_bytes())
+    }
+
+    /// What was put is in force, what was in force is what an undo brings back.
+    pub fn put_in_force(&self) -> Result<(), Failure> {
+        if !self.0.exists() {
+            return fs::rename(self.new_one(), &self.0).map_err(|error| failed(&self.0, &error));
+        }
+        exchange(&self.new_one(), &self.0)?;
+        remove(&self.before())?;
+        fs::rename(self.new_one(), self.before()).map_err(|error| failed(&self.before(), &error))
+    }
+
+    /// What was in force before is so again, and the other way round.
+    pub fn undo(&self) -> Result<(), Failure> {
+        if !self.0.exists() || !self.before().exists() {
+            return Err(Failure::input(format!(
+                "{}: nothing was enrolled there, so nothing is undone",
+                self.0.display()
+            )));
+        }
+        exchange(&self.before(), &self.0)
+    }
+}
+
+/// Each takes the other's place, in one step.
+fn exchange(one: &Path, other: &Path) -> Result<(), Failure> {
+    renameat_with(CWD, one, CWD, other, RenameFlags::EXCHANGE).map_err(|errno| failed(other, &errno.into()))
+}

@@ -1,0 +1,140 @@
+//! Asks for the clips, aloud and in writing, and cuts them out of the microphone's sound.
+
+use std::time::{Duration, Instant};
+
+use enrolment::{Take, Takes};
+use grabber::microphone::Microphone;
+use grabber::{Grab, Trouble};
+use hearing::{RATE_HZ, Signal};
+use messages::CueKind;
+use settings::Settings;
+use transport::Helper;
+
+use super::folder::{Folder, clips_of};
+use super::{CUES, TAKES};
+use crate::exit::Failure;
+use crate::out::say;
+
+/// So long a word is waited for.
+const WORD_LIMIT: Duration = Duration::from_secs(10);
+/// A word that is not heard, or not well, is asked for so often.
+const TRIES: usize = 4;
+/// What asks aloud takes no longer.
+const ALOUD_LIMIT: Duration = Duration::from_secs(6);
+/// No sentence has more sound, bytes.
+const WAV_MAX_BYTES: usize = 4 << 20;
+/// The prompt's own sound rings for so long.
+const ECHO: Duration = Duration::from_millis(300);
+
+/// Records what is missing in the folder.
+///
+/// # Errors
+/// Where the microphone cannot be used, or nothing is heard; what was recorded stays, and is gone on with.
+pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), Failure> {
+    let name = &settings.cue.voice.microphone;
+    let open = || Microphone::open(name, RATE_HZ).map_err(lost);
+    let mut aloud = Aloud::new(settings, quiet);
+    // Whether it is there is told before anybody is asked to speak.
+    say(open()?.about());
+    let kept: usize = CUES.iter().map(|cue| clips_of(&folder.new_clips(), *cue).map_or(0, |clips| clips.len())).sum();
+    if kept > 0 {
+        say(format!("{kept} clips are there already, from before: going on"));
+    }
+    aloud.ask("Say each word after me, as you would on the way.");
+    for take in 1..=TAKES {
+        for cue in CUES {
+            if clips_of(&folder.new_clips(), cue)?.len() >= take {
+                continue;
+            }
+            say(format!("say \"{}\" ({take} of {TAKES})", cue.name()));
+            let samples = one(cue, &mut aloud, &open)?;
+            folder.put_clip(cue, &format!("{take:02}"), &samples)?;
+        }
+    }
+    aloud.ask("Thank you.");
+    Ok(())
+}
+
+fn lost(trouble: Trouble) -> Failure {
+    Failure::run(trouble.to_string())
+}
+
+/// One clip, asked for until it is good.
+fn one(cue: CueKind, aloud: &mut Aloud, open: &impl Fn() -> Result<Microphone, Failure>) -> Result<Vec<f32>, Failure> {
+    let mut why = String::new();
+    for _ in 0..TRIES {
+        aloud.ask(cue.name());
+        match word(&mut open()?)? {
+            Ok(Ok(samples)) => return Ok(samples),
+            Ok(Err(rejected)) => why = rejected.to_string(),
+            Err(silence) => why = silence,
+        }
+        say(format!("  {why}; once more"));
+        aloud.ask("Once more.");
+    }
+    Err(Failure::run(format!("{why}, {TRIES} times; what was recorded is kept, and the same command goes on with it")))
+}
+
+/// The next word, or why there is none.
+fn word(microphone: &mut Microphone) -> Result<Result<Take, String>, Failure> {
+    let (mut takes, mut signal, begun) = (Takes::default(), Signal::default(), Instant::now());
+    while begun.elapsed() < WORD_LIMIT {
+        let Some(sound) = microphone.grab().map_err(lost)? else { continue };
+        signal.take(&sound.samples);
+        if let Some(trouble) = signal.trouble() {
+            return Ok(Err(trouble.text().to_owned()));
+        }
+        if let Some(take) = takes.push(&sound.samples) {
+            return Ok(Ok(take));
+        }
+    }
+    let level = signal.quality().level_dbfs;
+    Ok(Err(format!(
+        "no word was heard in {} s (the last second was at {level:.0} dB of full scale)",
+        WORD_LIMIT.as_secs()
+    )))
+}
+
+/// Who is enrolled may not see: what is asked is asked aloud, where there is a voice.
+struct Aloud {
+    voice: Vec<String>,
+    player: Vec<String>,
+    on: bool,
+}
+
+impl Aloud {
+    fn new(settings: &Settings, quiet: bool) -> Self {
+        // The words are English whatever the robot speaks.
+        let voice = settings.speak.voice.iter().map(|word| word.replace("{language}", "en")).collect();
+        Self { voice, player: settings.speak.player.clone(), on: !quiet }
+    }
+
+    fn ask(&mut self, text: &str) {
+        if !self.on {
+            return;
+        }
+        let words: Vec<String> = self.voice.iter().map(|word| word.replace("{text}", text)).collect();
+        let heard = run(&words, format!("{text}\n").as_bytes(), true).and_then(|wav| run(&self.player, &wav, false));
+        if let Err(why) = heard {
+            say(format!("nothing is asked aloud: {why}"));
+            self.on = false;
+        }
+        std::thread::sleep(ECHO);
+    }
+}
+
+/// Runs a program of others to its end: what it gave.
+fn run(words: &[String], input: &[u8], gives: bool) -> Result<Vec<u8>, String> {
+    let mut helper = Helper::start(words, input, gives)?;
+    let (begun, mut given) = (Instant::now(), Vec::new());
+    loop {
+        let ended = helper.ended();
+        helper.read(&mut given, WAV_MAX_BYTES).map_err(|errno| format!("{}: {errno}", words.join(" ")))?;
+        match ended {
+            Some(status) if status.success() => return Ok(given),
+            Some(_) => return Err(helper.failure()),
+            None if begun.elapsed() > ALOUD_LIMIT => return Err(format!("{}: it takes too long", words.join(" "))),
+            None => std::thread::sleep(Duration::from_millis(5)),
+        }
+    }
+}
