@@ -10,7 +10,8 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Live, Place, WATCHDOG, project};
+use guidedog_tests::{Ears, Live, Place, WATCHDOG, project};
+use messages::Urgency;
 use serde_json::Value;
 
 const RATE_HZ: usize = 16_000;
@@ -103,38 +104,74 @@ fn say_until(run: &mut Live<'_>, microphone: &Microphone, word: &str, wanted: im
     }
 }
 
+/// A run that hears what is said into a pipe, with these lines in its configuration.
+fn hearing<'a>(place: &'a Place, config: &str) -> (Live<'a>, Microphone) {
+    let (pipe, file) = (place.path().join("microphone"), place.path().join("voice.toml"));
+    std::fs::write(&file, config).expect("written");
+    let microphone = Microphone::at(&pipe);
+    let (pipe, file) = (pipe.to_string_lossy(), file.to_string_lossy());
+    let scenario = ["--scenario", "left-at-tee", "--policy", "geometric"];
+    let mut run = Live::up(place, "voice", &[&scenario[..], &["--config", &file, "--voice", &pipe]].concat());
+    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
+    (run, microphone)
+}
+
+fn given(status: &Value, cue: &str) -> bool {
+    status["mode"]["cue"]["kind"] == cue && status["mode"]["cue"]["source"] == "voice"
+}
+
 #[test]
-fn spoken_cues_start_turn_and_stop_the_robot() {
+fn spoken_cues_start_turn_and_stop_the_robot_and_a_tone_is_heard_before_it_starts() {
     if !can_hear() {
         return;
     }
     let place = Place::new();
-    let pipe = place.path().join("microphone");
-    let microphone = Microphone::at(&pipe);
-    let mut run = Live::up(
-        &place,
-        "voice",
-        &["--scenario", "left-at-tee", "--voice", &pipe.to_string_lossy(), "--policy", "geometric"],
-    );
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
-    let is =
-        |status: &Value, cue: &str| status["mode"]["cue"]["kind"] == cue && status["mode"]["cue"]["source"] == "voice";
-    say_until(&mut run, &microphone, "forward", |status| is(status, "forward"));
+    let (mut run, microphone) = hearing(&place, "[speak]\nfile = \"said.wav\"\n");
+    let ears = Ears::on(run.dir());
+    say_until(&mut run, &microphone, "forward", |status| given(status, "forward"));
     let walked = run.wait_walking();
     assert_eq!(walked["mode"]["cue"]["source"], "voice", "{walked:#}");
-    say_until(&mut run, &microphone, "left", |status| is(status, "left"));
+    ears.wait("Forward.", 1);
+    say_until(&mut run, &microphone, "left", |status| given(status, "left"));
     say_until(&mut run, &microphone, "stop", |status| status["mode"]["cue"].is_null());
     let _ = run.end();
+    let said = ears.stop();
+    let place_of = |text: &str| said.iter().position(|said| said.text.as_str() == text).expect(text);
+    let tone = &said[place_of("(tone)")];
+    assert_eq!((tone.urgency, tone.duration_ns), (Urgency::Tone, 200_000_000));
+    let started = &said[place_of("Forward.")];
+    assert!(started.about_ns >= tone.first_sample_ns + tone.duration_ns, "{tone:?} {started:?}");
     drop(microphone);
-    std::fs::remove_file(&pipe).expect("removed");
     place.assert_empty();
+}
+
+#[test]
+fn without_its_tone_a_spoken_cue_does_not_start_the_robot_unless_that_is_wanted() {
+    if !can_hear() {
+        return;
+    }
+    for (config, starts) in [
+        ("[speak]\nplayer = [\"no-such-player\"]\n", false),
+        ("[speak]\nplayer = [\"no-such-player\"]\n[cue.voice]\ntone = false\n", true),
+    ] {
+        let place = Place::new();
+        let (mut run, microphone) = hearing(&place, config);
+        let is_told = |status: &Value| status["notes"].to_string().contains("is not given: the tone before it");
+        say_until(&mut run, &microphone, "forward", |status| is_told(status) || given(status, "forward"));
+        let status = run.status();
+        assert_eq!((is_told(&status), status["mode"]["class"] == "run"), (!starts, starts), "{config}: {status:#}");
+        let _ = run.end();
+        drop(microphone);
+        place.assert_empty();
+    }
 }
 
 #[test]
 fn without_its_files_a_voice_is_told_what_to_run_and_the_other_cues_go_on() {
     let place = Place::new();
     let config = place.path().join("voice.toml");
-    let text = "[cue.voice]\nsource = \"stream\"\nstream = \"none\"\nembedding = \"missing.onnx\"\n";
+    let text = "[cue.voice]\ntone = false\nsource = \"stream\"\nstream = \"none\"\nembedding = \"missing.onnx\"\n";
     std::fs::write(&config, text).expect("written");
     let mut run = Live::up(&place, "voice", &["--config", &config.to_string_lossy()]);
     run.wait("it is told", |status| status.to_string().contains("scripts/cue-embedding"));

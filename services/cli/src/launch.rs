@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, PidfdFlags, Signal};
 use serde_json::Value;
-use settings::{EmulatedPlaces, EstopSource, Settings, Source};
+use settings::{EmulatedPlaces, EstopSource, Settings, Source, VoiceSource};
 use transport::{RunDir, SupervisorArgs};
 
 use crate::control::{let_name_go, take_name};
@@ -83,6 +83,9 @@ impl Launch<'_> {
         }
         if self.speed.is_some() && settings.estop.source != EstopSource::Absent {
             return Err(Failure::input("estop.source names a device, which keeps its own time: no --speed with it"));
+        }
+        if self.speed.is_some() && settings.cue.voice.source != VoiceSource::Absent {
+            return Err(Failure::input("cue.voice: a voice is heard as fast as it speaks: no --speed with it"));
         }
         let depth = &self.settings.depth;
         crate::doctor::preflight((depth.width * depth.height) as usize)?;

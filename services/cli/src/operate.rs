@@ -167,6 +167,24 @@ pub fn ages_line(status: &Value) -> String {
     if ages.is_empty() { "none yet".to_owned() } else { format!("{} ms", ages.join(", ")) }
 }
 
+/// How the handler's voice is heard.
+fn hears_line(status: &Value) -> String {
+    let (level, clipped) = (number(status, "/microphone/level_dbfs"), 100.0 * number(status, "/microphone/clipped"));
+    match text(status, "/microphone/state") {
+        "" => "no voice".to_owned(),
+        "lost" => "nothing: no microphone".to_owned(),
+        "warming_up" => "not yet: warming up".to_owned(),
+        "muted" => "not now: the robot speaks".to_owned(),
+        state => {
+            let standing_out = number(status, "/microphone/above_floor_db");
+            let what = if state == "hearing" { String::new() } else { format!("{state}: ") };
+            format!(
+                "{what}{level:.0} dB of full scale, {standing_out:.0} dB above what is always there, {clipped:.1} % cut off"
+            )
+        }
+    }
+}
+
 fn status_lines(status: &Value) -> Vec<String> {
     let mut lines = vec![
         format!(
@@ -179,6 +197,7 @@ fn status_lines(status: &Value) -> Vec<String> {
         format!("cue      {}", cue_line(status)),
         format!("robot    {}", robot_line(status)),
         format!("said     {}", said_line(status)),
+        format!("hears    {}", hears_line(status)),
         format!("streams  {}", ages_line(status)),
         String::new(),
     ];

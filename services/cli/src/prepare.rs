@@ -199,6 +199,8 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
             (voice.source, voice.stream) = (VoiceSource::Stream, Some(absolute(stream)?));
         }
         find_speech(voice)?;
+        // Who speaks to it wants an answer; and before it starts it gives a tone.
+        settings.speak.on = true;
         settings::check(&settings).map_err(Failure::input)?;
     }
     if settings.lidar.source == Source::Absent || settings.odometry.source == Source::Absent {

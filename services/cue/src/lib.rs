@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use guidance::cue::CueTrack;
 use guidance::se2::{Se2, pose2, se2};
-use messages::{Cue, CueKind, CueRequest, CueSource, Mode, ModeClass, Odometry, Pose2, WorldTruth};
+use messages::{Cue, CueKind, CueRequest, CueSource, Health, Mode, ModeClass, Odometry, Pose2, WorldTruth};
 use settings::{Settings, VoiceSource};
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
 
@@ -87,12 +87,22 @@ impl CueService {
             self.pose = Some(pose);
         }
         if let Some(mode) = self.modes.take_newest()? {
+            if self.mode.is_some_and(|before| before.epoch != mode.epoch) {
+                self.interrupt_voice();
+            }
             self.mode = Some(mode);
         }
         if let Some(truth) = self.truths.take_newest()? {
             self.truth = Some(truth);
         }
         Ok(())
+    }
+
+    /// What the voice has heard and not given yet is over.
+    fn interrupt_voice(&mut self) {
+        if let Some(voice) = &mut self.voice {
+            voice.interrupt();
+        }
     }
 
     fn give(&mut self, io: &Io, kind: CueKind, source: CueSource, request_seq: u64) -> Result<(), TransportError> {
@@ -118,13 +128,11 @@ impl CueService {
     /// Gives what the handler said.
     fn listen(&mut self, io: &Io) -> Result<(), TransportError> {
         let Some(voice) = &mut self.voice else { return Ok(()) };
-        if self.mode.is_some_and(|mode| mode.class != ModeClass::Run || !mode.cue.valid) {
-            voice.stopped();
-        }
+        voice.stands(self.mode.is_none_or(|mode| mode.class != ModeClass::Run || !mode.cue.valid));
         voice.listen(io, &mut self.said)?;
         for said in std::mem::take(&mut self.said) {
             self.script.heard(said.kind);
-            let Said { kind, score, stamp_ns, signal_db, clipped } = said;
+            let Said { kind, score, stamp_ns, signal_db, clipped, after_stop: _ } = said;
             let source = CueSource::Voice;
             self.publish(stamp_ns, Cue { kind, source, confidence: score, signal_db, clipped, ..Cue::default() })?;
         }
@@ -186,6 +194,7 @@ impl Service for CueService {
         while let Some(request) = self.requests.take()? {
             self.take_inputs()?;
             self.script.heard(request.kind);
+            self.interrupt_voice();
             self.give(io, request.kind, CueSource::Operator, request.header.seq)?;
         }
         self.take_inputs()?;
@@ -213,6 +222,13 @@ impl Service for CueService {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        self.script.next_timer_ns()
+        let tone_ns = self.voice.as_ref().and_then(Voice::next_ns);
+        [self.script.next_timer_ns(), tone_ns].into_iter().flatten().min()
+    }
+
+    fn fill_health(&self, health: &mut Health) {
+        if let Some(voice) = &self.voice {
+            health.microphone = voice.health();
+        }
     }
 }

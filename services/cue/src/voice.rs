@@ -3,6 +3,7 @@
 //! It is one way to give a cue among others. Without it, whatever the reason, the others go on and the operator is told
 //! what is missing; no walk's safety depends on it.
 
+mod confirmation;
 mod stream;
 
 use std::path::Path;
@@ -10,10 +11,12 @@ use std::path::Path;
 use grabber::microphone::{Microphone, Sound};
 use grabber::{Grab, Grabbed, Grabber, Trouble};
 use hearing::{ModelFiles, RATE_HZ, Recogniser, STEP_NS, Step};
-use messages::{CueKind, NS_PER_S, SpeechPhase, SpeechSaid};
+use messages::{CueHeard, CueKind, MicrophoneState, NS_PER_S, SpeechPhase, SpeechSaid, Urgency};
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use settings::{Settings, VoiceSettings, VoiceSource};
-use transport::{FromChild, Io, Subscriber, TransportError};
+use transport::{FromChild, Io, Publisher, Subscriber, TransportError, monotonic_ns};
 
+use confirmation::{Confirmation, Confirmed};
 use stream::Stream;
 
 /// Of [`Io::watch`].
@@ -21,6 +24,12 @@ const TOKEN_VOICE: u64 = 0;
 /// So many pieces of sound are heard at a waking: who catches up has beats to give as well, every 20 ms. A microphone
 /// gives one in 80 ms.
 const PIECES_MAX: usize = 3;
+/// So long the service waits for enough sound to tell words, wall time, nanoseconds: 1.34 s of it, and what a source takes
+/// to open.
+const WARM_UP_LIMIT_NS: u64 = 2_500_000_000;
+const WARM_UP_WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
+/// How a note begins that tells why nothing is heard.
+const UNHEARD: &str = "no voice is heard: ";
 /// A sentence of the robot's own is heard for so long after its end: players have buffers, and rooms ring, nanoseconds.
 const ECHO_NS: u64 = 300_000_000;
 
@@ -37,6 +46,8 @@ pub struct Said {
     pub signal_db: f32,
     /// Share of the last second's samples that were cut off.
     pub clipped: f32,
+    /// The robot stood by a stop.
+    pub after_stop: bool,
 }
 
 /// Hears cues.
@@ -44,6 +55,12 @@ pub struct Voice {
     grabber: Grabber<Sound>,
     recogniser: Recogniser,
     robot: Subscriber<SpeechSaid>,
+    /// Asks for the tone; none where none is wanted.
+    asks: Option<Publisher<CueHeard>>,
+    confirmation: Confirmation,
+    is_open: bool,
+    /// The last of its sound counted as silence.
+    is_muted: bool,
     /// The robot itself speaks until then, run time, nanoseconds: what is heard is not the handler.
     muted_until_ns: u64,
     steps: Vec<Step>,
@@ -69,19 +86,51 @@ impl Voice {
         let recogniser = match Recogniser::load(&files) {
             Ok(recogniser) => recogniser,
             Err(error) => {
-                io.tell(&FromChild::Note { text: format!("no voice is heard: {error}") });
+                io.tell(&FromChild::Note { text: format!("{UNHEARD}{error}") });
                 return Ok(None);
             }
         };
         let grabber = Grabber::start(opener(voice)).map_err(TransportError::service)?;
         io.watch(&grabber, TOKEN_VOICE)?;
-        let robot = io.quiet_subscriber()?;
-        Ok(Some(Self { grabber, recogniser, robot, muted_until_ns: 0, steps: Vec::new(), told: String::new() }))
+        let mut voice = Self {
+            grabber,
+            recogniser,
+            robot: io.subscriber()?,
+            asks: if voice.tone { Some(io.publisher()?) } else { None },
+            confirmation: Confirmation::default(),
+            is_open: false,
+            is_muted: false,
+            muted_until_ns: 0,
+            steps: Vec::new(),
+            told: String::new(),
+        };
+        voice.warm_up(io)?;
+        Ok(Some(voice))
+    }
+
+    /// Hears enough to tell words before the service is ready: who is told "ready" may speak. A source that does not
+    /// come keeps nobody waiting.
+    fn warm_up(&mut self, io: &Io) -> Result<(), TransportError> {
+        let by_ns = monotonic_ns() + WARM_UP_LIMIT_NS;
+        while !self.recogniser.is_warm() && monotonic_ns() < by_ns {
+            // An interrupted wait is a shorter one.
+            let _ = poll(&mut [PollFd::new(&self.grabber, PollFlags::IN)], Some(&WARM_UP_WAIT));
+            self.listen(io, &mut Vec::new())?;
+            if self.told.starts_with(UNHEARD) {
+                break;
+            }
+        }
+        Ok(())
     }
 
     /// While the robot speaks, what is heard is not the handler.
     fn mute(&mut self) -> Result<(), TransportError> {
         while let Some(said) = self.robot.take()? {
+            if said.urgency == Urgency::Tone {
+                // It is no word, and whoever wants to stop what it announces has to be heard.
+                self.confirmation.hear(&said);
+                continue;
+            }
             let end_ns = match said.phase {
                 SpeechPhase::Begun => said.first_sample_ns.max(said.header.stamp_ns).saturating_add(said.duration_ns),
                 SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => said.header.stamp_ns,
@@ -91,9 +140,38 @@ impl Voice {
         Ok(())
     }
 
-    /// The robot was stopped by whomever: *forward* has to be surer.
-    pub fn stopped(&mut self) {
-        self.recogniser.stopped();
+    /// Whether the robot stands by a stop of whomever: *forward* has to be surer.
+    pub fn stands(&mut self, is_stopped: bool) {
+        self.recogniser.stands(is_stopped);
+    }
+
+    /// Somebody else has given a cue, or the robot was stopped again: what waits for its tone is over.
+    pub fn interrupt(&mut self) {
+        self.confirmation.forget();
+    }
+
+    /// Run time at which a tone is over, if one is waited for.
+    pub fn next_ns(&self) -> Option<u64> {
+        self.confirmation.next_ns()
+    }
+
+    /// How the microphone does.
+    pub fn health(&self) -> messages::Microphone {
+        let quality = self.recogniser.quality();
+        let state = match self.recogniser.trouble() {
+            _ if !self.is_open => MicrophoneState::Lost,
+            _ if self.is_muted => MicrophoneState::Muted,
+            Some(hearing::Trouble::Dead) => MicrophoneState::Dead,
+            Some(hearing::Trouble::Clipping) => MicrophoneState::Clipping,
+            None if !self.recogniser.is_warm() => MicrophoneState::WarmingUp,
+            None => MicrophoneState::Hearing,
+        };
+        messages::Microphone {
+            state,
+            level_dbfs: quality.level_dbfs,
+            above_floor_db: self.recogniser.above_floor_db() as f32,
+            clipped: quality.clipped,
+        }
     }
 
     /// What was said since the last call.
@@ -106,6 +184,7 @@ impl Voice {
             let Some(grabbed) = self.grabber.take() else { break };
             match grabbed {
                 Grabbed::Opened(about) => {
+                    self.is_open = true;
                     self.recogniser.clear();
                     self.tell(io, about);
                 }
@@ -114,9 +193,13 @@ impl Voice {
                     self.tell(io, "some of the microphone's sound was lost: this process came too late".to_owned());
                 }
                 Grabbed::Item(sound) => self.hear(&sound, io, said)?,
-                Grabbed::Lost(trouble) => self.tell(io, format!("no voice is heard: {trouble}")),
+                Grabbed::Lost(trouble) => {
+                    self.is_open = false;
+                    self.tell(io, format!("{UNHEARD}{trouble}"));
+                }
             }
         }
+        self.confirm(io, said)?;
         if self.grabber.is_stuck() {
             // Only a new process is rid of it.
             return Err(TransportError::Service("the microphone's library hangs".to_owned()));
@@ -124,9 +207,38 @@ impl Voice {
         Ok(())
     }
 
+    /// What would start the robot waits for its tone; whatever else is said ends that.
+    fn confirm(&mut self, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
+        if let Some(asks) = &mut self.asks {
+            let (confirmation, now_ns) = (&mut self.confirmation, io.now_ns());
+            for said in said.iter() {
+                confirmation.forget();
+                if said.after_stop && said.kind.is_moving() {
+                    asks.publish(
+                        said.stamp_ns,
+                        CueHeard { kind: said.kind, confidence: said.score, ..CueHeard::default() },
+                    )?;
+                    confirmation.ask(*said, now_ns);
+                }
+            }
+            said.retain(|said| !(said.after_stop && said.kind.is_moving()));
+        }
+        match self.confirmation.due(io.now_ns()) {
+            Some(Confirmed::Given(confirmed)) => said.push(confirmed),
+            Some(Confirmed::Unheard(unheard)) => {
+                let name = unheard.kind.name();
+                let text = format!("\"{name}\" was said and is not given: the tone before it was not heard ([speak])");
+                io.tell(&FromChild::Note { text });
+            }
+            None => {}
+        }
+        Ok(())
+    }
+
     fn hear(&mut self, sound: &Sound, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
         let taken_ns = io.domain.clock.of_monotonic_ns(sound.taken_ns);
         let muted = taken_ns < self.muted_until_ns;
+        self.is_muted = muted;
         let steps = &mut self.steps;
         self.recogniser.push(&sound.samples, muted, |step| steps.push(step)).map_err(TransportError::service)?;
         let (taken, quality) = (self.recogniser.taken(), self.recogniser.quality());
@@ -139,6 +251,7 @@ impl Voice {
                 stamp_ns: taken_ns.saturating_sub(after_ns),
                 signal_db: step.above_floor_db as f32,
                 clipped: quality.clipped,
+                after_stop: heard.after_stop,
             });
         }
         match self.recogniser.trouble().filter(|_| !muted) {

@@ -11,8 +11,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use messages::{
-    Cue, CueAnswer, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode, Odometry, Permit,
-    PolicyAction, PortRole, SpeechSaid, TopicId, WorldTruth,
+    Cue, CueAnswer, CueHeard, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode,
+    Odometry, Permit, PolicyAction, PortRole, SpeechSaid, TopicId, WorldTruth,
 };
 use recording::{About, Part, Record, RunAbout, Writer, life_path};
 use settings::{LinkKind, Settings, Source};
@@ -41,6 +41,7 @@ pub struct Recorder {
     states: Subscriber<LocomotionState>,
     estop: Subscriber<EmergencyStop>,
     answers: Subscriber<CueAnswer>,
+    heard: Subscriber<CueHeard>,
     said: Subscriber<SpeechSaid>,
     truths: Subscriber<WorldTruth>,
     small: Option<Queue>,
@@ -96,6 +97,7 @@ impl Recorder {
             states: io.quiet_subscriber()?,
             estop: io.quiet_subscriber()?,
             answers: io.quiet_subscriber()?,
+            heard: io.quiet_subscriber()?,
             said: io.quiet_subscriber()?,
             truths: io.quiet_subscriber()?,
             about,
@@ -146,6 +148,7 @@ impl Recorder {
         take!(states, |state| Record::Locomotion(Box::new(state)));
         take!(estop, Record::Estop);
         take!(answers, |answer| Record::CueAnswer(Box::new(answer)));
+        take!(heard, Record::Heard);
         take!(said, |said| Record::Said(Box::new(said)));
         take!(truths, |truth| Record::Truth(Box::new(truth)));
         Ok(())

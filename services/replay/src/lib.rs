@@ -135,7 +135,7 @@ impl Replay {
             Record::Permit(permit) => self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit)),
             Record::Action(action) => self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action)),
             // The run's own, told anew.
-            Record::CueRequest(_) | Record::CueAnswer(_) | Record::Said(_) => {}
+            Record::CueRequest(_) | Record::CueAnswer(_) | Record::Heard(_) | Record::Said(_) => {}
             Record::Locomotion(_) | Record::Estop(_) | Record::Truth(_) => {}
         }
         Ok(())

@@ -4,6 +4,7 @@ use std::io::Cursor;
 use std::time::Duration;
 
 use hound::{SampleFormat, WavReader, WavSpec, WavWriter};
+use speech::Tone;
 
 /// What is quieter is silence: half a percent of full scale.
 const SILENCE: u16 = 164;
@@ -50,6 +51,11 @@ impl Clip {
         samples.truncate(samples.len() - samples.len() % usize::from(channels));
         let clip = Self { rate_hz: sample_rate, channels, samples };
         clip.trimmed().ok_or_else(|| "what it gives is silence".to_owned())
+    }
+
+    /// A tone, at this rate and of one channel.
+    pub fn tone(tone: &Tone, rate_hz: u32) -> Self {
+        Self { rate_hz, channels: 1, samples: tone.samples(rate_hz) }
     }
 
     fn trimmed(mut self) -> Option<Self> {

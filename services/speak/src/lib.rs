@@ -1,7 +1,7 @@
 //! The robot's voice: tells the handler aloud what the robot does, and why it stands.
 //!
 //! Duties: every stop with its reason within a second, system faults included; refused and accepted cues, "ready", the
-//! battery, the goal; publishes each text as it is said. Motion needs it not: it outlives what it tells of, and nobody
+//! battery, the goal, and a tone before a spoken cue that starts the robot; publishes each text as it is said. Motion needs it not: it outlives what it tells of, and nobody
 //! waits for it. It must never wait for a voice or a player, which are programs of others. `speech` decides what is
 //! said; this file is the thin shell between that, the voice and the output.
 //!
@@ -17,11 +17,11 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use messages::{
-    CueAnswer, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId, SpeechPhase,
-    SpeechSaid, StopKind, StopReason, Urgency,
+    CueAnswer, CueHeard, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId,
+    SpeechPhase, SpeechSaid, StopKind, StopReason, Urgency,
 };
 use settings::Settings;
-use speech::{Language, Sentence, Speaker, SpeakerConfig, Utterance};
+use speech::{Language, Sentence, Speaker, SpeakerConfig, Tone, Utterance};
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError};
 
 use clip::Clip;
@@ -69,6 +69,7 @@ pub struct Speak {
     output: Box<dyn Output>,
     modes: Subscriber<Mode>,
     answers: Subscriber<CueAnswer>,
+    heard: Subscriber<CueHeard>,
     states: Subscriber<LocomotionState>,
     permits: Subscriber<Permit>,
     odometry: Subscriber<Odometry>,
@@ -100,6 +101,7 @@ impl Speak {
             output: output::of(&settings.speak),
             modes: io.subscriber()?,
             answers: io.subscriber()?,
+            heard: io.subscriber()?,
             states: io.quiet_subscriber()?,
             permits: io.quiet_subscriber()?,
             odometry: io.quiet_subscriber()?,
@@ -120,6 +122,9 @@ impl Speak {
         }
         while let Some(answer) = self.answers.take()? {
             self.speaker.answer(&answer, now_ns);
+        }
+        while let Some(heard) = self.heard.take()? {
+            self.speaker.heard(&heard, now_ns);
         }
         while let Some(permit) = self.permits.take()? {
             self.speaker.permit(&permit);
@@ -163,6 +168,10 @@ impl Speak {
     /// Lets the sentence be heard, where its sound is kept; else the voice is to give it.
     fn give_sound(&mut self, io: &Io) -> Result<(), TransportError> {
         let Some(text) = self.current.as_ref().map(|current| current.text.clone()) else { return Ok(()) };
+        if self.current.as_ref().is_some_and(|current| current.said.urgency == Urgency::Tone) {
+            let clip = Rc::new(Clip::tone(&Tone::BEFORE_MOTION, self.voice.rate_hz()));
+            return self.play(&clip, io);
+        }
         match self.voice.kept(&text) {
             Some(clip) => self.play(&clip, io),
             None => self.voice.want(&text, io).or_else(|why| self.fail(&why, io)),
@@ -177,7 +186,7 @@ impl Speak {
         let Some(current) = &mut self.current else { return Ok(()) };
         let now_ns = io.now_ns();
         (current.said.first_sample_ns, current.said.duration_ns) = (now_ns, clip.duration_ns());
-        if current.said.urgency >= Urgency::Hold {
+        if matches!(current.said.urgency, Urgency::Hold | Urgency::Stop) {
             self.latency.record(now_ns.saturating_sub(current.said.about_ns));
         }
         self.said.publish(now_ns, current.said).map(|_| ())

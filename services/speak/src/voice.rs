@@ -62,6 +62,11 @@ impl Voice {
         self.kept.get(text).cloned()
     }
 
+    /// Samples a second of what it gives; where it has given nothing yet, what espeak-ng does.
+    pub fn rate_hz(&self) -> u32 {
+        self.kept.values().next().map_or(22_050, |clip| clip.spec().sample_rate)
+    }
+
     /// A text is wanted now: it goes before whatever is being prepared. Its sound comes out of [`Voice::read`], or of
     /// [`Voice::tick`] where it takes too long.
     ///

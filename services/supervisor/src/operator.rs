@@ -134,6 +134,7 @@ impl Supervisor {
             "world": truth,
             "locomotion": locomotion,
             "said": self.last_said.as_ref().map(report::said_json),
+            "microphone": self.figures.microphone().map(report::microphone_json),
             "invalid_messages": self.figures.invalid_messages(),
             "notes": self.figures.last_notes_json(),
         })

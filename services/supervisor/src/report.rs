@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use messages::{
-    Health, Latency, LatencyHistogram, Mode, ModeClass, Outcome, PortCounters, PortRole, ServiceId, SpeechSaid,
-    StopReason, TopicId, WorldTruth, s_from_ns,
+    Health, Latency, LatencyHistogram, Microphone, MicrophoneState, Mode, ModeClass, Outcome, PortCounters, PortRole,
+    ServiceId, SpeechSaid, StopReason, TopicId, WorldTruth, s_from_ns,
 };
 use serde_json::{Map, Value, json};
 
@@ -216,6 +216,13 @@ impl Figures {
         Value::Object(map)
     }
 
+    /// How the handler's voice is heard, where it is to be.
+    #[must_use]
+    pub fn microphone(&self) -> Option<&Microphone> {
+        let newest = self.of(ServiceId::Cue).max_by_key(|life| life.header.incarnation)?;
+        Some(&newest.microphone).filter(|microphone| microphone.state != MicrophoneState::None)
+    }
+
     /// The notes, with run time.
     #[must_use]
     pub fn notes_json(&self) -> Value {
@@ -326,6 +333,17 @@ pub fn said_json(said: &SpeechSaid) -> Value {
         "at_s": s_from_ns(said.header.stamp_ns),
         "phase": said.phase,
         "urgency": said.urgency,
+    })
+}
+
+/// How the handler's voice is heard, as reported.
+#[must_use]
+pub fn microphone_json(microphone: &Microphone) -> Value {
+    json!({
+        "state": microphone.state,
+        "level_dbfs": microphone.level_dbfs,
+        "above_floor_db": microphone.above_floor_db,
+        "clipped": microphone.clipped,
     })
 }
 

@@ -5,11 +5,6 @@ use transport::{Helper, monotonic_ns};
 /// Whoever plays it for longer hangs, wall time.
 const LIMIT_NS: u64 = 3_000_000_000;
 const RATE_HZ: u32 = 16_000;
-/// It falls, hertz, each part for so long, seconds: no sound that a robot makes when all is well.
-const PARTS_HZ: [f64; 3] = [880.0, 660.0, 440.0];
-const PART_S: f64 = 0.2;
-/// A third of full scale.
-const LEVEL: f64 = 11_000.0;
 
 /// The tone, and who plays it now.
 #[derive(Debug)]
@@ -59,15 +54,7 @@ impl Tone {
 
 /// The tone as a WAV of 16 bits, mono.
 fn wav() -> Vec<u8> {
-    let part = (f64::from(RATE_HZ) * PART_S) as u32;
-    let samples = PARTS_HZ.iter().flat_map(|hz| {
-        (0..part).map(move |i| {
-            let (t, left) = (f64::from(i) / f64::from(RATE_HZ), f64::from(i.min(part - i)) / f64::from(part / 20));
-            // No click at either end.
-            ((std::f64::consts::TAU * hz * t).sin() * LEVEL * left.min(1.0)) as i16
-        })
-    });
-    let data: Vec<u8> = samples.flat_map(i16::to_le_bytes).collect();
+    let data: Vec<u8> = speech::Tone::VOICE_LOST.samples(RATE_HZ).into_iter().flat_map(i16::to_le_bytes).collect();
     let length = data.len() as u32;
     let mut wav = Vec::with_capacity(data.len() + 44);
     wav.extend(b"RIFF");

@@ -99,9 +99,15 @@ impl Recogniser {
         self.embeddings.len() == WINDOWS
     }
 
-    /// The robot stands by somebody's stop; see [`CueRules::stopped`].
-    pub fn stopped(&mut self) {
-        self.rules.stopped();
+    /// Whether the robot stands by somebody's stop; see [`CueRules::stands`].
+    pub fn stands(&mut self, is_stopped: bool) {
+        self.rules.stands(is_stopped);
+    }
+
+    /// How far the sound of late stands out from what is always there, decibels.
+    #[must_use]
+    pub fn above_floor_db(&self) -> f64 {
+        self.rules.levels().above_floor_db()
     }
 
     /// Begins anew: what comes next is not what came after the last sample.

@@ -14,6 +14,8 @@ use crate::{LABELS, Probabilities};
 
 /// From one frame to the next, nanoseconds.
 const FRAME_NS: u64 = STEP_NS / FRAMES_A_STEP as u64;
+/// A cue is accepted within a second; its sound's end is waited for, and a tone (0.2 s, and what a player takes).
+const WAIT_MAX_S: f64 = 0.7;
 const FORWARD: usize = 0;
 const DIRECTIONS: usize = 3;
 const STOP: usize = 3;
@@ -132,8 +134,8 @@ impl Rules {
         if self.forward_after_stop.windows != self.direction.windows {
             return Err("forward_after_stop.windows is not direction.windows".to_owned());
         }
-        if self.isolation.wait_max.s() > 0.9 {
-            return Err("isolation.wait_max is over 900 ms: a cue would be too old to be accepted".to_owned());
+        if self.isolation.wait_max.s() > WAIT_MAX_S {
+            return Err(format!("isolation.wait_max is over {WAIT_MAX_S} s: a cue would be too old to be accepted"));
         }
         Ok(())
     }
@@ -148,6 +150,8 @@ pub struct Heard {
     pub score: f32,
     /// Steps ago that it was sure, waiting for the end of its sound since.
     pub steps_ago: u64,
+    /// The robot stood by a stop.
+    pub after_stop: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -194,9 +198,9 @@ impl CueRules {
         &self.levels
     }
 
-    /// The robot stands by somebody's stop: *forward* has to be as sure as after one that was heard.
-    pub fn stopped(&mut self) {
-        self.is_stopped = true;
+    /// Whether the robot stands by somebody's stop: *forward* has to be as sure as after one that was heard.
+    pub fn stands(&mut self, is_stopped: bool) {
+        self.is_stopped = is_stopped;
     }
 
     /// Takes a step, with the level of each of its frames, decibels.
@@ -213,7 +217,7 @@ impl CueRules {
             if is_new {
                 self.silent_until.0 = step + refractory;
             }
-            return is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0 });
+            return is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true });
         }
         for (word, (streak, score)) in self.streaks.iter().copied().enumerate().take(DIRECTIONS) {
             let is_sure = streak >= self.rules.direction.windows && step >= self.silent_until.1;
@@ -222,9 +226,10 @@ impl CueRules {
             }
         }
         let Candidate { word, step: since, score, .. } = self.isolated(step)?;
-        (self.waiting, self.is_stopped) = (None, false);
+        let after_stop = std::mem::take(&mut self.is_stopped);
+        self.waiting = None;
         self.silent_until.1 = step + refractory;
-        Some(Heard { kind: kind(word), score, steps_ago: step - since })
+        Some(Heard { kind: kind(word), score, steps_ago: step - since, after_stop })
     }
 
     fn count(&mut self, probabilities: &Probabilities) {

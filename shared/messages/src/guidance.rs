@@ -212,6 +212,21 @@ pub struct CueAnswer {
     pub reason: StopReason,
 }
 
+/// A cue that the recogniser has heard and does not give before a tone was heard: *forward*, where the robot stands by
+/// a stop. The stamp is when it was said.
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/CueHeard/1"))]
+#[repr(C)]
+pub struct CueHeard {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// Which cue.
+    pub kind: CueKind,
+    /// The recogniser's score.
+    pub confidence: f32,
+}
+
 /// Decision `n` of a policy.
 #[derive(Debug, Clone, Copy, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -477,6 +492,7 @@ message!(
     Cue => Cue,
     CueRequest => CueRequest,
     CueAnswer => CueAnswer,
+    CueHeard => CueHeard,
     PolicyAction => PolicyAction { action_count <= MAX_ACTIONS },
     Permit => ShieldPermit,
 );

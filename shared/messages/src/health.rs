@@ -4,6 +4,7 @@ use crate::header::message;
 use crate::{Header, Outcome, ServiceId, TopicId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
 use zerocopy::TryFromBytes;
 
 /// The most ports of one service.
@@ -159,6 +160,46 @@ impl LatencyHistogram {
     }
 }
 
+/// Whether a microphone, or what stands in its place, is heard.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/MicrophoneState/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum MicrophoneState {
+    /// None is wanted, or what hearing needs is not there.
+    #[default]
+    None = 0,
+    /// It is not open: absent, busy, or lost.
+    Lost,
+    /// Not enough was heard yet to tell words.
+    WarmingUp,
+    /// It is heard.
+    Hearing,
+    /// The robot itself speaks.
+    Muted,
+    /// It gives exact zeros.
+    Dead,
+    /// Much of what it gives is cut off.
+    Clipping,
+}
+
+/// How a microphone does.
+#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Microphone/1"))]
+#[repr(C)]
+pub struct Microphone {
+    /// Whether it is heard.
+    pub state: MicrophoneState,
+    /// How loud the last second was, decibels of full scale.
+    pub level_dbfs: f32,
+    /// How far the loudest of late stands out from what is always there, decibels.
+    pub above_floor_db: f32,
+    /// Share of the last second's samples that were cut off.
+    pub clipped: f32,
+}
+
 /// A beat: published by the loop that waits and works, so that a stuck loop is silent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -199,6 +240,8 @@ pub struct Health {
     pub ports: [PortCounters; MAX_PORTS],
     /// Latencies.
     pub latencies: [LatencyHistogram; 2],
+    /// How the handler's voice is heard (cue).
+    pub microphone: Microphone,
 }
 
 impl Health {

@@ -23,11 +23,14 @@ pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
 pub use estop::{EmergencyStop, StopInput};
 pub use fault::{Device, Fault, Injection, Target};
 pub use guidance::{
-    Cue, CueAnswer, CueKind, CueRefusal, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit, PermitCause,
-    PolicyAction, UnsafeCause,
+    Cue, CueAnswer, CueHeard, CueKind, CueRefusal, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit,
+    PermitCause, PolicyAction, UnsafeCause,
 };
 pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
-pub use health::{Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, PortCounters, PortRole, ServiceState};
+pub use health::{
+    Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, Microphone, MicrophoneState, PortCounters, PortRole,
+    ServiceState,
+};
 pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReason};
 pub use pose::{Pose2, Twist2};
 pub use sensors::{DepthFrame, DepthHeader, LidarScan, MAX_BEAMS, Odometry, Pose3, ScanHeader};

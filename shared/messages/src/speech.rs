@@ -24,6 +24,8 @@ pub enum Urgency {
     Refusal,
     /// The robot waits within run, without a permit.
     Hold,
+    /// The tone before a cue that would start the robot.
+    Tone,
     /// The robot was stopped: fault or lock.
     Stop,
 }

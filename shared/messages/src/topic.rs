@@ -56,6 +56,8 @@ pub enum TopicId {
     CueAnswer,
     /// `speech/said`
     SpeechSaid,
+    /// `cue/heard`
+    CueHeard,
 }
 
 /// How a topic is laid out in shared memory.
@@ -116,7 +118,7 @@ const MEMBERS: &[ServiceId] =
     &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
 
 /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
-pub const TOPICS: [TopicSpec; 17] = [
+pub const TOPICS: [TopicSpec; 18] = [
     TopicSpec {
         id: TopicId::LidarScan,
         name: "lidar/scan",
@@ -303,6 +305,17 @@ pub const TOPICS: [TopicSpec; 17] = [
         loans: 2,
         wakes: true,
         why: "events that must not be lost: a sentence that is cut and the next one come at once",
+    },
+    TopicSpec {
+        id: TopicId::CueHeard,
+        name: "cue/heard",
+        publishers: &[Cue],
+        subscribers: &[Speak, Recorder],
+        buffer: 4,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        why: "events; only the newest waits for its tone",
     },
 ];
 

@@ -3,8 +3,8 @@
 use std::borrow::Cow;
 
 use messages::{
-    Cue, CueAnswer, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit, PolicyAction, Pose2,
-    ScanHeader, SpeechSaid, TopicId, Twist2, WorldTruth,
+    Cue, CueAnswer, CueHeard, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit,
+    PolicyAction, Pose2, ScanHeader, SpeechSaid, TopicId, Twist2, WorldTruth,
 };
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
@@ -50,7 +50,7 @@ const fn own(
 }
 
 /// Every channel.
-pub const CHANNELS: [Channel; 13] = [
+pub const CHANNELS: [Channel; 14] = [
     own(TopicId::LidarScan, "foxglove.LaserScan", || file(include_str!("../schemas/laser_scan.json")), decode_scan),
     own(
         TopicId::Odometry,
@@ -74,6 +74,7 @@ pub const CHANNELS: [Channel; 13] = [
     own(TopicId::CueAnswer, "guidedog.CueAnswer", schema::<CueAnswer>, |json| {
         back(json).map(|answer| Record::CueAnswer(Box::new(answer)))
     }),
+    own(TopicId::CueHeard, "guidedog.CueHeard", schema::<CueHeard>, |json| back(json).map(Record::Heard)),
     own(TopicId::SpeechSaid, "guidedog.SpeechSaid", schema::<SpeechSaid>, |json| {
         back(json).map(|said| Record::Said(Box::new(said)))
     }),
@@ -131,6 +132,7 @@ pub fn encode(record: &Record, bytes: &mut Vec<u8>) -> Result<(), String> {
         Record::Locomotion(state) => serde_json::to_writer(bytes, &state.mirror()),
         Record::Estop(stop) => serde_json::to_writer(bytes, &stop.mirror()),
         Record::CueAnswer(answer) => serde_json::to_writer(bytes, &answer.mirror()),
+        Record::Heard(heard) => serde_json::to_writer(bytes, &heard.mirror()),
         Record::Said(said) => serde_json::to_writer(bytes, &said.mirror()),
         Record::Truth(truth) => serde_json::to_writer(bytes, &truth.mirror()),
     };

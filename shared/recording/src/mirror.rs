@@ -1,9 +1,9 @@
 //! Our own messages as JSON: every type has a mirror whose numbers come back to the bit, and tells its JSON schema.
 
 use messages::{
-    Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, EmergencyStop, Header, LocomotionState,
-    Mode, ModeClass, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, SpeechPhase, SpeechSaid,
-    SpeechText, StopInput, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
+    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, EmergencyStop, Header,
+    LocomotionState, Mode, ModeClass, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, SpeechPhase,
+    SpeechSaid, SpeechText, StopInput, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
@@ -152,6 +152,7 @@ mirror! {
         header: Header, kind: CueKind, source: CueSource, cue_incarnation: u32, cue_seq: u64, refusal: CueRefusal,
         reason: StopReason,
     }
+    CueHeardMirror = CueHeard { header: Header, kind: CueKind, confidence: f32 }
     SpeechSaidMirror = SpeechSaid {
         header: Header, phase: SpeechPhase, urgency: Urgency, number: u64, about_ns: u64, first_sample_ns: u64,
         duration_ns: u64, reason: StopReason, text: SpeechText,

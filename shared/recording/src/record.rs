@@ -1,7 +1,7 @@
 //! One recorded message.
 
 use messages::{
-    Cue, CueAnswer, CueRequest, DepthHeader, EmergencyStop, Header, LocomotionState, Mode, Odometry, Permit,
+    Cue, CueAnswer, CueHeard, CueRequest, DepthHeader, EmergencyStop, Header, LocomotionState, Mode, Odometry, Permit,
     PolicyAction, ScanHeader, SpeechSaid, TopicId, WorldTruth,
 };
 
@@ -41,6 +41,8 @@ pub enum Record {
     Estop(EmergencyStop),
     /// Of `cue/answer`.
     CueAnswer(Box<CueAnswer>),
+    /// Of `cue/heard`.
+    Heard(CueHeard),
     /// Of `speech/said`.
     Said(Box<SpeechSaid>),
     /// Of `world/truth`.
@@ -66,6 +68,7 @@ impl Record {
             Self::Locomotion(_) => TopicId::LocomotionState,
             Self::Estop(_) => TopicId::Estop,
             Self::CueAnswer(_) => TopicId::CueAnswer,
+            Self::Heard(_) => TopicId::CueHeard,
             Self::Said(_) => TopicId::SpeechSaid,
             Self::Truth(_) => TopicId::WorldTruth,
         }
@@ -86,6 +89,7 @@ impl Record {
             Self::Locomotion(state) => &state.header,
             Self::Estop(stop) => &stop.header,
             Self::CueAnswer(answer) => &answer.header,
+            Self::Heard(heard) => &heard.header,
             Self::Said(said) => &said.header,
             Self::Truth(truth) => &truth.header,
         }

@@ -124,6 +124,7 @@ impl Part {
                 TopicId::LocomotionState,
                 TopicId::Estop,
                 TopicId::CueAnswer,
+                TopicId::CueHeard,
                 TopicId::SpeechSaid,
                 TopicId::WorldTruth,
             ],

@@ -10,9 +10,9 @@ use std::path::Path;
 use common::{chain, scan};
 use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, life_path, recover};
 use messages::{
-    Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthHeader, Header, LocomotionState, Mode,
-    ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId, SpeechPhase, SpeechSaid,
-    StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
+    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthHeader, Header,
+    LocomotionState, Mode, ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId,
+    SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
 use tempfile::tempdir;
 
@@ -95,6 +95,7 @@ fn every_topic() -> (Vec<Record>, Record) {
             reason: REASON,
             ..CueAnswer::default()
         })),
+        Record::Heard(CueHeard { header: header(14), kind: CueKind::Forward, confidence: 0.93 }),
         Record::Said(Box::new(SpeechSaid {
             header: header(13),
             phase: SpeechPhase::Cut,

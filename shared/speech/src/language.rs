@@ -114,6 +114,7 @@ impl Language {
                 Topic::Refusal(_) => &mut read.refusals,
                 Topic::Cue(_) => &mut read.cues,
                 Topic::News(_) => &mut read.news,
+                Topic::Tone => continue,
             };
             let text = taken(from, table, key).map_err(wrong)?;
             let is_about_a_part = matches!(topic, Topic::Stop(_) | Topic::Refusal(_));
@@ -165,7 +166,8 @@ impl Language {
     /// The text of a sentence.
     #[must_use]
     pub fn text(&self, sentence: &Sentence) -> String {
-        let text = self.texts.iter().find(|(topic, _)| *topic == sentence.topic).map_or("", |(_, text)| text);
+        let wordless = sentence.topic.key().1;
+        let text = self.texts.iter().find(|(topic, _)| *topic == sentence.topic).map_or(wordless, |(_, text)| text);
         // A reason that should name a part and does not is told all the same: as the robot's own.
         let part = self.parts.iter().find(|(part, _)| *part == sentence.part).or(self.parts.first());
         text.replace(PART, part.map_or("", |(_, name)| name))

@@ -5,7 +5,9 @@
 mod language;
 mod sentence;
 mod speaker;
+mod tone;
 
 pub use language::{Language, LanguageError};
-pub use sentence::{News, Sentence};
+pub use sentence::{News, Sentence, Topic};
 pub use speaker::{Speaker, SpeakerConfig, Utterance};
+pub use tone::Tone;

@@ -65,6 +65,8 @@ pub enum Topic {
     Cue(CueKind),
     /// Anything else.
     News(News),
+    /// No words: the tone before motion.
+    Tone,
 }
 
 /// One sentence.
@@ -77,7 +79,7 @@ pub struct Sentence {
 }
 
 impl Sentence {
-    /// Every topic, those first that may not wait for a voice.
+    /// Every topic that has words, those first that may not wait for a voice.
     pub fn topics() -> impl Iterator<Item = Topic> {
         let stops = STOPS.iter().map(|info| Topic::Stop(info.kind));
         let refusals = CueRefusal::ALL.into_iter().map(Topic::Refusal);
@@ -109,19 +111,25 @@ impl Sentence {
         Self { topic: Topic::News(news), part: ServiceId::None }
     }
 
+    /// The tone before motion.
+    #[must_use]
+    pub fn tone() -> Self {
+        Self { topic: Topic::Tone, part: ServiceId::None }
+    }
+
     /// From which verbosity on it is said.
     #[must_use]
     pub fn verbosity(&self) -> Verbosity {
         match self.topic {
             Topic::Stop(StopKind::Boot) | Topic::News(News::PolicyChanged | News::GoingOn) => Verbosity::All,
             Topic::Stop(StopKind::Resumed) | Topic::Cue(_) => Verbosity::Normal,
-            Topic::Stop(_) | Topic::Refusal(_) | Topic::News(_) => Verbosity::Stops,
+            Topic::Stop(_) | Topic::Refusal(_) | Topic::News(_) | Topic::Tone => Verbosity::Stops,
         }
     }
 }
 
 impl Topic {
-    /// Table and key in a language file.
+    /// Table and key in a language file; of the tone, which stands in none, what is published as its text.
     #[must_use]
     pub fn key(self) -> (&'static str, &'static str) {
         match self {
@@ -129,6 +137,7 @@ impl Topic {
             Self::Refusal(refusal) => ("refusals", refusal.name()),
             Self::Cue(kind) => ("cues", kind.name()),
             Self::News(news) => ("news", news.name()),
+            Self::Tone => ("", "(tone)"),
         }
     }
 }

@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 use guidance::cue::CueTrack;
 use guidance::se2::se2;
 use messages::{
-    CueAnswer, CueKind, CueRefusal, CueSource, LocomotionState, Mode, ModeClass, NS_PER_S, Odometry, Permit, StopKind,
-    StopReason, Urgency,
+    CueAnswer, CueHeard, CueKind, CueRefusal, CueSource, LocomotionState, Mode, ModeClass, NS_PER_S, Odometry, Permit,
+    StopKind, StopReason, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -34,6 +34,8 @@ const READY_AFTER_NS: u64 = NS_PER_S / 5;
 const UNREADY_NS: u64 = NS_PER_S;
 /// What waits for longer is no longer worth saying.
 const NEWS_WAITS_NS: u64 = 5 * NS_PER_S;
+/// A tone that is later than this is of no use: the cue grows old.
+const TONE_WAITS_NS: u64 = NS_PER_S / 5;
 /// Stops within a stop that may wait to be told.
 const STOPS_WAITING: usize = 3;
 /// Sentences of which it is remembered when they were told.
@@ -231,6 +233,14 @@ impl Speaker {
         self.drop_waiting(|topic| matches!(topic, Topic::Cue(_) | Topic::Refusal(_)));
         let utterance = Utterance { sentence, urgency, about_ns, reason: StopReason::default() };
         self.add(Waiting { utterance, until_ns, breaks_in_after_ns: u64::MAX }, now_ns);
+    }
+
+    /// A cue was heard that would start the robot: nothing of less urgency delays its tone, and it comes at once or not
+    /// at all.
+    pub fn heard(&mut self, heard: &CueHeard, now_ns: u64) {
+        let (sentence, urgency, reason) = (Sentence::tone(), Urgency::Tone, StopReason::default());
+        let utterance = Utterance { sentence, urgency, about_ns: heard.header.stamp_ns, reason };
+        self.add(Waiting { utterance, until_ns: now_ns + TONE_WAITS_NS, breaks_in_after_ns: u64::MAX }, now_ns);
     }
 
     /// The shield's verdict has come.

@@ -116,6 +116,7 @@ impl Domain {
                 TopicId::Estop => self.create::<messages::EmergencyStop>(&mut topics)?,
                 TopicId::CueAnswer => self.create::<messages::CueAnswer>(&mut topics)?,
                 TopicId::SpeechSaid => self.create::<messages::SpeechSaid>(&mut topics)?,
+                TopicId::CueHeard => self.create::<messages::CueHeard>(&mut topics)?,
                 TopicId::Health => {
                     for of in ServiceId::ALL {
                         topics.push(Box::new(self.messages::<messages::Health>(of, true)?));
@@ -258,6 +259,7 @@ pub fn pool_sizes(depth_pixels: usize) -> Vec<PoolSize> {
         TopicId::Estop => size_of::<messages::EmergencyStop>(),
         TopicId::CueAnswer => size_of::<messages::CueAnswer>(),
         TopicId::SpeechSaid => size_of::<messages::SpeechSaid>(),
+        TopicId::CueHeard => size_of::<messages::CueHeard>(),
         TopicId::None => 0,
     };
     TOPICS

@@ -1,8 +1,8 @@
 //! What garbage and a plausible wrong value are, for each type. Enumerations and booleans stay valid here.
 
 use crate::{
-    ClockAck, ClockStep, Cue, CueAnswer, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode, Odometry,
-    Outcome, Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
+    ClockAck, ClockStep, Cue, CueAnswer, CueHeard, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode,
+    Odometry, Outcome, Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
 };
 
 use super::{WRONG_AGE_NS, WRONG_SCALE};
@@ -243,6 +243,8 @@ impl Corrupt for ClockAck {}
 
 /// It moves nobody: there is no fault of it to try.
 impl Corrupt for CueAnswer {}
+/// It asks for a tone, and moves nothing.
+impl Corrupt for CueHeard {}
 
 /// Random readings.
 pub(crate) fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {

@@ -47,6 +47,8 @@ pub struct VoiceSettings {
     /// The head's manifest, NAME.toml beside NAME.onnx; none: the one that is shipped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<PathBuf>,
+    /// Whether a tone is heard, by `[speak]`, before a spoken cue starts a robot that stands by a stop.
+    pub tone: bool,
     /// The speech embedding; none: `cues/embedding.onnx`, where `scripts/cue-embedding` puts it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub embedding: Option<PathBuf>,
@@ -55,6 +57,6 @@ pub struct VoiceSettings {
 impl Default for VoiceSettings {
     fn default() -> Self {
         let microphone = "default".to_owned();
-        Self { source: VoiceSource::Absent, microphone, stream: None, model: None, embedding: None }
+        Self { source: VoiceSource::Absent, microphone, stream: None, model: None, tone: true, embedding: None }
     }
 }

@@ -1,6 +1,6 @@
 use messages::{
-    Cue, CueAnswer, CueInForce, CueKind, CueRefusal, CueSource, Header, LocomotionState, Mode, ModeClass, Odometry,
-    Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
+    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueSource, Header, LocomotionState, Mode, ModeClass,
+    Odometry, Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -42,6 +42,12 @@ impl Bench {
         bench.pass(3000, &[]);
         bench.heard.clear();
         bench
+    }
+
+    /// The handler was heard to say what would start the robot.
+    fn hears(&mut self) {
+        let header = Header { stamp_ns: self.now_ms * MS, ..Header::default() };
+        self.speaker.heard(&CueHeard { header, kind: CueKind::Forward, confidence: 0.9 }, self.now_ms * MS);
     }
 
     fn tell_mode(&mut self) {
@@ -389,4 +395,25 @@ fn whatever_comes_little_waits() {
         assert!(bench.speaker.waiting.len() <= 10 && bench.speaker.told.len() <= super::REMEMBERED);
     }
     assert!(bench.heard.len() > 1000);
+}
+
+#[test]
+fn the_tone_before_motion_comes_at_once_or_not_at_all() {
+    let mut bench = Bench::running();
+    bench.dies(ServiceId::Lidar);
+    bench.pass(50, &[]);
+    bench.hears();
+    bench.pass(1000, &[]);
+    assert_eq!(
+        bench.texts(),
+        ["Stopped: lidar lost, restarting."],
+        "a stop is told to its end, and the tone is too late"
+    );
+    bench.pass(2000, &[]);
+    bench.heard.clear();
+    bench.mode.ready_for_cue = true;
+    bench.pass(400, &[]);
+    bench.hears();
+    bench.pass(50, &[]);
+    assert_eq!(bench.texts(), ["Ready.", "(tone)"], "what is less urgent is cut short");
 }

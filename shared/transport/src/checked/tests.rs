@@ -6,7 +6,7 @@ use std::os::unix::fs::FileExt;
 use std::rc::Rc;
 
 use messages::{
-    ClockAck, ClockStep, Cue, CueAnswer, CueKind, CueRequest, DepthFrame, DepthHeader, EmergencyStop, Health,
+    ClockAck, ClockStep, Cue, CueAnswer, CueHeard, CueKind, CueRequest, DepthFrame, DepthHeader, EmergencyStop, Health,
     LidarScan, LocomotionState, Member, Message, Mode, Odometry, Permit, PolicyAction, PortCounters, RobotCommand,
     ScanHeader, ServiceId, SpeechSaid, WorldTruth,
 };
@@ -90,10 +90,11 @@ fn bytes_that_are_no_message_become_none() {
     ];
     only_values::<CueAnswer>(&answer.concat(), &[]);
     let said = [
-        &[(offset_of!(SpeechSaid, phase), 4), (offset_of!(SpeechSaid, urgency), 5)][..],
+        &[(offset_of!(SpeechSaid, phase), 4), (offset_of!(SpeechSaid, urgency), 6)][..],
         &stop_reason(offset_of!(SpeechSaid, reason)),
     ];
     only_values::<SpeechSaid>(&said.concat(), &[]);
+    only_values::<CueHeard>(&[(offset_of!(CueHeard, kind), 4)], &[]);
     only_values::<Odometry>(&[], &[]);
     only_values::<ScanHeader>(&[], &[]);
     only_values::<DepthHeader>(&[], &[]);
@@ -111,6 +112,7 @@ fn arrays_and_counts_of_messages_are_checked_to_the_last_place() {
         (last_port + offset_of!(PortCounters, role), 2),
         (last_port + offset_of!(PortCounters, of), SERVICES),
         (last_latency, messages::Latency::StopToSpeech as u32 + 1),
+        (offset_of!(Health, microphone), messages::MicrophoneState::Clipping as u32 + 1),
     ];
     only_values::<Health>(&health, &[]);
     let last_member = (messages::MAX_MEMBERS - 1) * size_of::<Member>();
