@@ -1,6 +1,7 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
 mod ears;
+mod spoken;
 pub mod supervision;
 mod tap;
 mod wire;
@@ -17,6 +18,7 @@ use serde_json::Value;
 use transport::RunDir;
 
 pub use ears::Ears;
+pub use spoken::{RATE_HZ, can_hear, spoken, spoken_by, write_wav};
 pub use tap::{Seen, Tap};
 pub use transport::monotonic_ns;
 pub use wire::{Came, Wire};

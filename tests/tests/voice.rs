@@ -10,41 +10,12 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Ears, Live, Place, WATCHDOG, project};
+use guidedog_tests::{Ears, Live, Place, RATE_HZ, WATCHDOG, can_hear, spoken};
 use messages::Urgency;
 use serde_json::Value;
 
-const RATE_HZ: usize = 16_000;
 /// 20 ms.
-const PIECE: usize = RATE_HZ / 50;
-
-/// Whether voice and embedding are there, which CI does not forgive.
-fn can_hear() -> bool {
-    let voice = Command::new("espeak-ng").arg("--version").output().is_ok();
-    let embedding = project().join("config/cues/embedding.onnx").exists();
-    assert!((voice && embedding) || std::env::var_os("CI").is_none(), "espeak-ng {voice}, embedding {embedding}");
-    if !(voice && embedding) {
-        eprintln!("passed over: espeak-ng or config/cues/embedding.onnx is missing (scripts/cue-embedding brings it)");
-    }
-    voice && embedding
-}
-
-/// A word as espeak-ng says it, at the recogniser's rate.
-fn spoken(word: &str) -> Vec<i16> {
-    let output =
-        Command::new("espeak-ng").args(["-v", "en-us", "-s", "150", "--stdout", word]).output().expect("it speaks");
-    let wav = output.stdout;
-    let rate_hz = f64::from(u32::from_le_bytes(std::array::from_fn(|i| wav[24 + i])));
-    let samples: Vec<f64> =
-        wav[44..].chunks_exact(2).map(|bytes| f64::from(i16::from_le_bytes([bytes[0], bytes[1]]))).collect();
-    let count = ((samples.len() - 1) as f64 * RATE_HZ as f64 / rate_hz) as usize;
-    let at = |i: usize| {
-        let from = i as f64 * rate_hz / RATE_HZ as f64;
-        let (first, share) = (from as usize, from.fract());
-        (samples[first] * (1.0 - share) + samples[first + 1] * share) as i16
-    };
-    (0..count).map(at).collect()
-}
+const PIECE: usize = RATE_HZ as usize / 50;
 
 /// A microphone that is not there: near-silence, and what is said into it.
 struct Microphone {

@@ -234,7 +234,7 @@ pub struct WorldArgs {
     /// What decides, in place of the configuration's
     #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy::policy_model())]
     pub policy: Option<PolicyModel>,
-    /// Cues are spoken, and heard by the microphone, or come from a WAV file or a pipe; the robot speaks, too; real time only
+    /// Cues are spoken, and heard by the microphone, a WAV file or a pipe; the robot answers; real time only
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     #[arg(conflicts_with_all = ["speed", "cues"])]
     pub voice: Option<PathBuf>,

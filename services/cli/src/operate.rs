@@ -178,9 +178,7 @@ fn hears_line(status: &Value) -> String {
         state => {
             let standing_out = number(status, "/microphone/above_floor_db");
             let what = if state == "hearing" { String::new() } else { format!("{state}: ") };
-            format!(
-                "{what}{level:.0} dB of full scale, {standing_out:.0} dB above what is always there, {clipped:.1} % cut off"
-            )
+            format!("{what}{level:.0} dBFS, {standing_out:.0} dB above what is always there, {clipped:.1} % cut off")
         }
     }
 }

@@ -24,8 +24,8 @@ const TOKEN_VOICE: u64 = 0;
 /// So many pieces of sound are heard at a waking: who catches up has beats to give as well, every 20 ms. A microphone
 /// gives one in 80 ms.
 const PIECES_MAX: usize = 3;
-/// So long the service waits for enough sound to tell words, wall time, nanoseconds: 1.34 s of it, and what a source takes
-/// to open.
+/// So long the service waits for enough sound to tell words, wall time, nanoseconds: 1.34 s of it, and what a source
+/// takes to open.
 const WARM_UP_LIMIT_NS: u64 = 2_500_000_000;
 const WARM_UP_WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 /// How a note begins that tells why nothing is heard.

@@ -1,7 +1,8 @@
 //! The robot's voice: tells the handler aloud what the robot does, and why it stands.
 //!
 //! Duties: every stop with its reason within a second, system faults included; refused and accepted cues, "ready", the
-//! battery, the goal, and a tone before a spoken cue that starts the robot; publishes each text as it is said. Motion needs it not: it outlives what it tells of, and nobody
+//! battery, the goal, and a tone before a spoken cue that starts the robot; publishes each text as it is said. Motion
+//! needs it not (but where a voice starts it): it outlives what it tells of, and nobody
 //! waits for it. It must never wait for a voice or a player, which are programs of others. `speech` decides what is
 //! said; this file is the thin shell between that, the voice and the output.
 //!

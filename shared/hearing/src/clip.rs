@@ -17,7 +17,8 @@ pub fn speech_power(samples: &[f32]) -> f32 {
     louder.iter().sum::<f32>() / louder.len().max(1) as f32 + 1e-12
 }
 
-/// Where what is said ends, samples: above the recording's own floor, treble raised, as its last consonant is no louder.
+/// Where what is said ends, samples: above the recording's own floor, treble raised, as its last consonant is no
+/// louder.
 #[must_use]
 pub fn word_end(samples: &[f32]) -> usize {
     let bright: Vec<f32> = samples.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -91,7 +91,7 @@ fn told(folder: &Folder, enrolled: &Enrolled, of: usize) -> String {
         String::new()
     };
     format!(
-        "{} of {of} clips were heard right before; now {} of {of}, each by a head that was not trained on it.{verdict}\n\
+        "{} of {of} clips were heard right before; now {} of {of}, each by a head that it did not train.{verdict}\n\
          The recogniser hears this voice, from the next run on, where the configuration says:\n\n\
          [cue.voice]\nmodel = \"{}\"\n",
         enrolled.before,

@@ -1,5 +1,5 @@
-//! The tone before a spoken cue that would start the robot: the cue is given once its tone was heard, and only then. Who
-//! was misheard hears it, and has until its end to say stop or to let go. Pure.
+//! The tone before a spoken cue that would start the robot: the cue is given once its tone was heard, and only then.
+//! Who was misheard hears it, and has until its end to say stop or to let go. Pure.
 
 use messages::{NS_PER_S, SpeechPhase, SpeechSaid, Urgency};
 

@@ -1,5 +1,5 @@
 //! The folder of a handler: `head.toml`, `head.onnx`, `clips/CUE/N.wav`. Beside it lies `NAME.before`, which is brought
-//! back by an undo, and while somebody enrols `NAME.new`. What is in force changes in one step, and is whole at any time.
+//! back by an undo, and while somebody enrols `NAME.new`. What is in force changes in one step, and is always whole.
 
 use std::fs;
 use std::path::{Path, PathBuf};
