@@ -1,6 +1,8 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
 mod ears;
+mod mouth;
+mod rig;
 mod spoken;
 pub mod supervision;
 mod tap;
@@ -8,6 +10,7 @@ mod wire;
 
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use std::ffi::OsString;
 use std::fs;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -18,6 +21,8 @@ use serde_json::Value;
 use transport::RunDir;
 
 pub use ears::Ears;
+pub use mouth::Mouth;
+pub use rig::{SoundRig, has_sound, speech_s};
 pub use spoken::{RATE_HZ, can_hear, spoken, spoken_by, write_wav};
 pub use tap::{Seen, Tap};
 pub use transport::monotonic_ns;
@@ -60,6 +65,8 @@ pub struct Place {
     dir: tempfile::TempDir,
     /// Prefixes of the shared memory of all runs that were seen alive here.
     prefixes: RefCell<BTreeSet<String>>,
+    /// What the programs that are started here find in their environment.
+    variables: Vec<(OsString, OsString)>,
 }
 
 impl Default for Place {
@@ -73,7 +80,13 @@ impl Place {
     #[must_use]
     pub fn new() -> Self {
         let dir = tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder in /tmp");
-        Self { dir, prefixes: RefCell::default() }
+        Self { dir, prefixes: RefCell::default(), variables: Vec::new() }
+    }
+
+    /// A new place whose programs find this sound card.
+    #[must_use]
+    pub fn with_sound(rig: &SoundRig) -> Self {
+        Self { variables: rig.variables().into(), ..Self::new() }
     }
 
     /// The folder.
@@ -96,6 +109,7 @@ impl Place {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(programs().join("guidedog"));
         command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.path().join("r"));
+        command.envs(self.variables.iter().map(|(name, value)| (name, value)));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
     }
@@ -150,7 +164,17 @@ impl<'a> Live<'a> {
     /// `guidedog up --json` with these arguments besides.
     #[must_use]
     pub fn up(place: &'a Place, name: &str, args: &[&str]) -> Self {
-        let mut all = vec!["up", "--json", "--name", name];
+        Self::begun(place, "up", name, args)
+    }
+
+    /// `guidedog walk --json` with these arguments besides.
+    #[must_use]
+    pub fn walk(place: &'a Place, name: &str, args: &[&str]) -> Self {
+        Self::begun(place, "walk", name, args)
+    }
+
+    fn begun(place: &'a Place, verb: &str, name: &str, args: &[&str]) -> Self {
+        let mut all = vec![verb, "--json", "--name", name];
         all.extend(args);
         let child = place.command(&all).spawn().expect("guidedog starts");
         Self { place, name: name.to_owned(), child }

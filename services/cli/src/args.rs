@@ -6,6 +6,7 @@ mod emulate;
 pub mod evaluate;
 mod policy;
 
+use std::ffi::OsString;
 use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
@@ -237,7 +238,7 @@ pub struct WorldArgs {
     /// Cues are spoken, and heard by the microphone, a WAV file or a pipe; the robot answers; real time only
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     #[arg(conflicts_with_all = ["speed", "cues"])]
-    pub voice: Option<PathBuf>,
+    pub voice: Option<OsString>,
     /// Real drivers and a real link, to devices emulated in the simulated world; real time only
     #[arg(long, conflicts_with = "speed")]
     pub emulated: bool,

@@ -193,10 +193,10 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     }
     if let Some(stream) = &args.voice {
         let voice = &mut settings.cue.voice;
-        if stream.as_os_str().is_empty() {
+        if stream.is_empty() {
             voice.source = VoiceSource::Microphone;
         } else {
-            (voice.source, voice.stream) = (VoiceSource::Stream, Some(absolute(stream)?));
+            (voice.source, voice.stream) = (VoiceSource::Stream, Some(absolute(Path::new(stream))?));
         }
         find_speech(voice)?;
         // Who speaks to it wants an answer; and before it starts it gives a tone.

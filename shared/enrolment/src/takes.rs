@@ -1,6 +1,6 @@
 //! Cuts single words out of a microphone's sound. Pure.
 
-use hearing::{FRAME, HOP, LogMel, RATE_HZ, level_db};
+use hearing::{FRAME, HOP, LogMel, level_db};
 
 /// Sound stands out from what is always there by so much, decibels.
 const MARGIN_DB: f64 = 10.0;
@@ -84,10 +84,12 @@ impl Takes {
         take
     }
 
-    /// How loud it is beside nobody's speaking, decibels; for who wonders why nothing is heard.
-    #[must_use]
-    pub fn floor_db(&self) -> f64 {
-        self.floor_db
+    /// What was heard until now belongs to no word; how loud it is when nobody speaks stays known.
+    pub fn forget(&mut self) {
+        self.mel.clear();
+        self.samples.clear();
+        self.dropped = self.frames * HOP as u64;
+        self.sound = None;
     }
 
     fn frame(&mut self, level_db: f64) -> Option<Take> {
@@ -125,12 +127,6 @@ impl Takes {
         let clip = self.samples[from..to].to_vec();
         let clipped = clip.iter().filter(|sample| sample.abs() >= CLIPPED).count();
         if clipped as f64 > CLIPPED_SHARE * clip.len() as f64 { Err(Rejected::Clipped) } else { Ok(clip) }
-    }
-
-    /// Seconds that were heard.
-    #[must_use]
-    pub fn heard_s(&self) -> f64 {
-        (self.frames * HOP as u64) as f64 / f64::from(RATE_HZ)
     }
 }
 

@@ -23,7 +23,7 @@ const TRIES: usize = 4;
 const ALOUD_LIMIT: Duration = Duration::from_secs(6);
 /// No sentence has more sound, bytes.
 const WAV_MAX_BYTES: usize = 4 << 20;
-/// The prompt's own sound rings for so long.
+/// The prompt's own sound rings for so long, and waits in buffers.
 const ECHO: Duration = Duration::from_millis(300);
 
 /// Records what is missing in the folder.
@@ -31,11 +31,9 @@ const ECHO: Duration = Duration::from_millis(300);
 /// # Errors
 /// Where the microphone cannot be used, or nothing is heard; what was recorded stays, and is gone on with.
 pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), Failure> {
-    let name = &settings.cue.voice.microphone;
-    let open = || Microphone::open(name, RATE_HZ).map_err(lost);
-    let mut aloud = Aloud::new(settings, quiet);
     // Whether it is there is told before anybody is asked to speak.
-    say(open()?.about());
+    let mut listener = Listener::open(&settings.cue.voice.microphone)?;
+    let mut aloud = Aloud::new(settings, quiet);
     let kept: usize = CUES.iter().map(|cue| clips_of(&folder.new_clips(), *cue).map_or(0, |clips| clips.len())).sum();
     if kept > 0 {
         say(format!("{kept} clips are there already, from before: going on"));
@@ -47,7 +45,7 @@ pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), F
                 continue;
             }
             say(format!("say \"{}\" ({take} of {TAKES})", cue.name()));
-            let samples = one(cue, &mut aloud, &open)?;
+            let samples = one(cue, &mut aloud, &mut listener)?;
             folder.put_clip(cue, &format!("{take:02}"), &samples)?;
         }
     }
@@ -55,16 +53,15 @@ pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), F
     Ok(())
 }
 
-fn lost(trouble: Trouble) -> Failure {
-    Failure::run(trouble.to_string())
-}
-
 /// One clip, asked for until it is good.
-fn one(cue: CueKind, aloud: &mut Aloud, open: &impl Fn() -> Result<Microphone, Failure>) -> Result<Vec<f32>, Failure> {
+fn one(cue: CueKind, aloud: &mut Aloud, listener: &mut Listener) -> Result<Vec<f32>, Failure> {
     let mut why = String::new();
     for _ in 0..TRIES {
-        aloud.ask(cue.name());
-        match word(&mut open()?)? {
+        if aloud.ask(cue.name()) {
+            // The prompt itself was heard, too.
+            listener.forget()?;
+        }
+        match listener.word()? {
             Ok(Ok(samples)) => return Ok(samples),
             Ok(Err(rejected)) => why = rejected.to_string(),
             Err(silence) => why = silence,
@@ -75,24 +72,52 @@ fn one(cue: CueKind, aloud: &mut Aloud, open: &impl Fn() -> Result<Microphone, F
     Err(Failure::run(format!("{why}, {TRIES} times; what was recorded is kept, and the same command goes on with it")))
 }
 
-/// The next word, or why there is none.
-fn word(microphone: &mut Microphone) -> Result<Result<Take, String>, Failure> {
-    let (mut takes, mut signal, begun) = (Takes::default(), Signal::default(), Instant::now());
-    while begun.elapsed() < WORD_LIMIT {
-        let Some(sound) = microphone.grab().map_err(lost)? else { continue };
-        signal.take(&sound.samples);
-        if let Some(trouble) = signal.trouble() {
-            return Ok(Err(trouble.text().to_owned()));
-        }
-        if let Some(take) = takes.push(&sound.samples) {
-            return Ok(Ok(take));
-        }
+/// The microphone, and the words in its sound.
+struct Listener {
+    microphone: Microphone,
+    takes: Takes,
+}
+
+impl Listener {
+    fn open(name: &str) -> Result<Self, Failure> {
+        let microphone = Microphone::open(name, RATE_HZ).map_err(lost)?;
+        say(microphone.about());
+        Ok(Self { microphone, takes: Takes::default() })
     }
-    let level = signal.quality().level_dbfs;
-    Ok(Err(format!(
-        "no word was heard in {} s (the last second was at {level:.0} dB of full scale)",
-        WORD_LIMIT.as_secs()
-    )))
+
+    /// Throws away what was heard until now.
+    fn forget(&mut self) -> Result<(), Failure> {
+        let begun = Instant::now();
+        while begun.elapsed() < ECHO {
+            let _ = self.microphone.grab().map_err(lost)?;
+        }
+        self.takes.forget();
+        Ok(())
+    }
+
+    /// The next word, or why there is none.
+    fn word(&mut self) -> Result<Result<Take, String>, Failure> {
+        let (mut signal, begun) = (Signal::default(), Instant::now());
+        while begun.elapsed() < WORD_LIMIT {
+            let Some(sound) = self.microphone.grab().map_err(lost)? else { continue };
+            if sound.samples.is_empty() {
+                self.takes.forget();
+            }
+            signal.take(&sound.samples);
+            if let Some(trouble) = signal.trouble() {
+                return Ok(Err(trouble.text().to_owned()));
+            }
+            if let Some(take) = self.takes.push(&sound.samples) {
+                return Ok(Ok(take));
+            }
+        }
+        let (waited_s, level_dbfs) = (WORD_LIMIT.as_secs(), signal.quality().level_dbfs);
+        Ok(Err(format!("no word was heard in {waited_s} s, the last second at {level_dbfs:.0} dBFS")))
+    }
+}
+
+fn lost(trouble: Trouble) -> Failure {
+    Failure::run(trouble.to_string())
 }
 
 /// Who is enrolled may not see: what is asked is asked aloud, where there is a voice.
@@ -109,9 +134,10 @@ impl Aloud {
         Self { voice, player: settings.speak.player.clone(), on: !quiet }
     }
 
-    fn ask(&mut self, text: &str) {
+    /// Whether it was heard.
+    fn ask(&mut self, text: &str) -> bool {
         if !self.on {
-            return;
+            return false;
         }
         let words: Vec<String> = self.voice.iter().map(|word| word.replace("{text}", text)).collect();
         let heard = run(&words, format!("{text}\n").as_bytes(), true).and_then(|wav| run(&self.player, &wav, false));
@@ -119,7 +145,7 @@ impl Aloud {
             say(format!("nothing is asked aloud: {why}"));
             self.on = false;
         }
-        std::thread::sleep(ECHO);
+        self.on
     }
 }
 

@@ -1,0 +1,167 @@
+//! With a sound card, though none is there: a handler speaks into a microphone, the robot answers by a loudspeaker, both
+//! through ALSA as on the robot (PulseAudio's null devices behind it).
+
+use std::fs;
+use std::io::{BufRead, BufReader};
+use std::time::Instant;
+
+use guidedog_tests::{
+    Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, project, service, speech_s,
+};
+use messages::{SpeechPhase, SpeechSaid};
+use serde_json::Value;
+
+fn notes(status: &Value) -> String {
+    status["notes"].to_string()
+}
+
+fn config(place: &Place, text: &str) -> String {
+    let path = place.path().join("sound.toml");
+    fs::write(&path, text).expect("written");
+    path.to_string_lossy().into_owned()
+}
+
+/// From near the tee into its left arm.
+fn scenario(place: &Place) -> String {
+    let path = place.path().join("junction.toml");
+    let world = project().join("config/worlds/left-at-tee.toml");
+    let goal = "goal = { at = [18, 5], within_m = 1.5 }\ntime_limit_s = 200";
+    fs::write(&path, format!("world = {world:?}\nstart = {{ at = [9, 0], yaw_deg = 0 }}\n{goal}\n")).expect("written");
+    path.to_string_lossy().into_owned()
+}
+
+fn in_force(status: &Value, cue: &str) -> bool {
+    status["mode"]["cue"]["kind"] == cue && status["mode"]["cue"]["source"] == "voice"
+}
+
+/// Seconds that the loudspeaker was to be heard, as the robot tells it.
+fn said_s(said: &[SpeechSaid]) -> f64 {
+    let whole = said.iter().filter(|said| said.phase == SpeechPhase::Ended);
+    whole.map(|said| said.duration_ns as f64 / 1e9).sum()
+}
+
+#[test]
+fn spoken_cues_lead_through_a_junction_and_the_answers_are_heard() {
+    if !(has_sound() && can_hear()) {
+        return;
+    }
+    let mut rig = SoundRig::new();
+    rig.listen();
+    let place = Place::with_sound(&rig);
+    let mouth = Mouth::into(rig.mouth());
+    let (config, scenario) = (config(&place, "[cue.voice]\nmicrophone = \"default\"\n"), scenario(&place));
+    let mut run = Live::walk(&place, "walk", &["--voice", "--config", &config, "--scenario", &scenario]);
+    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
+    let ears = Ears::on(run.dir());
+    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    mouth.say_until(&mut run, "forward", |status| in_force(status, "forward"));
+    // A fault on a busy machine voids the cue; whoever walks says it again.
+    let near = |status: &Value| status["world"]["robot"][0].as_f64().is_some_and(|x| x > 13.0);
+    let since = Instant::now();
+    while !near(&run.status()) {
+        let status = mouth.say_until(&mut run, "forward", |status| in_force(status, "forward") || near(status));
+        assert!(since.elapsed() < WATCHDOG, "it never comes near the junction: {status:#}");
+    }
+    mouth.say_until(&mut run, "left", |status| in_force(status, "left"));
+    let (report, code) = run.finish();
+    assert_eq!((code, &report["reached"]), (0, &Value::from(true)), "{report:#}");
+    let (said, texts) = (ears.said(), ears.texts());
+    let mut left = texts.iter();
+    let wanted = ["(tone)", "Forward.", "Left.", "You have arrived."];
+    assert!(wanted.iter().all(|text| left.any(|said| said == text)), "{texts:?}");
+    let (told_s, heard_s) = (said_s(&said), speech_s(&rig.heard(), RATE_HZ));
+    eprintln!("told {told_s:.1} s, heard {heard_s:.1} s, {texts:?}");
+    assert!(told_s > 1.5 && heard_s > 0.4 * told_s && heard_s < 1.5 * told_s, "{heard_s} of {told_s}");
+    let _ = ears.stop();
+    place.assert_empty();
+}
+
+/// Whatever the voice's state, an operator's cue makes the robot walk.
+fn others_go_on(place: &Place, run: &mut Live<'_>) {
+    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    let _ = place.guidedog(&["cue", "forward", "--run", "sound"]);
+    run.wait_walking();
+}
+
+#[test]
+fn a_microphone_that_is_none_dead_or_lost_is_told_and_one_that_comes_back_is_heard_again() {
+    if !(has_sound() && can_hear()) {
+        return;
+    }
+    let mut rig = SoundRig::new();
+    let place = Place::with_sound(&rig);
+    let told = |run: &mut Live<'_>, what: &str| run.wait(what, |status| notes(status).contains(what));
+    let source = "[speak]\non = true\nfile = \"said.wav\"\n[cue.voice]\nsource = \"microphone\"\n";
+    let none = config(&place, &format!("{source}microphone = \"hw:17\"\n"));
+    let mut run = Live::up(&place, "sound", &["--config", &none]);
+    let status = told(&mut run, "the microphone \\\"hw:17\\\" cannot be opened");
+    assert!(notes(&status).contains("arecord -L"), "{status:#}");
+    run.wait("it is not heard", |status| status["microphone"]["state"] == "lost");
+    others_go_on(&place, &mut run);
+    assert_eq!(run.end().1, 0);
+
+    let there = config(&place, source);
+    let mut run = Live::up(&place, "sound", &["--config", &there]);
+    // Nobody speaks into it: a null device gives exact zeros.
+    told(&mut run, "exact zeros");
+    run.wait("it is dead", |status| status["microphone"]["state"] == "dead");
+    others_go_on(&place, &mut run);
+    let mouth = Mouth::into(rig.mouth());
+    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
+    told(&mut run, "gives sound again");
+    mouth.say_until(&mut run, "stop", |status| status["mode"]["cue"].is_null());
+    rig.unplug();
+    drop(mouth);
+    run.wait("it is lost", |status| status["microphone"]["state"] == "lost");
+    rig.plug_in();
+    let mouth = Mouth::into(rig.mouth());
+    run.wait("it hears again", |status| status["microphone"]["state"] == "hearing");
+    mouth.say_until(&mut run, "forward", |status| in_force(status, "forward"));
+    run.wait_walking();
+    assert_eq!(service(&run.status(), "cue")["restarts"], 0);
+    assert_eq!(run.end().1, 0);
+    place.assert_empty();
+}
+
+#[test]
+fn a_loudspeaker_that_is_none_is_told_and_the_walk_goes_on() {
+    if !(has_sound() && can_hear()) {
+        return;
+    }
+    let rig = SoundRig::new();
+    let place = Place::with_sound(&rig);
+    let none = config(&place, "[speak]\non = true\nplayer = [\"aplay\", \"-q\", \"-D\", \"hw:17\", \"-\"]\n");
+    let mut run = Live::up(&place, "sound", &["--config", &none]);
+    run.wait("it is told", |status| notes(status).contains("not heard: aplay"));
+    others_go_on(&place, &mut run);
+    assert_eq!(run.end().1, 0);
+    place.assert_empty();
+}
+
+#[test]
+fn a_handler_is_enrolled_by_the_microphone() {
+    if !(has_sound() && can_hear()) {
+        return;
+    }
+    let rig = SoundRig::new();
+    let place = Place::with_sound(&rig);
+    let mouth = Mouth::into(rig.mouth());
+    let anna = place.path().join("anna");
+    let enrol = ["cue", "enrol", "--json", "--quiet", "-o", &anna.to_string_lossy()];
+    let mut enrolling = place.command(&enrol).spawn().expect("guidedog starts");
+    let told = BufReader::new(enrolling.stderr.take().expect("it is piped"));
+    let mut asked = 0;
+    for line in told.lines().map_while(Result::ok) {
+        if let Some(word) = line.strip_prefix("say \"").and_then(|rest| rest.split('"').next()) {
+            asked += 1;
+            mouth.wait(0.7);
+            mouth.say(word);
+        }
+    }
+    let output = enrolling.wait_with_output().expect("it ends");
+    let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
+    assert_eq!((asked, report["clips"].as_u64()), (20, Some(20)), "{report:#}");
+    assert!(report["heard_right"]["held_out"].as_u64() >= Some(18), "{report:#}");
+    assert!(anna.join("head.onnx").is_file());
+    place.assert_empty();
+}
