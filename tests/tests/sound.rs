@@ -1,5 +1,5 @@
-//! With a sound card, though none is there: a handler speaks into a microphone, the robot answers by a loudspeaker, both
-//! through ALSA as on the robot (PulseAudio's null devices behind it).
+//! With a sound card, though none is there: a handler speaks into a microphone, the robot answers by a loudspeaker,
+//! both through ALSA as on the robot (PulseAudio's null devices behind it).
 
 use std::fs;
 use std::io::{BufRead, BufReader};

@@ -62,7 +62,26 @@ fn conversation(model: rplidar::Model) -> Vec<u8> {
     all
 }
 
+/// A WAV file with a chunk before its samples, and how a head, a manifest, a rehearsal set and a language begin.
+fn sounds() {
+    let mut wav =
+        b"RIFF\x40\0\0\0WAVELIST\x03\0\0\0abc\0fmt \x10\0\0\0\x01\0\x01\0\x80\x3e\0\0\0\x7d\0\0\x02\0\x10\0".to_vec();
+    wav.extend(b"data\x40\0\0\0");
+    wav.extend((0..32_i16).flat_map(|i| (i * 900).to_le_bytes()));
+    seed("hearing", "wav", &[&[7, 0], &wav[..]].concat());
+    for (kind, name) in [(1, "cues.toml"), (2, "cues.onnx")] {
+        let bytes = std::fs::read(Path::new("../config/cues").join(name)).expect("the project's head");
+        seed("hearing", name, &[&[0, kind], &bytes[..]].concat());
+    }
+    let mut set = b"GDRH\x01\0\0\0\x02\0\0\0\x03\0\0\0\0\0\0\x3f".to_vec();
+    set.extend([4, 1, 0, 2, 4, 6, 8, 10]);
+    seed("hearing", "rehearsal", &[&[0, 3], &set[..]].concat());
+    let language = std::fs::read("../config/languages/en.toml").expect("the project's language");
+    seed("hearing", "language", &[&[0, 4], &language[..]].concat());
+}
+
 fn main() {
+    sounds();
     for model in rplidar::Model::ALL {
         seed("line", &format!("{model:?}"), &conversation(model));
     }

@@ -39,7 +39,9 @@ impl Rehearsal {
         Self::parse(&bytes).ok_or_else(|| wrong(format!("it is no rehearsal set of version {VERSION}")))
     }
 
-    fn parse(bytes: &[u8]) -> Option<Self> {
+    /// The set in these bytes; none where they hold none of this version.
+    #[must_use]
+    pub fn parse(bytes: &[u8]) -> Option<Self> {
         let (header, body) = bytes.split_at_checked(HEADER)?;
         let word = |i: usize| header[4 * i..].first_chunk().map(|bytes| u32::from_le_bytes(*bytes));
         let (windows, flat) = (word(2)? as usize, word(3)? as usize);
