@@ -45,6 +45,7 @@ fn spoken_cues_start_turn_and_stop_the_robot_and_a_tone_is_heard_before_it_start
     assert_eq!(walked["mode"]["cue"]["source"], "voice", "{walked:#}");
     ears.wait("Forward.", 1);
     mouth.say_until(&mut run, "left", |status| given(status, "left"));
+    ears.wait("Left.", 1);
     mouth.say_until(&mut run, "stop", |status| status["mode"]["cue"].is_null());
     let _ = run.end();
     let said = ears.stop();
@@ -53,6 +54,10 @@ fn spoken_cues_start_turn_and_stop_the_robot_and_a_tone_is_heard_before_it_start
     assert_eq!((tone.urgency, tone.duration_ns), (Urgency::Tone, 200_000_000));
     let started = &said[place_of("Forward.")];
     assert!(started.about_ns >= tone.first_sample_ns + tone.duration_ns, "{tone:?} {started:?}");
+    // Who walks needs none; on a busy machine a fault may come between.
+    let walked = &said[place_of("Forward.")..place_of("Left.")];
+    let came = |urgency: Urgency| walked.iter().any(|said| said.urgency == urgency);
+    assert!(!came(Urgency::Tone) || came(Urgency::Stop), "{walked:?}");
     drop(mouth);
     place.assert_empty();
 }
