@@ -57,6 +57,14 @@ impl Mouth {
         self.said.lock().expect("nobody panics with it").extend(silence);
     }
 
+    /// Waits until all of it was said, and heard.
+    pub fn wait_until_said(&self) {
+        while !self.said.lock().expect("nobody panics with it").is_empty() {
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        std::thread::sleep(Duration::from_secs(1));
+    }
+
     /// Says a word.
     pub fn say(&self, word: &str) {
         self.said.lock().expect("nobody panics with it").extend(spoken(word));

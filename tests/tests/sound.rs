@@ -8,7 +8,7 @@ use std::time::Instant;
 use guidedog_tests::{
     Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, project, service, speech_s,
 };
-use messages::{SpeechPhase, SpeechSaid};
+use messages::{SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
 
 fn notes(status: &Value) -> String {
@@ -69,6 +69,10 @@ fn spoken_cues_lead_through_a_junction_and_the_answers_are_heard() {
     let mut left = texts.iter();
     let wanted = ["(tone)", "Forward.", "Left.", "You have arrived."];
     assert!(wanted.iter().all(|text| left.any(|said| said == text)), "{texts:?}");
+    for tone in said.iter().filter(|said| said.urgency == Urgency::Tone && said.phase == SpeechPhase::Ended) {
+        let late_ms = (tone.header.stamp_ns - tone.first_sample_ns - tone.duration_ns) / 1_000_000;
+        eprintln!("the tone's player ended {late_ms} ms after its length");
+    }
     let (told_s, heard_s) = (said_s(&said), speech_s(&rig.heard(), RATE_HZ));
     eprintln!("told {told_s:.1} s, heard {heard_s:.1} s, {texts:?}");
     assert!(told_s > 1.5 && heard_s > 0.4 * told_s && heard_s < 1.5 * told_s, "{heard_s} of {told_s}");

@@ -3,8 +3,9 @@
 use std::fs::OpenOptions;
 use std::path::Path;
 use std::process::Command;
+use std::time::Instant;
 
-use guidedog_tests::{Ears, Live, Mouth, Place, can_hear};
+use guidedog_tests::{Ears, Live, Mouth, Place, WATCHDOG, can_hear};
 use messages::Urgency;
 use serde_json::Value;
 
@@ -96,5 +97,38 @@ fn without_its_files_a_voice_is_told_what_to_run_and_the_other_cues_go_on() {
     run.wait_walking();
     let _ = run.end();
     std::fs::remove_file(&config).expect("removed");
+    place.assert_empty();
+}
+
+#[test]
+fn a_stop_that_is_said_right_after_forward_stops_the_robot_though_it_speaks_itself() {
+    if !can_hear() {
+        return;
+    }
+    let place = Place::new();
+    let (mut run, mouth) = hearing(&place, "[speak]\nfile = \"said.wav\"\n");
+    let ears = Ears::on(run.dir());
+    for pause_s in [0.3, 0.6] {
+        let since = Instant::now();
+        let told = |text: &str| ears.texts().iter().filter(|said| *said == text).count();
+        let before = told("Forward.");
+        // On a busy machine the cue may be refused, or a fault come between: said again.
+        while told("Forward.") == before {
+            assert!(since.elapsed() < WATCHDOG, "never given: {:?}", ears.texts());
+            run.wait("a cue would be taken", |status| {
+                status["mode"]["cue"].is_null()
+                    && (status["mode"]["ready_for_cue"] == true || status["mode"]["class"] == "run")
+            });
+            mouth.say("forward");
+            mouth.wait(pause_s);
+            mouth.say("stop");
+            mouth.wait_until_said();
+            run.wait("the robot stands", |status| status["mode"]["cue"].is_null());
+        }
+    }
+    let (report, _) = run.end();
+    assert!(report["distance_m"].as_f64().is_some_and(|distance_m| distance_m < 2.0), "{report:#}");
+    drop(mouth);
+    let _ = ears.stop();
     place.assert_empty();
 }

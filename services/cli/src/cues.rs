@@ -7,7 +7,7 @@ mod files;
 
 use std::path::{Path, PathBuf};
 
-use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
+use hearing::{Ears, ModelFiles, RATE_HZ, Recogniser, SpeechError};
 use messages::CueKind;
 use rayon::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
@@ -133,7 +133,7 @@ fn listen(
 ) -> Result<Outcome, SpeechError> {
     recogniser.clear();
     let (mut heard, begun_s) = (Vec::new(), cpu_s());
-    recogniser.push(samples, false, |step| {
+    recogniser.push(samples, Ears::Open, |step| {
         if let Some(cue) = step.heard {
             heard.push((cue.kind, (step.end as f64 - word_end as f64) / f64::from(RATE_HZ)));
         }

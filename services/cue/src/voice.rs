@@ -10,7 +10,7 @@ use std::path::Path;
 
 use grabber::microphone::{Microphone, Sound};
 use grabber::{Grab, Grabbed, Grabber, Trouble};
-use hearing::{ModelFiles, RATE_HZ, Recogniser, STEP_NS, Step};
+use hearing::{Ears, ModelFiles, RATE_HZ, Recogniser, STEP_NS, Step};
 use messages::{CueHeard, CueKind, MicrophoneState, NS_PER_S, SpeechPhase, SpeechSaid, Urgency};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use settings::{Settings, VoiceSettings, VoiceSource};
@@ -59,8 +59,10 @@ pub struct Voice {
     asks: Option<Publisher<CueHeard>>,
     confirmation: Confirmation,
     is_open: bool,
-    /// The last of its sound counted as silence.
+    /// The robot itself spoke when the last of its sound came.
     is_muted: bool,
+    /// The robot stands by a stop.
+    stands: bool,
     /// The robot itself speaks until then, run time, nanoseconds: what is heard is not the handler.
     muted_until_ns: u64,
     steps: Vec<Step>,
@@ -100,6 +102,7 @@ impl Voice {
             confirmation: Confirmation::default(),
             is_open: false,
             is_muted: false,
+            stands: true,
             muted_until_ns: 0,
             steps: Vec::new(),
             told: String::new(),
@@ -142,6 +145,7 @@ impl Voice {
 
     /// Whether the robot stands by a stop of whomever: *forward* has to be surer.
     pub fn stands(&mut self, is_stopped: bool) {
+        self.stands = is_stopped;
         self.recogniser.stands(is_stopped);
     }
 
@@ -237,10 +241,15 @@ impl Voice {
 
     fn hear(&mut self, sound: &Sound, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
         let taken_ns = io.domain.clock.of_monotonic_ns(sound.taken_ns);
-        let muted = taken_ns < self.muted_until_ns;
-        self.is_muted = muted;
+        // What the robot says as it stands may have "stop" in it; as it walks, nothing has.
+        let ears = match taken_ns < self.muted_until_ns {
+            false => Ears::Open,
+            true if self.stands => Ears::Shut,
+            true => Ears::ForStop,
+        };
+        self.is_muted = ears != Ears::Open;
         let steps = &mut self.steps;
-        self.recogniser.push(&sound.samples, muted, |step| steps.push(step)).map_err(TransportError::service)?;
+        self.recogniser.push(&sound.samples, ears, |step| steps.push(step)).map_err(TransportError::service)?;
         let (taken, quality) = (self.recogniser.taken(), self.recogniser.quality());
         for step in self.steps.drain(..) {
             let Some(heard) = step.heard else { continue };
@@ -254,7 +263,7 @@ impl Voice {
                 after_stop: heard.after_stop,
             });
         }
-        match self.recogniser.trouble().filter(|_| !muted) {
+        match self.recogniser.trouble().filter(|_| !self.is_muted) {
             Some(trouble) => self.tell(io, trouble.text().to_owned()),
             None if self.told_trouble() => self.tell(io, "the microphone gives sound again".to_owned()),
             None => {}

@@ -16,7 +16,7 @@ mod takes;
 use std::path::PathBuf;
 
 use hearing::{
-    FRAMES, FRAMES_A_STEP, Head, LABELS, LogMel, ModelFiles, Network, Networks, Recogniser, SpeechError, WINDOWS,
+    Ears, FRAMES, FRAMES_A_STEP, Head, LABELS, LogMel, ModelFiles, Network, Networks, Recogniser, SpeechError, WINDOWS,
 };
 use messages::CueKind;
 use rand::SeedableRng;
@@ -138,7 +138,7 @@ fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<usize, Enro
         recogniser.clear();
         let mut first = None;
         let sound = amid_silence(&clip.samples, &mut ChaCha8Rng::seed_from_u64(clip.take as u64));
-        recogniser.push(&sound, false, |step| first = first.or(step.heard))?;
+        recogniser.push(&sound, Ears::Open, |step| first = first.or(step.heard))?;
         right += usize::from(first.is_some_and(|heard| heard.kind == clip.cue));
     }
     Ok(right)

@@ -22,7 +22,7 @@ pub use levels::{Around, Isolation, Levels, level_db};
 pub use mel::{BANDS, FRAME, HOP, LogMel, Mel, RATE_HZ};
 pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Network, Networks, SpeechError, WINDOWS, digest, read};
 pub use pcm::{PcmError, PcmStream};
-pub use recogniser::{FRAMES_A_STEP, Recogniser, STEP_NS, STEP_SAMPLES, Step};
+pub use recogniser::{Ears, FRAMES_A_STEP, Recogniser, STEP_NS, STEP_SAMPLES, Step};
 pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Stop, Thresholds};
 pub use signal::{Quality, Signal, Trouble};
 

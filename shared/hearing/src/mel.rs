@@ -64,6 +64,7 @@ impl Band {
 }
 
 /// Makes frames of samples as they come.
+#[derive(Clone)]
 pub struct LogMel {
     window: Vec<f32>,
     bands: Vec<Band>,

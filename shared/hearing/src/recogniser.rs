@@ -16,6 +16,9 @@ pub const STEP_SAMPLES: usize = FRAMES_A_STEP * HOP;
 /// From one step to the next, nanoseconds.
 pub const STEP_NS: u64 = STEP_SAMPLES as u64 * messages::NS_PER_S / RATE_HZ as u64;
 
+/// Steps that the head can still see of something: its own, and those of the first embedding.
+const ASIDE_STEPS: usize = WINDOWS + FRAMES.div_ceil(FRAMES_A_STEP);
+
 /// What a step came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Step {
@@ -29,10 +32,20 @@ pub struct Step {
     pub above_floor_db: f64,
 }
 
-/// The whole way from samples to cues.
-pub struct Recogniser {
-    networks: Networks,
-    manifest: Manifest,
+/// What is listened for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Ears {
+    /// Every cue.
+    Open,
+    /// *stop* alone, in whatever sounds: the robot itself speaks as it walks.
+    ForStop,
+    /// Nothing: the robot itself speaks, and stands.
+    Shut,
+}
+
+/// From samples to what the head looks at.
+#[derive(Clone)]
+struct Path {
     mel: LogMel,
     /// The newest frames, the oldest first.
     frames: VecDeque<Mel>,
@@ -40,10 +53,62 @@ pub struct Recogniser {
     levels_db: Vec<f64>,
     /// The newest embeddings, the oldest first.
     embeddings: VecDeque<[f32; EMBEDDING]>,
+}
+
+impl Path {
+    fn new() -> Self {
+        Self {
+            mel: LogMel::default(),
+            frames: VecDeque::with_capacity(FRAMES + 1),
+            levels_db: Vec::with_capacity(FRAMES_A_STEP),
+            embeddings: VecDeque::with_capacity(WINDOWS + 1),
+        }
+    }
+
+    /// Takes samples of at most a frame's hop: the probabilities and levels of the step that they complete, if they do
+    /// and enough was heard.
+    fn push(
+        &mut self,
+        samples: &[f32],
+        networks: &mut Networks,
+    ) -> Result<Option<(Probabilities, [f64; FRAMES_A_STEP])>, SpeechError> {
+        let mut made = None;
+        self.mel.push(samples, |frame| made = Some(frame));
+        let Some(frame) = made else { return Ok(None) };
+        self.frames.push_back(frame);
+        self.levels_db.push(level_db(&frame));
+        if self.frames.len() > FRAMES {
+            self.frames.pop_front();
+        }
+        let is_step = self.frames.len() == FRAMES && self.levels_db.len() >= FRAMES_A_STEP;
+        if !is_step {
+            return Ok(None);
+        }
+        // Of the first step there are more: the embedding looks at 76 frames.
+        let newest = self.levels_db.split_off(self.levels_db.len() - FRAMES_A_STEP);
+        self.levels_db.clear();
+        if self.embeddings.len() == WINDOWS {
+            self.embeddings.pop_front();
+        }
+        self.embeddings.push_back(networks.embed(self.frames.make_contiguous())?);
+        if self.embeddings.len() < WINDOWS {
+            return Ok(None);
+        }
+        let probabilities = networks.judge(self.embeddings.make_contiguous())?;
+        Ok(Some((probabilities, std::array::from_fn(|i| newest[i]))))
+    }
+}
+
+/// The whole way from samples to cues.
+pub struct Recogniser {
+    networks: Networks,
+    manifest: Manifest,
+    path: Path,
+    /// What sounds while the robot speaks, where that is silence in the other; and the steps that it is kept for after.
+    aside: Option<(Path, usize)>,
     rules: CueRules,
     signal: Signal,
     taken: u64,
-    made: Vec<Mel>,
 }
 
 impl Recogniser {
@@ -63,14 +128,11 @@ impl Recogniser {
         let manifest = head.manifest.clone();
         Ok(Self {
             networks: Networks::new(head, files)?,
-            mel: LogMel::default(),
-            frames: VecDeque::with_capacity(FRAMES + 1),
-            levels_db: Vec::with_capacity(FRAMES_A_STEP),
-            embeddings: VecDeque::with_capacity(WINDOWS + 1),
+            path: Path::new(),
+            aside: None,
             rules: CueRules::new(manifest.rules),
             signal: Signal::default(),
             taken: 0,
-            made: Vec::new(),
             manifest,
         })
     }
@@ -96,7 +158,7 @@ impl Recogniser {
     /// Whether enough was heard to tell words.
     #[must_use]
     pub fn is_warm(&self) -> bool {
-        self.embeddings.len() == WINDOWS
+        self.path.embeddings.len() == WINDOWS
     }
 
     /// Whether the robot stands by somebody's stop; see [`CueRules::stands`].
@@ -112,10 +174,7 @@ impl Recogniser {
 
     /// Begins anew: what comes next is not what came after the last sample.
     pub fn clear(&mut self) {
-        self.mel.clear();
-        self.frames.clear();
-        self.levels_db.clear();
-        self.embeddings.clear();
+        (self.path, self.aside) = (Path::new(), None);
         self.rules = CueRules::new(self.manifest.rules);
         self.signal = Signal::default();
         self.taken = 0;
@@ -127,58 +186,55 @@ impl Recogniser {
         self.taken
     }
 
-    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. Where they are `muted`,
-    /// they count as silence, and nothing is heard in them: the robot itself speaks.
+    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. What only a stop is listened
+    /// for in counts as silence for all else, then and later.
     ///
     /// # Errors
     /// Where a network cannot be run.
-    pub fn push(&mut self, samples: &[f32], muted: bool, mut take: impl FnMut(Step)) -> Result<(), SpeechError> {
-        if !muted {
+    pub fn push(&mut self, samples: &[f32], ears: Ears, mut take: impl FnMut(Step)) -> Result<(), SpeechError> {
+        if ears == Ears::Open {
             self.signal.take(samples);
         }
+        self.turn_aside(ears);
         for samples in samples.chunks(HOP) {
-            let (mel, made) = (&mut self.mel, &mut self.made);
-            made.clear();
-            let samples = if muted { &[0.0; HOP][..samples.len()] } else { samples };
-            mel.push(samples, |frame| made.push(frame));
             self.taken += samples.len() as u64;
-            for i in 0..self.made.len() {
-                if let Some(step) = self.frame(self.made[i], muted)? {
-                    take(step);
-                }
+            let silence = &[0.0; HOP][..samples.len()];
+            let heard = if ears == Ears::Open { samples } else { silence };
+            let step = self.path.push(heard, &mut self.networks)?;
+            let aside = match &mut self.aside {
+                Some((path, _)) => path.push(samples, &mut self.networks)?,
+                None => None,
+            };
+            if let Some((probabilities, levels_db)) = step {
+                // The levels of silence that nobody heard would make loud of everything after.
+                let heard = if ears == Ears::Open { self.rules.take(&probabilities, &levels_db) } else { None };
+                let stop = aside.and_then(|(probabilities, _)| self.rules.take_stop(&probabilities));
+                self.let_go_of_aside(ears);
+                let above_floor_db = self.rules.levels().above_floor_db();
+                take(Step { end: self.taken, probabilities, heard: stop.or(heard), above_floor_db });
             }
         }
         Ok(())
     }
 
-    fn frame(&mut self, frame: Mel, muted: bool) -> Result<Option<Step>, SpeechError> {
-        self.frames.push_back(frame);
-        self.levels_db.push(level_db(&frame));
-        if self.frames.len() > FRAMES {
-            self.frames.pop_front();
+    /// Where the robot begins to speak, the sound goes a way of its own from there on.
+    fn turn_aside(&mut self, ears: Ears) {
+        match ears {
+            Ears::ForStop => {
+                let (path, left) = self.aside.get_or_insert_with(|| (self.path.clone(), 0));
+                debug_assert!(path.frames.len() <= FRAMES, "it goes on as the other");
+                *left = ASIDE_STEPS;
+            }
+            Ears::Shut => self.aside = None,
+            Ears::Open => {}
         }
-        let is_step = self.frames.len() == FRAMES && self.levels_db.len() >= FRAMES_A_STEP;
-        if !is_step {
-            return Ok(None);
+    }
+
+    /// A word may have begun while the robot still spoke: it is listened to until it is out of sight.
+    fn let_go_of_aside(&mut self, ears: Ears) {
+        if let Some((_, left)) = self.aside.as_mut().filter(|_| ears == Ears::Open) {
+            *left = left.saturating_sub(1);
         }
-        // Of the first step there are more: the embedding looks at 76 frames.
-        let newest = self.levels_db.split_off(self.levels_db.len() - FRAMES_A_STEP);
-        let levels_db: [f64; FRAMES_A_STEP] = std::array::from_fn(|i| newest[i]);
-        self.levels_db.clear();
-        if self.embeddings.len() == WINDOWS {
-            self.embeddings.pop_front();
-        }
-        self.embeddings.push_back(self.networks.embed(self.frames.make_contiguous())?);
-        if self.embeddings.len() < WINDOWS {
-            return Ok(None);
-        }
-        // The levels of silence that nobody heard would make loud of everything after.
-        if muted {
-            return Ok(None);
-        }
-        let probabilities = self.networks.judge(self.embeddings.make_contiguous())?;
-        let heard = self.rules.take(&probabilities, &levels_db);
-        let above_floor_db = self.rules.levels().above_floor_db();
-        Ok(Some(Step { end: self.taken, probabilities, heard, above_floor_db }))
+        self.aside = self.aside.take_if(|(_, left)| *left > 0);
     }
 }

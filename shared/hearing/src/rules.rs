@@ -16,6 +16,10 @@ use crate::{LABELS, Probabilities};
 const FRAME_NS: u64 = STEP_NS / FRAMES_A_STEP as u64;
 /// A cue is accepted within a second; its sound's end is waited for, and a tone (0.2 s, and what a player takes).
 const WAIT_MAX_S: f64 = 0.7;
+/// Beyond these no word would ever be a cue: one is seen whole in some six steps.
+const STOP_THRESHOLD_MAX: f64 = 0.95;
+const STOP_WINDOWS_MAX: u32 = 3;
+const DIRECTION_WINDOWS_MAX: u32 = 5;
 const FORWARD: usize = 0;
 const DIRECTIONS: usize = 3;
 const STOP: usize = 3;
@@ -130,6 +134,15 @@ impl Rules {
         if self.stop.windows == 0 || self.direction.windows == 0 {
             return Err("windows = 0: everything would be a cue".to_owned());
         }
+        // As good as never, and nobody would be told.
+        if self.stop.threshold.get() > STOP_THRESHOLD_MAX || self.stop.windows > STOP_WINDOWS_MAX {
+            return Err(format!(
+                "stop.threshold is over {STOP_THRESHOLD_MAX}, or stop.windows over {STOP_WINDOWS_MAX}: no stop would count"
+            ));
+        }
+        if self.direction.windows > DIRECTION_WINDOWS_MAX {
+            return Err(format!("direction.windows is over {DIRECTION_WINDOWS_MAX}: no word is as long"));
+        }
         // It is counted with the others, so another number would do nothing.
         if self.forward_after_stop.windows != self.direction.windows {
             return Err("forward_after_stop.windows is not direction.windows".to_owned());
@@ -170,6 +183,8 @@ pub struct CueRules {
     step: u64,
     /// Steps in a row in which a word was probable enough, and the least it was.
     streaks: [(u32, f32); STOP + 1],
+    /// Of *stop*, in what sounds while the robot itself speaks.
+    stop_aside: (u32, f32),
     waiting: Option<Candidate>,
     /// The last cue was a stop.
     is_stopped: bool,
@@ -186,6 +201,7 @@ impl CueRules {
             rules,
             step: 0,
             streaks: [(0, 1.0); STOP + 1],
+            stop_aside: (0, 1.0),
             waiting: None,
             is_stopped: false,
             silent_until: (0, 0),
@@ -203,6 +219,25 @@ impl CueRules {
         self.is_stopped = is_stopped;
     }
 
+    /// Takes a step in which nothing but *stop* is listened for: the robot itself speaks.
+    pub fn take_stop(&mut self, probabilities: &Probabilities) -> Option<Heard> {
+        let (p, (streak, score)) = (probabilities[STOP], self.stop_aside);
+        let is_stop = f64::from(p) >= self.rules.stop.threshold.get();
+        self.stop_aside = if is_stop { (streak + 1, score.min(p)) } else { (0, 1.0) };
+        let (streak, score) = self.stop_aside;
+        if streak >= self.rules.stop.windows { self.stop(self.step, score) } else { None }
+    }
+
+    /// A stop counts, if none did of late.
+    fn stop(&mut self, step: u64, score: f32) -> Option<Heard> {
+        (self.waiting, self.is_stopped) = (None, true);
+        let is_new = step >= self.silent_until.0;
+        if is_new {
+            self.silent_until.0 = step + count(self.rules.refractory, STEP_NS) as u64;
+        }
+        is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true })
+    }
+
     /// Takes a step, with the level of each of its frames, decibels.
     pub fn take(&mut self, probabilities: &Probabilities, levels_db: &[f64; FRAMES_A_STEP]) -> Option<Heard> {
         levels_db.iter().for_each(|level_db| self.levels.take(*level_db));
@@ -212,12 +247,7 @@ impl CueRules {
         let refractory = count(self.rules.refractory, STEP_NS) as u64;
         let (streak, score) = self.streaks[STOP];
         if streak >= self.rules.stop.windows {
-            (self.waiting, self.is_stopped) = (None, true);
-            let is_new = step >= self.silent_until.0;
-            if is_new {
-                self.silent_until.0 = step + refractory;
-            }
-            return is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true });
+            return self.stop(step, score);
         }
         for (word, (streak, score)) in self.streaks.iter().copied().enumerate().take(DIRECTIONS) {
             let is_sure = streak >= self.rules.direction.windows && step >= self.silent_until.1;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use guidedog_hearing::{CueRules, Head, LABELS, LogMel, Mel, ModelFiles, Networks, Recogniser, Rules, level_db};
+use guidedog_hearing::{CueRules, Ears, Head, LABELS, LogMel, Mel, ModelFiles, Networks, Recogniser, Rules, level_db};
 use serde_json::{Value, json};
 
 fn golden() -> Value {
@@ -140,7 +140,7 @@ fn networks_give_what_they_gave_in_training() {
     let mut recogniser = Recogniser::load(&files).expect("it loads");
     let mut found = Vec::new();
     for piece in signal.chunks(777) {
-        recogniser.push(piece, false, |step| found.push(step.probabilities)).expect("it runs");
+        recogniser.push(piece, Ears::Open, |step| found.push(step.probabilities)).expect("it runs");
     }
     let expected = golden["head"]["probabilities"].as_array().expect("steps");
     assert_eq!(found.len(), expected.len());

@@ -7,14 +7,18 @@ use super::Said;
 
 /// A tone that has not begun by then is not heard, nanoseconds: a player starts in a tenth of it.
 const BEGINS_WITHIN_NS: u64 = NS_PER_S * 3 / 10;
+/// Nor one that has not ended so long after its length: its player hangs, or the voice that would tell so is gone.
+const ENDS_WITHIN_NS: u64 = NS_PER_S * 3 / 10;
+/// A player that ends before so much of the tone can have been heard has not played it, percent.
+const HEARD_PERCENT: u64 = 80;
 
 /// A cue that waits for its tone.
 #[derive(Debug, Clone, Copy)]
 struct Waiting {
     said: Said,
-    /// Run time at which it is given up, or given where the tone has begun, nanoseconds.
+    /// Run time at which it is given, where its tone was heard, or else given up, nanoseconds.
     by_ns: u64,
-    begun: bool,
+    heard: bool,
 }
 
 /// The cue that waits for its tone, if any does.
@@ -35,7 +39,7 @@ pub enum Confirmed {
 impl Confirmation {
     /// A cue was said that needs its tone; one that waited is forgotten.
     pub fn ask(&mut self, said: Said, now_ns: u64) {
-        self.waiting = Some(Waiting { said, by_ns: now_ns + BEGINS_WITHIN_NS, begun: false });
+        self.waiting = Some(Waiting { said, by_ns: now_ns + BEGINS_WITHIN_NS, heard: false });
     }
 
     /// Something else came meanwhile.
@@ -49,21 +53,19 @@ impl Confirmation {
         if voice.urgency != Urgency::Tone || voice.about_ns != waiting.said.stamp_ns {
             return;
         }
-        match voice.phase {
-            SpeechPhase::Begun => {
-                waiting.begun = true;
-                waiting.by_ns = voice.first_sample_ns.saturating_add(voice.duration_ns);
-            }
-            // A player that ended early says so late: what counts is how long the tone takes.
-            SpeechPhase::Ended => {}
-            SpeechPhase::Cut | SpeechPhase::Unheard => (waiting.begun, waiting.by_ns) = (false, 0),
-        }
+        let least_ns = voice.first_sample_ns.saturating_add(voice.duration_ns / 100 * HEARD_PERCENT);
+        let end_ns = voice.first_sample_ns.saturating_add(voice.duration_ns);
+        (waiting.heard, waiting.by_ns) = match voice.phase {
+            SpeechPhase::Begun => (false, end_ns.saturating_add(ENDS_WITHIN_NS)),
+            SpeechPhase::Ended if voice.header.stamp_ns >= least_ns => (true, end_ns),
+            SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => (false, 0),
+        };
     }
 
     /// What is due of it.
     pub fn due(&mut self, now_ns: u64) -> Option<Confirmed> {
         let waiting = self.waiting.take_if(|waiting| now_ns >= waiting.by_ns)?;
-        Some(if waiting.begun { Confirmed::Given(waiting.said) } else { Confirmed::Unheard(waiting.said) })
+        Some(if waiting.heard { Confirmed::Given(waiting.said) } else { Confirmed::Unheard(waiting.said) })
     }
 
     /// Run time at which something is due, if anything waits.
@@ -76,7 +78,7 @@ impl Confirmation {
 mod tests {
     use super::{Confirmation, Confirmed};
     use crate::voice::Said;
-    use messages::{CueKind, SpeechPhase, SpeechSaid, Urgency};
+    use messages::{CueKind, Header, SpeechPhase, SpeechSaid, Urgency};
 
     const MS: u64 = 1_000_000;
     const SAID: Said = Said {
@@ -90,7 +92,10 @@ mod tests {
 
     fn tone(phase: SpeechPhase) -> SpeechSaid {
         let (about_ns, first_sample_ns, duration_ns) = (SAID.stamp_ns, 1_310 * MS, 200 * MS);
-        SpeechSaid { phase, urgency: Urgency::Tone, about_ns, first_sample_ns, duration_ns, ..SpeechSaid::default() }
+        let stamp_ns = if phase == SpeechPhase::Begun { first_sample_ns } else { 1_500 * MS };
+        let header = Header { stamp_ns, ..Header::default() };
+        let urgency = Urgency::Tone;
+        SpeechSaid { header, phase, urgency, about_ns, first_sample_ns, duration_ns, ..SpeechSaid::default() }
     }
 
     fn asked() -> Confirmation {
@@ -104,6 +109,8 @@ mod tests {
     fn it_is_given_once_its_tone_was_heard_and_once() {
         let mut confirmation = asked();
         confirmation.hear(&tone(SpeechPhase::Begun));
+        assert_eq!(confirmation.due(1_700 * MS), None, "it has not ended");
+        confirmation.hear(&tone(SpeechPhase::Ended));
         assert_eq!((confirmation.next_ns(), confirmation.due(1_509 * MS)), (Some(1_510 * MS), None));
         assert_eq!(confirmation.due(1_510 * MS), Some(Confirmed::Given(SAID)));
         assert_eq!(confirmation.due(u64::MAX), None);
@@ -122,12 +129,22 @@ mod tests {
             confirmation.hear(&tone(phase));
             assert_eq!(confirmation.due(1_400 * MS), Some(Confirmed::Unheard(SAID)), "{phase:?}");
         }
+        let mut confirmation = asked();
+        confirmation.hear(&tone(SpeechPhase::Begun));
+        let (first_sample_ns, early) = (1_310 * MS, Header { stamp_ns: 1_330 * MS, ..Header::default() });
+        confirmation.hear(&SpeechSaid { header: early, first_sample_ns, ..tone(SpeechPhase::Ended) });
+        assert_eq!(confirmation.due(1_400 * MS), Some(Confirmed::Unheard(SAID)), "nobody can have heard it");
+        let mut confirmation = asked();
+        confirmation.hear(&tone(SpeechPhase::Begun));
+        assert_eq!(confirmation.due(1_809 * MS), None);
+        assert_eq!(confirmation.due(1_810 * MS), Some(Confirmed::Unheard(SAID)), "the voice is gone");
     }
 
     #[test]
     fn what_comes_meanwhile_ends_it() {
         let mut confirmation = asked();
         confirmation.hear(&tone(SpeechPhase::Begun));
+        confirmation.hear(&tone(SpeechPhase::Ended));
         confirmation.forget();
         assert_eq!(confirmation.due(u64::MAX), None);
     }
