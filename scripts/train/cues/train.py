@@ -125,9 +125,9 @@ OFF = 1.1  # no probability reaches it
 
 
 def sweep(judged: dict[str, list[Judged]], cue: str, rules: Rules) -> list[dict[str, float]]:
-    """Recall and false accepts of one cue alone by its threshold."""
+    """Recall and false accepts of one cue alone by its threshold: from a half, below which all else is as probable."""
     rows = []
-    for threshold in np.round(np.arange(0.3, 0.96, 0.05), 2):
+    for threshold in np.round(np.arange(0.5, 0.96, 0.05), 2):
         only = [threshold if name == cue else OFF for name in DIRECTIONS]
         tried = dataclasses.replace(
             rules, directions=tuple(only), stop=float(threshold) if cue == "stop" else OFF, forward_after_stop=0.0
@@ -158,11 +158,11 @@ def cost(row: dict[str, float], cue: str) -> float:
     """What a threshold costs.
 
     A miss in ten (of stop: in twenty) as much as three false accepts in a hundred words, twenty false stops an hour of
-    reading, four false directions, or a hundred alarms an hour of noise: of that there are few files, and each is
-    unlike those that the head has heard.
+    reading, four false directions, or three hundred alarms an hour of noise: of that there are few files, each of them
+    at three levels, and each is unlike those that the head has heard.
     """
     recalls = [row[name] for name in ("words", "speaker", "voices") if not math.isnan(row[name])]
-    alarms = row["reading"] / (20 if cue == "stop" else 4) + row["noise"] / 100
+    alarms = row["reading"] / (20 if cue == "stop" else 4) + row["noise"] / 300
     return (2 if cue == "stop" else 1) * (1 - float(np.mean(recalls))) + 3.3 * row["accepts"] + 0.1 * alarms
 
 
@@ -172,7 +172,7 @@ def choose(judged: dict[str, list[Judged]], rules: Rules) -> Rules:
         rows = sweep(judged, cue, rules)
         # Where the cost hardly changes, the strictest: noise that nobody has heard yet may sound like a cue, too.
         least = min(cost(row, cue) for row in rows)
-        picked[cue] = max(row["threshold"] for row in rows if cost(row, cue) <= least + 0.01)
+        picked[cue] = max(row["threshold"] for row in rows if cost(row, cue) <= least + 0.005)
         print(
             f"\n{cue} on validation: threshold; recall of words, the one speaker, voices; false accepts; "
             "alarms an hour in reading, noise"
