@@ -152,11 +152,19 @@ class Scene:
             audio = clipped(audio, rng.uniform(1, 8))
         return audio
 
-    def heard(self, dry: np.ndarray, rng: np.random.Generator, quiet: bool = False) -> np.ndarray:
-        """A stretch of sound as the robot's microphone has it: in a room, over a background, at some level."""
-        if rng.random() < 0.5:
-            dry = reverberated(dry, rng, rng.uniform(0.1, 0.9), rng.uniform(0.25, 0.95))
-        snr_db = rng.uniform(15, 40) if quiet or rng.random() < 0.35 else rng.uniform(-2, 25)
+    def heard(self, dry: np.ndarray, rng: np.random.Generator, quiet: bool = False, hard: bool = False) -> np.ndarray:
+        """A stretch of sound as the robot's microphone has it: in a room, over a background, at some level.
+
+        Quiet: the background is faint. Hard: the room echoes or the background is loud, mostly both.
+        """
+        if hard:
+            if rng.random() < 0.6:
+                dry = reverberated(dry, rng, rng.uniform(0.3, 0.9), rng.uniform(0.2, 0.7))
+            snr_db = rng.uniform(-3, 12) if rng.random() < 0.7 else rng.uniform(12, 30)
+        else:
+            if rng.random() < 0.5:
+                dry = reverberated(dry, rng, rng.uniform(0.1, 0.9), rng.uniform(0.25, 0.95))
+            snr_db = rng.uniform(15, 40) if quiet or rng.random() < 0.35 else rng.uniform(-2, 25)
         noise = self.background(rng, len(dry)) * np.sqrt(power(dry) / 10 ** (snr_db / 10))
         mixed = dry + noise
         peak_db = rng.uniform(-34, 0) if rng.random() < 0.9 else rng.uniform(0, 8)

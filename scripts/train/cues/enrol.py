@@ -6,7 +6,8 @@ dense2 are trained, on two things:
 * The user's clips, each put into VARIANTS scenes: resampled, levelled, over a background, so that the windows which end
   within half a second after the word are many. Of them what the convolutions make is kept, flat: float32[256] a window.
 * Rehearsal: windows of the training data, kept as such flat features in config/cues/rehearsal.bin. Without them the
-  head forgets all other voices and takes the user's other words for cues.
+  head forgets all other voices and takes the user's other words for cues. What the head made of them before is what it
+  has to make of them afterwards: so it stays as unsure of them as it was, which their labels would talk it out of.
 
 Rehearsal's file, little-endian: the bytes "GDRH", u32 version 1, u32 windows n, u32 features 256, f32 scale; then
 u8 label[n], u8 feature[n][256]: feature times scale is the value.
@@ -65,7 +66,7 @@ class Recipe:
     batch_user: int = 64
     batch_rehearsal: int = 192
     rate: float = 1e-3
-    smoothing: float = 0.05
+    smoothing: float = 0.05  # of the user's labels: enough of a sure *forward* is left for the rule after a stop
     user_weight: float = 1.0
 
 
@@ -137,9 +138,10 @@ def enrol(
     """New dense layers: Adam from the old ones, each batch part the user's windows and part rehearsal."""
     enrolled = {name: value.copy() for name, value in weights.items()}
     adam = Adam(enrolled, network.DENSE)
-    targets = np.full((len(LABELS), len(LABELS)), recipe.smoothing / len(LABELS), np.float32)
-    targets += (1 - recipe.smoothing) * np.eye(len(LABELS), dtype=np.float32)
     flat, labels = user
+    wanted = np.full((len(LABELS), len(LABELS)), recipe.smoothing / len(LABELS), np.float32)
+    wanted += (1 - recipe.smoothing) * np.eye(len(LABELS), dtype=np.float32)
+    before = network.classified(weights, rehearsal.flat)[1]
     scale = np.concatenate([np.full(recipe.batch_user, recipe.user_weight), np.ones(recipe.batch_rehearsal)]).astype(
         np.float32
     )
@@ -147,7 +149,7 @@ def enrol(
         own = rng.integers(0, len(labels), recipe.batch_user)
         old = rng.integers(0, len(rehearsal.labels), recipe.batch_rehearsal)
         seen = np.concatenate([flat[own], rehearsal.flat[old]])
-        said = np.concatenate([labels[own], rehearsal.labels[old]])
-        found, _, _ = network.dense_gradients(enrolled, seen, targets[said], scale)
+        target = np.concatenate([wanted[labels[own]], before[old]])
+        found, _, _ = network.dense_gradients(enrolled, seen, target, scale)
         adam.update(found, recipe.rate * (1 - step / recipe.steps))
     return enrolled

@@ -199,15 +199,15 @@ def judge(weights: Weights, heard: Iterable[Stream]) -> list[Judged]:
 
 
 class Rate(NamedTuple):
-    hits: int
-    n: int
+    hits: float  # whole numbers, but in a mean of several heads
+    n: float
 
     def __str__(self) -> str:
         low, high = wilson(self.hits, self.n)
-        return f"{self.hits}/{self.n} = {self.hits / max(self.n, 1):.3f} ({low:.3f}-{high:.3f})"
+        return f"{self.hits:g}/{self.n:g} = {self.hits / max(self.n, 1):.3f} ({low:.3f}-{high:.3f})"
 
 
-def wilson(hits: int, n: int, z: float = 1.96) -> tuple[float, float]:
+def wilson(hits: float, n: float, z: float = 1.96) -> tuple[float, float]:
     """The 95 % interval of a rate."""
     if n == 0:
         return 0.0, 1.0
@@ -216,7 +216,7 @@ def wilson(hits: int, n: int, z: float = 1.96) -> tuple[float, float]:
     return max(0.0, (centre - half) / (1 + z * z / n)), min(1.0, (centre + half) / (1 + z * z / n))
 
 
-def poisson(count: int, hours: float) -> tuple[float, float]:
+def poisson(count: float, hours: float) -> tuple[float, float]:
     """The exact 95 % interval of a rate per hour."""
     from scipy.stats import chi2
 
@@ -229,7 +229,7 @@ class Counts(NamedTuple):
     false_accepts: dict[str, Rate]  # by other word: anything was detected
     confusions: dict[str, list[str]]  # by word said: what wrong cues were detected
     latencies_s: list[float]  # of right detections, after the word's end
-    alarms: dict[str, int]  # by cue, in streams without a word
+    alarms: dict[str, float]  # by cue, in streams without a word
     hours: float  # without the silence around it
 
 
@@ -259,3 +259,21 @@ def count(judged: Iterable[Judged], rules: Rules) -> Counts:
 
 def total(rates: dict[str, Rate]) -> Rate:
     return Rate(sum(r.hits for r in rates.values()), sum(r.n for r in rates.values()))
+
+
+def mean(counts: list[Counts]) -> Counts:
+    """Of several heads that judged the same."""
+    k = len(counts)
+    rates = lambda of: {word: Rate(sum(c[word].hits for c in of) / k, of[0][word].n) for word in of[0]}
+    confusions: dict[str, list[str]] = defaultdict(list)
+    for one in counts:
+        for word, found in one.confusions.items():
+            confusions[word] += found
+    return Counts(
+        rates([c.recall for c in counts]),
+        rates([c.false_accepts for c in counts]),
+        dict(confusions),
+        [latency for c in counts for latency in c.latencies_s],
+        {cue: sum(c.alarms[cue] for c in counts) / k for cue in CUES},
+        counts[0].hours,
+    )

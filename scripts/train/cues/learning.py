@@ -14,28 +14,38 @@ from network import Adam, Weights
 from windows import GROUPS, OTHER, Group, group
 from words import LABELS
 
-# Of a batch, the share that each group has. Cues are two fifths: as rare as in life, they would not be learnt.
+# In what proportion the groups are drawn. Cues are about two fifths: as rare as in life, they would not be learnt.
+# Where a group is kept back or missing, the others have its part.
 SHARES: dict[str, float] = {
-    "cues_kokoro": 0.14,
-    "cues_espeak": 0.04,
-    "cues_accents": 0.06,
-    "cues_flite": 0.03,
-    "cues_real": 0.13,
+    "cues_kokoro": 0.12,
+    "cues_kokoro_hard": 0.05,
+    "cues_espeak": 0.03,
+    "cues_espeak_hard": 0.01,
+    "cues_accents": 0.05,
+    "cues_accents_hard": 0.02,
+    "cues_flite": 0.02,
+    "cues_real": 0.08,
+    "cues_real_hard": 0.03,
+    "cues_speaker": 0.04,
     "alikes_kokoro": 0.05,
     "alikes_espeak": 0.02,
     "alikes_accents": 0.02,
     "alikes_flite": 0.01,
     "words_kokoro": 0.03,
+    "words_kokoro_hard": 0.02,
     "words_espeak": 0.01,
     "words_flite": 0.01,
-    "words_real": 0.10,
-    "words_speaker": 0.02,
+    "words_real": 0.09,
+    "words_real_hard": 0.03,
+    "words_speaker": 0.03,
     "partial": 0.02,
-    "reading": 0.11,
+    "reading": 0.10,
     "reading_others": 0.08,
+    "babble": 0.02,
     "prompts": 0.05,
     "noise": 0.04,
-    "backgrounds": 0.06,
+    "backgrounds": 0.05,
+    "robots": 0.03,
 }
 
 
@@ -103,8 +113,23 @@ def mine(weights: Weights, data: Pool, boost: float, rng: np.random.Generator) -
     return chances / chances.sum()
 
 
-def fit(data: Pool, seed: int, recipe: Recipe = Recipe(), progress: str = "") -> Weights:
-    """Adam with a warm start and a cosine's fall; what is returned is the running mean of the weights."""
+def judged(weights: Weights, data: Pool) -> np.ndarray:
+    """float32[n, 6, 5]: what a head makes of each window."""
+    made = np.empty((len(data.labels), SHIFTS, len(LABELS)), np.float32)
+    for shift in range(SHIFTS):
+        for start in range(0, len(made), 8192):
+            at = np.arange(start, min(start + 8192, len(made)))
+            made[at, shift] = network.probabilities(weights, data.windows(at, np.full(len(at), shift)))
+    return made
+
+
+def fit(
+    data: Pool, seed: int, recipe: Recipe = Recipe(), progress: str = "", taught: np.ndarray | None = None
+) -> Weights:
+    """Adam with a warm start and a cosine's fall; what is returned is the running mean of the weights.
+
+    Taught float32[n, 6, 5] are targets for each window in place of the labels.
+    """
     rng = np.random.default_rng(seed)
     sample = rng.choice(len(data.labels), 4096, p=data.chances)
     embeddings = data.sequences[sample].reshape(-1, data.sequences.shape[-1]).astype(np.float32)
@@ -120,12 +145,14 @@ def fit(data: Pool, seed: int, recipe: Recipe = Recipe(), progress: str = "") ->
         if step and step % recipe.mine_every == 0:
             cumulative = np.cumsum(mine(mean, data, recipe.mined_boost, rng))
         at = np.minimum(np.searchsorted(cumulative, rng.random(recipe.batch)), len(cumulative) - 1)
-        z = network.normalised(weights, data.windows(at, rng.integers(0, SHIFTS, recipe.batch)))
+        shift = rng.integers(0, SHIFTS, recipe.batch)
+        target = targets[data.labels[at]] if taught is None else taught[at, shift]
+        z = network.normalised(weights, data.windows(at, shift))
         z += recipe.jitter * rng.standard_normal(z.shape, dtype=np.float32)
         kept = (rng.random((recipe.batch, network.FLAT), dtype=np.float32) >= recipe.dropout) / np.float32(
             1 - recipe.dropout
         )
-        found, loss = network.gradients(weights, z, targets[data.labels[at]], ones, kept.astype(np.float32))
+        found, loss = network.gradients(weights, z, target, ones, kept.astype(np.float32))
         warm = min(1.0, (step + 1) / 200)
         adam.update(found, recipe.rate * warm * (0.02 + 0.98 * 0.5 * (1 + np.cos(np.pi * step / recipe.steps))))
         follow = max(1 - recipe.average, 1 / (step + 1))

@@ -24,10 +24,9 @@ PROMPTS_MAX = 300  # of each language
 FORWARD = Path("/usr/share/pocketsphinx/test/data/goforward.raw")
 
 FOLDS, TEST_FOLD = 4, 0
-ENROLMENT, VALIDATION = (
-    5,
-    10,
-)  # of the 25 clips of each word of the one speaker, in the order of recording; the rest tests
+SPEAKER_FOLD = FOLDS  # all that the one speaker says, as far as training goes
+# Of the 25 clips of each word of the one speaker, in the order of recording; the rest tests.
+ENROLMENT, VALIDATION = 5, 10
 
 
 class Recording(NamedTuple):

@@ -103,16 +103,19 @@ def read_wav(data: bytes) -> np.ndarray:
     return at_16_khz(audio.mean(axis=1), rate)
 
 
+def alikes() -> list[str]:
+    return sorted({word for words in SOUND_ALIKES.values() for word in words})
+
+
 def texts(per_cue: int, per_alike: int, per_word: int, per_sentence: int) -> Iterator[tuple[str, int]]:
     """Every text with the number of a repetition: another voice, speed and pronunciation each."""
     for cue in CUES:
         yield from ((cue, i) for i in range(per_cue))
     for phrase in STOP_PHRASES:
         yield from ((phrase, i) for i in range(per_cue // 8))
-    alikes = sorted({word for words in SOUND_ALIKES.values() for word in words})
-    for word in alikes:
+    for word in alikes():
         yield from ((word, i) for i in range(per_alike))
-    for word in sorted(set(OTHER_WORDS) - set(alikes)):
+    for word in sorted(set(OTHER_WORDS) - set(alikes())):
         yield from ((word, i) for i in range(per_word))
     for sentence in SENTENCES:
         yield from ((sentence, i) for i in range(per_sentence))
@@ -121,24 +124,19 @@ def texts(per_cue: int, per_alike: int, per_word: int, per_sentence: int) -> Ite
 # --- Families of voices
 
 
+def said_by_espeak(voice: str, text: str, rng: np.random.Generator) -> np.ndarray:
+    """At a random speed and pitch."""
+    speed, pitch = str(rng.integers(105, 210)), str(rng.integers(20, 80))
+    command = ["espeak-ng", "-v", voice, "-s", speed, "-p", pitch, "--stdout", text]
+    return read_wav(subprocess.run(command, capture_output=True, check=True).stdout)
+
+
 def espeak(made: int) -> Iterator[Clip]:
     for text, i in islice(texts(per_cue=600, per_alike=10, per_word=5, per_sentence=2), made, None):
         rng = np.random.default_rng(seed_of("espeak", text, i))
         variant = ESPEAK_VARIANTS[i % len(ESPEAK_VARIANTS)] if text in CUES else rng.choice(ESPEAK_VARIANTS)
         voice = f"{rng.choice(ESPEAK_LANGUAGES)}+{variant}"
-        command = [
-            "espeak-ng",
-            "-v",
-            voice,
-            "-s",
-            str(rng.integers(105, 210)),
-            "-p",
-            str(rng.integers(20, 80)),
-            "--stdout",
-            text,
-        ]
-        data = subprocess.run(command, capture_output=True, check=True).stdout
-        yield Clip(text, "espeak", voice, read_wav(data))
+        yield Clip(text, "espeak", voice, said_by_espeak(voice, text, rng))
 
 
 def accents(made: int) -> Iterator[Clip]:
@@ -148,19 +146,7 @@ def accents(made: int) -> Iterator[Clip]:
         rng = np.random.default_rng(seed_of("accents", text, i))
         voice = f"{ACCENT_LANGUAGES[i % len(ACCENT_LANGUAGES)]}+{rng.choice(ESPEAK_VARIANTS)}"
         phonemes = f"[[{rng.choice(ACCENTED[text])}]]"
-        command = [
-            "espeak-ng",
-            "-v",
-            voice,
-            "-s",
-            str(rng.integers(105, 210)),
-            "-p",
-            str(rng.integers(20, 80)),
-            "--stdout",
-            phonemes,
-        ]
-        data = subprocess.run(command, capture_output=True, check=True).stdout
-        yield Clip(text, "accents", voice, read_wav(data))
+        yield Clip(text, "accents", voice, said_by_espeak(voice, phonemes, rng))
 
 
 def flite(made: int) -> Iterator[Clip]:
@@ -274,6 +260,9 @@ def kokoro(made: int) -> Iterator[Clip]:
         # The commonest other words by more voices, and more of the cues.
         ((word, 1000 + i) for word in OTHER_WORDS[:40] for i in range(6)),
         ((cue, 1000 + i) for cue in CUES for i in range(60)),
+        # And more again, by voices that train, of the cues and of what sounds like them.
+        ((cue, i) for cue in CUES for i in range(2000, 2112) if i % 8 != 7),
+        ((word, 2000 + i) for word in alikes() for i in range(2)),
     )
     for text, i in islice(wanted, made, None):
         rng = np.random.default_rng(seed_of("kokoro", text, i))

@@ -57,21 +57,22 @@ def label_of(text: str) -> int:
     return LABELS.index(text) if text in CUES else OTHER
 
 
-def spoken(clip: Clip, rng: np.random.Generator) -> Example:
+def spoken(clip: Clip, rng: np.random.Generator, hard: bool) -> Example:
     """A synthetic word; of a sentence some stretch."""
     audio = scene().voice(clip.audio, rng)
     end = extent(audio)[1]
     if clip.text in SENTENCES:
         end = int(rng.integers(RATE // 4, len(audio)))
     placed = scene().placed(audio, end, rng, context=rng.random() < 0.2)
-    return Example(label_of(clip.text), -1, scene().mel(scene().heard(placed, rng)))
+    return Example(label_of(clip.text), -1, scene().mel(scene().heard(placed, rng, hard=hard)))
 
 
-def synthetic(family: str, wanted: Callable[[str], bool], times: int) -> Iterator[Example]:
+def synthetic(family: str, wanted: Callable[[str], bool], times: int, hard: bool = False) -> Iterator[Example]:
     for i, clip in enumerate(clips(family)):
         if wanted(clip.text):
             for k in range(times):
-                yield spoken(clip, np.random.default_rng(seed_of("spoken", family, i, k)))
+                seed = seed_of("spoken", family, i, k, *(["hard"] if hard else []))
+                yield spoken(clip, np.random.default_rng(seed), hard)
 
 
 def is_cue(text: str) -> bool:
@@ -93,14 +94,14 @@ def partial(family: str, times: int) -> Iterator[Example]:
                 yield Example(OTHER, -1, scene().mel(scene().heard(placed, rng)))
 
 
-def real(recordings: list[sounds.Recording], times: int) -> Iterator[Example]:
+def real(recordings: list[sounds.Recording], times: int, hard: bool = False) -> Iterator[Example]:
     for recording in recordings:
         for k in range(times):
-            rng = np.random.default_rng(seed_of("real", recording.name, k))
+            rng = np.random.default_rng(seed_of("real", recording.name, k, *(["hard"] if hard else [])))
             audio = scene().voice(recording.audio, rng, gentle=True) if k else recording.audio
             placed = scene().placed(audio, extent(audio)[1], rng, context=rng.random() < 0.1)
-            label = label_of(recording.word)
-            yield Example(label, recording.fold, scene().mel(scene().heard(placed, rng, quiet=rng.random() < 0.4)))
+            label, quiet = label_of(recording.word), rng.random() < 0.4
+            yield Example(label, recording.fold, scene().mel(scene().heard(placed, rng, quiet, hard)))
 
 
 def pieces(label: int, fold: int, mel: np.ndarray) -> Iterator[Example]:
@@ -154,9 +155,35 @@ def noises(times: int) -> Iterator[Example]:
             yield from pieces(OTHER, recording.fold, features.log_mel(audio.astype(np.float32)))
 
 
-def strangers_words() -> list[sounds.Recording]:
-    """The first clips of the one speaker's other words; of the cues nothing trains, they show what enrolment brings."""
-    return [r._replace(fold=-1) for r in sounds.one_speaker() if r.word not in CUES and r.fold < sounds.ENROLMENT]
+def robots(count: int) -> Iterator[Example]:
+    """Twenty seconds each of sounds by formula, a walking robot's above all, alone or over real noise."""
+    for i in range(count):
+        rng = np.random.default_rng(seed_of("robots", i))
+        audio = sounds.robot(rng, 20 * RATE) if rng.random() < 0.5 else sounds.by_formula(rng, 20 * RATE)
+        if rng.random() < 0.4:
+            audio = audio + rng.uniform(0.1, 1.5) * scene().background(rng, len(audio))
+        audio = equalised(audio, rng, rng.uniform(0, 4))
+        audio = audio * 10 ** (rng.uniform(-35, 0) / 20) / float(np.abs(audio).max())
+        yield from pieces(OTHER, -1, features.log_mel(audio.astype(np.float32)))
+
+
+def babble(count: int) -> Iterator[Example]:
+    """Two to five who read at once, all of one fold, in a room."""
+    read = sounds.librispeech()
+    for i in range(count):
+        rng = np.random.default_rng(seed_of("babble", i))
+        fold = i % sounds.FOLDS
+        talk = [r.audio for r in read if r.fold == fold]
+        audio = np.zeros(12 * RATE, np.float32)
+        for _ in range(rng.integers(2, 6)):
+            gain = 10 ** (rng.uniform(-12, 0) / 20)
+            audio += np.float32(gain) * sounds.unit(scene().piece(rng, talk, len(audio)))
+        yield from pieces(OTHER, fold, features.log_mel(scene().heard(audio, rng)))
+
+
+def speaker(cues: bool) -> list[sounds.Recording]:
+    """The one speaker's clips. Only the head that is shipped hears them: those that are judged have not heard him."""
+    return [r._replace(fold=sounds.SPEAKER_FOLD) for r in sounds.one_speaker() if (r.word in CUES) == cues]
 
 
 def commands(cues: bool) -> list[sounds.Recording]:
@@ -177,7 +204,16 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "words_espeak": lambda: synthetic("espeak", lambda text: not is_cue(text) and text not in ALIKES, 1),
     "words_flite": lambda: synthetic("flite", lambda text: not is_cue(text) and text not in ALIKES, 1),
     "words_real": lambda: real(commands(False), 40),
-    "words_speaker": lambda: real(strangers_words(), 12),
+    "cues_kokoro_hard": lambda: synthetic("kokoro", is_cue, 4, hard=True),
+    "cues_espeak_hard": lambda: synthetic("espeak", is_cue, 1, hard=True),
+    "cues_accents_hard": lambda: synthetic("accents", is_cue, 2, hard=True),
+    "cues_real_hard": lambda: real(commands(True), 100, hard=True),
+    "words_kokoro_hard": lambda: synthetic("kokoro", lambda text: not is_cue(text), 2, hard=True),
+    "words_real_hard": lambda: real(commands(False), 20, hard=True),
+    "cues_speaker": lambda: real(speaker(True), 40),
+    "words_speaker": lambda: real(speaker(False), 12),
+    "babble": lambda: babble(160),
+    "robots": lambda: robots(150),
     "partial": lambda: partial("kokoro", 2),
     "reading": lambda: streams(sounds.librispeech(), 4),
     "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
