@@ -83,12 +83,24 @@ fn what_cannot_be_enrolled_is_told_and_leaves_everything_as_it_is() {
     fs::create_dir_all(&empty).expect("made");
     let other = place.path().join("other.toml");
     fs::write(&other, "sha256 = \"00\"\n").expect("written");
+    let silent = place.path().join("silent");
+    write_wav(&silent.join("stop").join("1.wav"), &[1; 16_000]);
+    let (swapped, dangling) = (place.path().join("swapped"), place.path().join("dangling"));
+    for (cue, said) in [("forward", "stop"), ("stop", "forward")] {
+        for number in ["1", "2", "3"] {
+            write_wav(&swapped.join(cue).join(format!("{number}.wav")), &spoken_by("en-us", "150", said));
+        }
+    }
+    std::os::unix::fs::symlink("nowhere", &dangling).expect("linked");
     let new = text(&place.path().join("new"));
     for (args, what) in [
         (vec!["-o", &new, "--from", &text(&few)], "left: 1 clips"),
         (vec!["-o", &new, "--from", &text(&broken)], "1.wav: no samples came"),
         (vec!["-o", &new, "--from", &text(&empty)], "no WAV or FLAC file"),
         (vec!["-o", &text(&mine), "--from", &text(&few)], "mine: it is no folder that"),
+        (vec!["-o", &new, "--from", &text(&silent)], "1.wav: nothing is to be heard in it"),
+        (vec!["-o", &new, "--from", &text(&swapped)], "most clips of \"forward\" were heard as \"stop\""),
+        (vec!["-o", &text(&dangling), "--from", &text(&few)], "dangling: it is no folder that"),
         (vec!["-o", &new, "--undo"], "nothing was enrolled there"),
         (vec!["-o", &new, "--base", &text(&other), "--from", &text(&few)], "other.toml"),
         (vec!["-o", &new, "--base", "nowhere.toml", "--from", &text(&few)], "nowhere.toml"),
@@ -96,7 +108,9 @@ fn what_cannot_be_enrolled_is_told_and_leaves_everything_as_it_is() {
         let (told, code) = enrol(&place, &args);
         assert_eq!(code, 2, "{args:?}: {told:#}");
         assert!(told["error"].as_str().is_some_and(|error| error.contains(what)), "{args:?}: {told:#}");
-        assert!(!place.path().join("new").exists(), "{args:?}");
+        for left in ["new", "new.new", "new.before"] {
+            assert!(!place.path().join(left).exists(), "{args:?}: {left}");
+        }
     }
     assert_eq!(fs::read_to_string(mine.join("letter.txt")).expect("there"), "dear");
 }

@@ -61,6 +61,8 @@ pub struct Clip {
 pub struct Enrolled {
     /// The head for this handler; its path is still that of the head before.
     pub head: Head,
+    /// What the head before hears in each clip, if anything.
+    pub heard_before: Vec<Option<CueKind>>,
     /// Of all clips, how many the head before hears right.
     pub before: usize,
     /// How many are heard right by a head that was not trained on them: each take by one that the others trained.
@@ -89,11 +91,17 @@ pub fn enrol(files: &ModelFiles, rehearsal: &Rehearsal, clips: &[Clip], seed: u6
     let takes = clips.iter().map(|clip| clip.take).max().map_or(0, |last| last + 1);
     let held_out = (0..takes).into_par_iter().map(|take| {
         let left_out: Vec<&Clip> = clips.iter().filter(|clip| clip.take == take).collect();
-        heard(&trained(Some(take)), files, &left_out)
+        heard(&trained(Some(take)), files, &left_out).map(|heard| right(&left_out, &heard))
     });
     let held_out = held_out.collect::<Result<Vec<usize>, EnrolError>>()?.into_iter().sum();
-    let before = heard(file.head(), files, &clips.iter().collect::<Vec<_>>())?;
-    Ok(Enrolled { head: trained(None), before, held_out })
+    let all: Vec<&Clip> = clips.iter().collect();
+    let heard_before = heard(file.head(), files, &all)?;
+    Ok(Enrolled { head: trained(None), before: right(&all, &heard_before), heard_before, held_out })
+}
+
+/// How many clips are heard as what they are.
+fn right(clips: &[&Clip], heard: &[Option<CueKind>]) -> usize {
+    clips.iter().zip(heard).filter(|(clip, heard)| **heard == Some(clip.cue)).count()
 }
 
 /// The networks whose numbers training needs.
@@ -130,16 +138,16 @@ impl Engines {
     }
 }
 
-/// How many clips a head hears right, as the robot would.
-fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<usize, EnrolError> {
+/// What a head hears first in each clip, as the robot would.
+fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<Vec<Option<CueKind>>, EnrolError> {
     let mut recogniser = Recogniser::with(head, files)?;
-    let mut right = 0;
+    let mut heard = Vec::new();
     for clip in clips {
         recogniser.clear();
         let mut first = None;
         let sound = amid_silence(&clip.samples, &mut ChaCha8Rng::seed_from_u64(clip.take as u64));
         recogniser.push(&sound, Ears::Open, |step| first = first.or(step.heard))?;
-        right += usize::from(first.is_some_and(|heard| heard.kind == clip.cue));
+        heard.push(first.map(|heard| heard.kind));
     }
-    Ok(right)
+    Ok(heard)
 }

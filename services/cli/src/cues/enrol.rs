@@ -24,8 +24,6 @@ const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, Cue
 const TAKES: usize = 5;
 const TAKES_LEAST: usize = 3;
 const TAKES_MOST: usize = 20;
-/// A clip is no longer, seconds.
-const CLIP_MAX_S: f64 = 5.0;
 /// Other work comes first.
 const NICE: i32 = 10;
 /// Of what is drawn.
@@ -36,43 +34,95 @@ const SEED: u64 = 1;
 /// # Errors
 /// Where the recogniser's files, the clips or the microphone cannot be used; what was in force stays so.
 pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
-    let folder = Folder::new(prepare::absolute(&args.output)?)?;
+    let mut folder = Folder::new(prepare::absolute(&args.output)?)?;
     if args.undo {
-        folder.undo()?;
-        let head = Head::read(&folder.manifest()).map_err(Failure::of_input)?;
-        return report(&json!({ "head": folder.manifest(), "sha256": head.manifest.sha256 }), as_json, || {
-            format!("{} is as it was before; --undo again takes that back", folder.path().display())
-        });
+        return undo(&folder, as_json);
     }
     let model = ModelFiles { manifest: base(args)?, ..model_files(args.config.as_deref())? };
-    let rehearsal_path = model.manifest.with_file_name("rehearsal.bin");
     // What does not fit is told before anybody has to speak.
     let head = Head::read(&model.manifest).map_err(Failure::of_input)?;
     HeadFile::parse(&head).map_err(Failure::of_input)?;
     Recogniser::with(&head, &model).map_err(Failure::of_input)?;
+    let rehearsal_path = model.manifest.with_file_name("rehearsal.bin");
     let rehearsal = Rehearsal::read(&rehearsal_path, &head).map_err(Failure::of_input)?;
-    folder.keep_before(&head, &model.manifest)?;
+    folder.begin()?;
+    let summary = collect(args, &folder).and_then(|clips| train(&folder, &model, &head, &rehearsal, &clips));
+    let summary = summary.inspect_err(|_| folder.give_up(args.from.is_none()))?;
+    report(&summary, as_json, || told(&folder, &summary))
+}
+
+fn undo(folder: &Folder, as_json: bool) -> Result<(), Failure> {
+    folder.undo()?;
+    let head = Head::read(&folder.manifest()).map_err(Failure::of_input)?;
+    report(&json!({ "head": folder.manifest(), "sha256": head.manifest.sha256 }), as_json, || {
+        format!("{} is as it was before; --undo again takes that back", folder.path().display())
+    })
+}
+
+/// The clips, from wherever they come.
+fn collect(args: &EnrolArgs, folder: &Folder) -> Result<Vec<Clip>, Failure> {
     if let Some(from) = &args.from {
         folder.copy_clips(from)?;
     } else {
-        recording::record(&prepare::load(settings::Profile::Walk, args.config.as_deref())?, &folder, args.quiet)?;
+        recording::record(&prepare::load(settings::Profile::Walk, args.config.as_deref())?, folder, args.quiet)?;
     }
-    let clips = read_clips(&folder.new_clips())?;
+    read_clips(&folder.new_clips())
+}
+
+/// Fits the head and puts it in force, where it is one to be put in force.
+fn train(
+    folder: &Folder,
+    model: &ModelFiles,
+    before: &Head,
+    rehearsal: &Rehearsal,
+    clips: &[Clip],
+) -> Result<Value, Failure> {
     say(format!("training with {} clips", clips.len()));
     // On the robot's own computer a run may be alive. Where that is not allowed, it is as fast as others.
     let _ = rustix::process::setpriority_process(None, NICE);
     let begun = Instant::now();
-    let enrolled = enrolment::enrol(&model, &rehearsal, &clips, SEED).map_err(Failure::of_run)?;
-    folder.put(&enrolled.head.bytes, &manifest(&model.manifest, &enrolled, &clips)?)?;
-    Recogniser::load(&ModelFiles { manifest: folder.new_manifest(), ..model }).map_err(Failure::of_run)?;
+    let enrolled = enrolment::enrol(model, rehearsal, clips, SEED).map_err(Failure::of_run)?;
+    plausible(&enrolled, clips)?;
+    folder.put(&enrolled.head.bytes, &manifest(&model.manifest, &enrolled, clips)?)?;
+    Recogniser::load(&ModelFiles { manifest: folder.new_manifest(), ..model.clone() }).map_err(Failure::of_run)?;
+    folder.keep_before(before, &model.manifest)?;
     folder.put_in_force()?;
-    let of = clips.len();
-    let summary = json!({
-        "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": of,
-        "heard_right": { "before": enrolled.before, "held_out": enrolled.held_out, "of": of },
+    Ok(json!({
+        "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": clips.len(),
+        "heard_right": { "before": enrolled.before, "held_out": enrolled.held_out, "of": clips.len() },
         "seconds": begun.elapsed().as_secs_f64(),
-    });
-    report(&summary, as_json, || told(&folder, &enrolled, of))
+    }))
+}
+
+/// Clips that a head does not learn are none of these words; and whoever lets "stop" be learnt as another word, or
+/// another word as "stop", has mixed up the folders.
+fn plausible(enrolled: &Enrolled, clips: &[Clip]) -> Result<(), Failure> {
+    let (of, heard) = (clips.len(), enrolled.held_out);
+    if heard * 2 < of {
+        return Err(Failure::input(format!(
+            "of {of} clips {heard} alone are heard right after training: these are not the words; nothing was changed"
+        )));
+    }
+    for cue in CUES {
+        let said: Vec<Option<CueKind>> = clips
+            .iter()
+            .zip(&enrolled.heard_before)
+            .filter(|(clip, _)| clip.cue == cue)
+            .map(|(_, heard)| *heard)
+            .collect();
+        let is_confused = |other: &&CueKind| {
+            let times = said.iter().filter(|heard| **heard == Some(**other)).count();
+            **other != cue && (cue == CueKind::Stop || **other == CueKind::Stop) && times * 2 > said.len()
+        };
+        if let Some(other) = CUES.iter().find(is_confused) {
+            return Err(Failure::input(format!(
+                "most clips of \"{}\" were heard as \"{}\" before: are they mixed up? Nothing was changed",
+                cue.name(),
+                other.name()
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// The shipped head, or the one that is named: what is enrolled already is not enrolled upon.
@@ -88,18 +138,19 @@ fn report(summary: &Value, as_json: bool, told: impl Fn() -> String) -> Result<(
     Ok(())
 }
 
-fn told(folder: &Folder, enrolled: &Enrolled, of: usize) -> String {
-    let verdict = if enrolled.held_out < enrolled.before {
-        "\nThat is no gain: --undo takes it back, and quieter surroundings may help.".to_owned()
+fn told(folder: &Folder, summary: &Value) -> String {
+    let count = |key: &str| out::count(summary, &format!("/heard_right/{key}"));
+    let (before, held_out, of) = (count("before"), count("held_out"), count("of"));
+    let verdict = if held_out < before {
+        "\nThat is no gain: --undo takes it back, and quieter surroundings may help."
     } else {
-        String::new()
+        ""
     };
     format!(
-        "{} of {of} clips were heard right before; now {} of {of}, each by a head that it did not train.{verdict}\n\
+        "{before} of {of} clips were heard right before; now {held_out} of {of}, each by a head that it did not train.\
+         {verdict}\n\
          The recogniser hears this voice, from the next run on, where the configuration says:\n\n\
          [cue.voice]\nmodel = \"{}\"\n",
-        enrolled.before,
-        enrolled.held_out,
         folder.manifest().display()
     )
 }
@@ -120,11 +171,7 @@ fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
             say(format!("{}: no clips, so it is heard as before", cue.name()));
         }
         for (take, path) in paths.iter().enumerate() {
-            let samples = files::read(path)?;
-            if samples.len() as f64 > CLIP_MAX_S * f64::from(hearing::RATE_HZ) {
-                return Err(Failure::input(format!("{}: it is longer than {CLIP_MAX_S} s", path.display())));
-            }
-            clips.push(Clip { cue, take, samples });
+            clips.push(Clip { cue, take, samples: files::read(path)? });
         }
     }
     if clips.is_empty() {

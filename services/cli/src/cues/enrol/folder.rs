@@ -1,12 +1,12 @@
 //! The folder of a handler: `head.toml`, `head.onnx`, `clips/CUE/N.wav`. Beside it lies `NAME.before`, which is brought
 //! back by an undo, and while somebody enrols `NAME.new`. What is in force changes in one step, and is always whole.
 
-use std::fs;
+use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use hearing::{Head, RATE_HZ};
 use messages::CueKind;
-use rustix::fs::{CWD, RenameFlags, renameat_with};
+use rustix::fs::{CWD, FlockOperation, RenameFlags, flock, renameat_with};
 
 use super::{CUES, TAKES_MOST};
 use crate::cues::files;
@@ -15,10 +15,18 @@ use crate::exit::Failure;
 const MANIFEST: &str = "head.toml";
 const HEAD: &str = "head.onnx";
 const CLIPS: &str = "clips";
+/// A clip is no shorter and no longer, seconds.
+const CLIP_S: std::ops::Range<f64> = 0.2..5.0;
+/// What is less is silence: -60 dB of full scale.
+const POWER_MIN: f32 = 1e-6;
 
-/// Where a handler's head is.
-#[derive(Debug, Clone)]
-pub struct Folder(PathBuf);
+/// Where a handler's head is. One command at a time may change it.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    /// Held until this is dropped, or the process ends.
+    lock: Option<File>,
+}
 
 fn failed(path: &Path, error: &std::io::Error) -> Failure {
     Failure::run(format!("{}: {error}", path.display()))
@@ -34,6 +42,18 @@ fn remove(folder: &Path) -> Result<(), Failure> {
         return Ok(());
     }
     fs::remove_dir_all(folder).map_err(|error| failed(folder, &error))
+}
+
+/// Whether a clip can hold a word: its loud half stands out from its quietest part.
+fn usable(samples: &[f32]) -> Result<(), String> {
+    let length_s = samples.len() as f64 / f64::from(RATE_HZ);
+    if !(CLIP_S.contains(&length_s)) {
+        return Err(format!("it takes {length_s:.2} s, and a word takes {:.1} to {:.0} s", CLIP_S.start, CLIP_S.end));
+    }
+    if hearing::speech_power(samples) < POWER_MIN {
+        return Err("nothing is to be heard in it".to_owned());
+    }
+    Ok(())
 }
 
 /// The clips of a cue in a folder of folders, in the order of their names.
@@ -60,10 +80,11 @@ impl Folder {
     /// # Errors
     /// Where something else is there.
     pub fn new(path: PathBuf) -> Result<Self, Failure> {
-        let folder = Self(path);
-        let is_other = folder.0.exists() && !folder.manifest().is_file();
-        if is_other || folder.0.file_name().is_none() {
-            let path = folder.0.display();
+        let folder = Self { path, lock: None };
+        // A link to nowhere is something else, too.
+        let is_other = folder.path.symlink_metadata().is_ok() && !folder.manifest().is_file();
+        if is_other || folder.path.file_name().is_none() {
+            let path = folder.path.display();
             return Err(Failure::input(format!(
                 "{path}: it is no folder that `cue enrol` has made, and is left as it is"
             )));
@@ -73,18 +94,18 @@ impl Folder {
 
     /// The folder itself.
     pub fn path(&self) -> &Path {
-        &self.0
+        &self.path
     }
 
     /// What a configuration names.
     pub fn manifest(&self) -> PathBuf {
-        self.0.join(MANIFEST)
+        self.path.join(MANIFEST)
     }
 
     fn beside(&self, what: &str) -> PathBuf {
-        let mut name = self.0.file_name().unwrap_or_default().to_owned();
+        let mut name = self.path.file_name().unwrap_or_default().to_owned();
         name.push(what);
-        self.0.with_file_name(name)
+        self.path.with_file_name(name)
     }
 
     fn before(&self) -> PathBuf {
@@ -105,9 +126,32 @@ impl Folder {
         self.new_one().join(MANIFEST)
     }
 
+    /// Begins an enrolment.
+    ///
+    /// # Errors
+    /// Where nothing can be written there, or somebody is just enrolling.
+    pub fn begin(&mut self) -> Result<(), Failure> {
+        let new = self.new_one();
+        let unusable = |error: std::io::Error| Failure::input(format!("{}: {error}", new.display()));
+        let lock = fs::create_dir_all(&new).and_then(|()| File::open(&new)).map_err(unusable)?;
+        if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
+            return Err(Failure::input(format!("{}: somebody is enrolling there already", self.path.display())));
+        }
+        self.lock = Some(lock);
+        Ok(())
+    }
+
+    /// Lets go of an enrolment that came to nothing; clips that somebody has spoken stay.
+    pub fn give_up(&self, keep_clips: bool) {
+        if !(keep_clips && self.new_clips().exists()) {
+            // Whoever cannot remove it has been told of something worse.
+            let _ = fs::remove_dir_all(self.new_one());
+        }
+    }
+
     /// Where nobody was enrolled before, an undo brings back the head that is enrolled upon.
     pub fn keep_before(&self, base: &Head, manifest: &Path) -> Result<(), Failure> {
-        if self.0.exists() {
+        if self.path.exists() {
             return Ok(());
         }
         let before = self.before();
@@ -120,7 +164,9 @@ impl Folder {
         remove(&self.new_clips())?;
         for cue in CUES {
             for path in clips_of(from, cue)? {
-                self.put_clip(cue, &path.file_stem().unwrap_or_default().to_string_lossy(), &files::read(&path)?)?;
+                let samples = files::read(&path)?;
+                usable(&samples).map_err(|why| Failure::input(format!("{}: {why}", path.display())))?;
+                self.put_clip(cue, &path.file_stem().unwrap_or_default().to_string_lossy(), &samples)?;
             }
         }
         if self.new_clips().is_dir() {
@@ -157,23 +203,23 @@ impl Folder {
 
     /// What was put is in force, what was in force is what an undo brings back.
     pub fn put_in_force(&self) -> Result<(), Failure> {
-        if !self.0.exists() {
-            return fs::rename(self.new_one(), &self.0).map_err(|error| failed(&self.0, &error));
+        if !self.path.exists() {
+            return fs::rename(self.new_one(), &self.path).map_err(|error| failed(&self.path, &error));
         }
-        exchange(&self.new_one(), &self.0)?;
+        exchange(&self.new_one(), &self.path)?;
         remove(&self.before())?;
         fs::rename(self.new_one(), self.before()).map_err(|error| failed(&self.before(), &error))
     }
 
     /// What was in force before is so again, and the other way round.
     pub fn undo(&self) -> Result<(), Failure> {
-        if !self.0.exists() || !self.before().exists() {
+        if !self.path.exists() || !self.before().exists() {
             return Err(Failure::input(format!(
                 "{}: nothing was enrolled there, so nothing is undone",
-                self.0.display()
+                self.path.display()
             )));
         }
-        exchange(&self.before(), &self.0)
+        exchange(&self.before(), &self.path)
     }
 }
 
