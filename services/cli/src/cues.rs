@@ -59,8 +59,10 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
     let manifest = Recogniser::load(&model).map_err(Failure::of_input)?.manifest().clone();
     let recorded = files::find(&args.what)?;
     let noises = Noises::read(&args.noise)?;
-    let pool =
-        rayon::ThreadPoolBuilder::new().num_threads(args.workers.unwrap_or(0)).build().map_err(Failure::of_run)?;
+    let pool = rayon::ThreadPoolBuilder::new()
+        .num_threads(args.workers.map_or(0, |n| usize::from(n).min(recorded.len())))
+        .build()
+        .map_err(Failure::of_run)?;
     let mut reports = serde_json::Map::new();
     for condition in conditions::named(&args.conditions) {
         say(format!("{}: {} files", condition.name(), recorded.len()));

@@ -181,6 +181,25 @@ pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings,
     Ok(settings)
 }
 
+/// Cues are spoken: into the microphone, or that file or pipe where its name is not empty.
+fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
+    let voice = &mut settings.cue.voice;
+    if stream.as_os_str().is_empty() {
+        voice.source = VoiceSource::Microphone;
+    } else {
+        let stream = absolute(stream)?;
+        let wrong = |what: String| Failure::input(format!("{}: {what}", stream.display()));
+        if stream.metadata().map_err(|error| wrong(error.to_string()))?.is_dir() {
+            return Err(wrong("it is neither a file nor a pipe".to_owned()));
+        }
+        (voice.source, voice.stream) = (VoiceSource::Stream, Some(stream));
+    }
+    find_speech(voice)?;
+    // Who speaks to it wants an answer; and before it starts it gives a tone.
+    settings.speak.on = true;
+    settings::check(settings).map_err(Failure::input)
+}
+
 /// The settings of a simulated walk, with the default scenario where none is named.
 ///
 /// # Errors
@@ -192,16 +211,7 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         settings::check(&settings).map_err(Failure::input)?;
     }
     if let Some(stream) = &args.voice {
-        let voice = &mut settings.cue.voice;
-        if stream.is_empty() {
-            voice.source = VoiceSource::Microphone;
-        } else {
-            (voice.source, voice.stream) = (VoiceSource::Stream, Some(absolute(Path::new(stream))?));
-        }
-        find_speech(voice)?;
-        // Who speaks to it wants an answer; and before it starts it gives a tone.
-        settings.speak.on = true;
-        settings::check(&settings).map_err(Failure::input)?;
+        hear(&mut settings, Path::new(stream))?;
     }
     if settings.lidar.source == Source::Absent || settings.odometry.source == Source::Absent {
         return Err(Failure::input("neither lidar.source nor odometry.source can be \"absent\" in a walk"));

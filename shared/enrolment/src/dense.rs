@@ -11,7 +11,7 @@ const RATE: f32 = 1e-3;
 /// Of each batch, windows of the user's and of the rehearsal.
 const BATCH: (usize, usize) = (64, 192);
 /// So much of a label's share goes to all labels alike: nobody is to be too sure.
-const SMOOTHING: f32 = 0.15;
+const SMOOTHING: f32 = 0.05;
 const BETA: (f32, f32) = (0.9, 0.999);
 const EPSILON: f32 = 1e-8;
 
@@ -91,9 +91,9 @@ pub struct Dense {
 }
 
 impl Dense {
-    /// Trained further by the user's windows and their labels, and by what these layers themselves make of the rehearsal:
-    /// they stay as unsure of others as they are. The same seed gives the same; where there is nothing of the user's,
-    /// nothing changes.
+    /// Trained further by the user's windows and their labels, and by what these layers themselves make of the
+    /// rehearsal: they stay as unsure of others as they are. The same seed gives the same; where there is nothing of the
+    /// user's, nothing changes.
     #[must_use]
     pub fn fitted(&self, user: &Features, rehearsal: &Features, seed: u64) -> Self {
         let mut dense = self.clone();

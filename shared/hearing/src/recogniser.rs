@@ -186,8 +186,8 @@ impl Recogniser {
         self.taken
     }
 
-    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. What only a stop is listened
-    /// for in counts as silence for all else, then and later.
+    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. Where they are listened to
+    /// for a stop alone, they are silence for all else, then and later.
     ///
     /// # Errors
     /// Where a network cannot be run.

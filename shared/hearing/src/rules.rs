@@ -136,9 +136,8 @@ impl Rules {
         }
         // As good as never, and nobody would be told.
         if self.stop.threshold.get() > STOP_THRESHOLD_MAX || self.stop.windows > STOP_WINDOWS_MAX {
-            return Err(format!(
-                "stop.threshold is over {STOP_THRESHOLD_MAX}, or stop.windows over {STOP_WINDOWS_MAX}: no stop would count"
-            ));
+            let limits = format!("threshold over {STOP_THRESHOLD_MAX} or windows over {STOP_WINDOWS_MAX}");
+            return Err(format!("stop has a {limits}: none would count"));
         }
         if self.direction.windows > DIRECTION_WINDOWS_MAX {
             return Err(format!("direction.windows is over {DIRECTION_WINDOWS_MAX}: no word is as long"));

@@ -8,7 +8,7 @@ use std::process::{Child, ChildStdout, Command, ExitStatus, Stdio};
 use nix::libc;
 use rustix::fs::{MemfdFlags, OFlags};
 use rustix::io::Errno;
-use rustix::process::{Pid, Signal};
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, waitid};
 
 /// What is told of a program's own words, bytes.
 const WORDS_BYTES: usize = 200;
@@ -92,8 +92,15 @@ impl Helper {
         let _ = rustix::process::setpriority_process(self.pid(), 10);
     }
 
-    /// How it ended, if it has. Never waits.
+    /// How it ended, if it has; whatever it has started then ends, too. Never waits.
     pub fn ended(&mut self) -> Option<ExitStatus> {
+        // Until it is waited for its number is its own, and that of its group.
+        let look = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        if let Some(group) = self.pid()
+            && matches!(waitid(WaitId::Pid(group), look), Ok(Some(_)))
+        {
+            let _ = rustix::process::kill_process_group(group, Signal::KILL);
+        }
         self.child.try_wait().ok().flatten()
     }
 
@@ -188,7 +195,12 @@ mod tests {
 
     #[test]
     fn it_ends_with_all_that_it_started() {
-        let mut helper = Helper::start(&words(&["sh", "-c", "sleep 600 & echo $!; wait"]), b"", true).expect("starts");
+        ends_with_all("sleep 600 & echo $!; wait", true);
+        ends_with_all("sleep 600 & echo $!", false);
+    }
+
+    fn ends_with_all(command: &str, is_killed: bool) {
+        let mut helper = Helper::start(&words(&["sh", "-c", command]), b"", true).expect("starts");
         let since = Instant::now();
         let mut bytes = [0; 20];
         let n = loop {
@@ -198,7 +210,9 @@ mod tests {
             }
         };
         let sleeper = String::from_utf8_lossy(&bytes[..n]).trim().to_owned();
-        helper.kill();
+        if is_killed {
+            helper.kill();
+        }
         end_of(&mut helper);
         let stat = || std::fs::read_to_string(format!("/proc/{sleeper}/stat")).unwrap_or_default();
         while !stat().is_empty() && !stat().contains(") Z ") {

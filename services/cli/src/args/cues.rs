@@ -14,8 +14,8 @@ Examples:
 
 A folder's files are named by their folder: forward, left, right and stop are cues, any other name is another word.
 Files of over 5 s, and those of folders whose name begins with \"noise\" or \"silence\", are streams without a cue. A
-list has a file a line, and its word behind a tab or blanks (none: a stream); paths start at the list's folder. Files
-are WAV (16 bits) or FLAC, 16 kHz, one channel. Each is heard between two seconds of near-silence, sample by sample as
+list has a file a line, and its word behind a tab or blanks (none: a stream; # begins a remark); paths start at its
+folder. Files are WAV (16 bits) or FLAC, 16 kHz, one channel. Each is heard between two seconds of near-silence, sample by sample as
 on the robot. A cue is recalled where it is the first that is heard; another word is falsely accepted where anything is
 heard.";
 
@@ -56,8 +56,8 @@ pub struct EvaluateCuesArgs {
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
     /// Cores to use; all if not told
-    #[arg(long, value_name = "N")]
-    pub workers: Option<usize>,
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..))]
+    pub workers: Option<u16>,
     /// Model, embedding and engine as this configuration has them
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,

@@ -14,6 +14,8 @@ use super::files;
 use crate::args::cues::ConditionName;
 use crate::exit::Failure;
 
+/// What is less is silence: -90 dB of full scale.
+const POWER_MIN: f32 = 1e-9;
 /// A raised voice is higher by so much, brighter by so many decibels an octave, and clipped at this share of its peak.
 const SHOUT: (f32, f32, f32) = (1.15, 5.0, 1.0 / 3.0);
 /// A room: the time in which echoes fall by 60 dB, and the sound's own share of the energy.
@@ -57,8 +59,14 @@ impl Noises {
     /// # Errors
     /// Where one cannot be read.
     pub fn read(paths: &[PathBuf]) -> Result<Self, Failure> {
-        let noises = paths.iter().map(|path| files::read(path)).collect::<Result<Vec<_>, _>>()?;
-        Ok(Self(noises.into_iter().filter(|noise| !noise.is_empty()).collect()))
+        let read = |path: &PathBuf| {
+            let noise = files::read(path)?;
+            if mean_square(&noise) < POWER_MIN {
+                return Err(Failure::input(format!("{}: there is no noise in it", path.display())));
+            }
+            Ok(noise)
+        };
+        paths.iter().map(read).collect::<Result<Vec<_>, _>>().map(Self)
     }
 
     /// So much of one of them, of mean power 1.

@@ -13,6 +13,9 @@ use crate::exit::Failure;
 const WORD_MAX_S: f64 = 5.0;
 /// No file is longer, bytes: three hours.
 const BYTES_MAX: u64 = 512 << 20;
+/// Folders within folders, and files, are no more: a link that leads back has no end.
+const DEPTH_MAX: usize = 12;
+const FILES_MAX: usize = 200_000;
 /// Folders of what is no speech, by the beginning of their name.
 const STREAMS: [&str; 2] = ["noise", "silence"];
 
@@ -42,7 +45,7 @@ pub fn find(places: &[PathBuf]) -> Result<Vec<Recorded>, Failure> {
     for place in places {
         let kind = place.metadata().map_err(|error| Failure::input(format!("{}: {error}", place.display())))?;
         if kind.is_dir() {
-            of_folder(place, &mut found)?;
+            of_folder(place, DEPTH_MAX, &mut found)?;
         } else if is_sound(place) {
             found.push(of_file(place)?);
         } else {
@@ -62,14 +65,18 @@ pub fn is_sound(path: &Path) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case("wav") || extension.eq_ignore_ascii_case("flac"))
 }
 
-fn of_folder(folder: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
+fn of_folder(folder: &Path, depth: usize, found: &mut Vec<Recorded>) -> Result<(), Failure> {
+    if depth == 0 || found.len() > FILES_MAX {
+        let why = format!("over {DEPTH_MAX} folders deep, or over {FILES_MAX} files: does a link lead back?");
+        return Err(Failure::input(format!("{}: {why}", folder.display())));
+    }
     let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
     let entries = folder.read_dir().map_err(failed)?.collect::<Result<Vec<_>, _>>().map_err(failed)?;
     let mut paths: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
     paths.sort();
     for path in paths {
         if path.is_dir() {
-            of_folder(&path, found)?;
+            of_folder(&path, depth - 1, found)?;
         } else if is_sound(&path) {
             found.push(of_file(&path)?);
         }
@@ -91,14 +98,18 @@ fn of_word(word: &str) -> What {
 }
 
 fn of_list(list: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
-    let text = std::fs::read_to_string(list).map_err(|error| {
-        Failure::input(format!(
-            "{}: it is neither a folder, a WAV or FLAC file, nor a list of these ({error})",
-            list.display()
-        ))
-    })?;
+    let no_list = |why: String| {
+        let what = "it is neither a folder, a WAV or FLAC file, nor a list of these";
+        Failure::input(format!("{}: {what} ({why})", list.display()))
+    };
+    if !list.is_file() {
+        return Err(no_list("it is not a file".to_owned()));
+    }
+    let text = std::fs::read_to_string(list).map_err(|error| no_list(error.to_string()))?;
+    let text = text.trim_start_matches('\u{feff}');
     let folder = list.parent().unwrap_or(Path::new(""));
-    for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+    for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
+    {
         let (path, word) = match line.split_once('\t') {
             Some((path, word)) => (path.trim(), word.trim()),
             None => line.trim().rsplit_once(char::is_whitespace).unwrap_or((line.trim(), "")),
@@ -130,6 +141,10 @@ impl Recorded {
 /// The samples of a file.
 pub fn read(path: &Path) -> Result<Vec<f32>, Failure> {
     let wrong = |what: String| Failure::input(format!("{}: {what}", path.display()));
+    // Before it is opened: opening a pipe would wait for its writer, and a device has no end.
+    if !path.metadata().map_err(|error| wrong(error.to_string()))?.is_file() {
+        return Err(wrong("it is not a file".to_owned()));
+    }
     let file = File::open(path).map_err(|error| wrong(error.to_string()))?;
     if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("flac")) {
         return flac(BufReader::new(file)).map_err(wrong);
