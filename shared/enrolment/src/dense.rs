@@ -92,8 +92,8 @@ pub struct Dense {
 
 impl Dense {
     /// Trained further by the user's windows and their labels, and by what these layers themselves make of the
-    /// rehearsal: they stay as unsure of others as they are. The same seed gives the same; where there is nothing of the
-    /// user's, nothing changes.
+    /// rehearsal: they stay as unsure of others as they are. The same seed gives the same; where there is nothing of
+    /// the user's, nothing changes.
     #[must_use]
     pub fn fitted(&self, user: &Features, rehearsal: &Features, seed: u64) -> Self {
         let mut dense = self.clone();
