@@ -12,14 +12,16 @@ import augment
 import features
 import network
 import sounds
-from features import RATE, STEP, STEP_FRAMES, WINDOWS
+from features import FRAMES, HOP, RATE, STEP, STEP_FRAMES, WINDOWS
 from network import Weights
 from rules import Detection, Rules, detect
 from sounds import TEST_FOLD, Recording
 from synthesise import BUILD, held_out, load, seed_of
 from words import CUES
 
-SILENCE = RATE  # before and after a clip
+# Near-silence before and after a clip. The first frame whose level counts is the clip's own: what is always there is
+# then its noise, not ours, beside which all of it would be loud.
+SILENCE = (FRAMES + (WINDOWS - 2) * STEP_FRAMES - 1) * HOP
 
 
 class Stream(NamedTuple):
@@ -30,6 +32,7 @@ class Stream(NamedTuple):
     hours: float  # without the silence around it
     embeddings: np.ndarray  # float16[steps, 96], from the first of the stream on
     levels: np.ndarray  # float32[steps - 7, 8]: of the steps that the head judges
+    periodicities: np.ndarray  # likewise
 
 
 def step_end_s(step: int) -> float:
@@ -40,7 +43,7 @@ def step_end_s(step: int) -> float:
 def stream(embedding: features.Embedding, recording: Recording, audio: np.ndarray, end_s: float) -> Stream:
     mel = features.log_mel(audio)
     embeddings = embedding.of_samples(audio)
-    levels = augment.levels_db(mel)
+    levels, periodicities = augment.levels_db(mel), features.periodicity(audio)
     newest = features.FRAMES - STEP_FRAMES + STEP_FRAMES * np.arange(len(embeddings))[:, None] + np.arange(STEP_FRAMES)
     return Stream(
         recording.name,
@@ -50,6 +53,7 @@ def stream(embedding: features.Embedding, recording: Recording, audio: np.ndarra
         len(recording.audio) / RATE / 3600,
         embeddings.astype(np.float16),
         levels[newest][WINDOWS - 1 :],
+        periodicities[newest][WINDOWS - 1 :],
     )
 
 
@@ -239,7 +243,7 @@ def count(judged: Iterable[Judged], rules: Rules) -> Counts:
     confusions: dict[str, list[str]] = defaultdict(list)
     latencies, hours, alarms = [], 0.0, dict.fromkeys(CUES, 0)
     for one, probabilities in judged:
-        found: list[Detection] = detect(rules, probabilities, one.levels)
+        found: list[Detection] = detect(rules, probabilities, one.levels, one.periodicities)
         if one.word in CUES:
             right = bool(found) and found[0].cue == one.word
             said[one.word].append(right)

@@ -107,4 +107,9 @@ def rules_table(rules: Rules) -> dict[str, Any]:
             "floor_rise_db": rules.floor_rise_db,
             "floor_fall": rules.floor_fall,
         },
+        "voice": {
+            "periodicity": rules.periodicity,
+            "voiced": duration(rules.voiced_s),
+            "above_floor_db": rules.above_floor_db,
+        },
     }

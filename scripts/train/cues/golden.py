@@ -52,20 +52,27 @@ def rounded(values: np.ndarray, digits: int = 6) -> Any:
     return np.round(np.asarray(values, np.float64), digits).tolist()
 
 
-def case(name: str, rules: Rules, spans: list[tuple[int, str, float, float]]) -> dict[str, Any]:
-    """Spans of steps: (steps, label, its probability, level in dB); the rest of the probability is `other`'s."""
-    probabilities, levels = [], []
+def case(
+    name: str, rules: Rules, spans: list[tuple[int, str, float, float]], periodicity: float = 0.9
+) -> dict[str, Any]:
+    """Spans of steps: (steps, label, its probability, level in dB); the rest of the probability is `other`'s.
+
+    What is loud is as periodic as told, what is not is not periodic at all.
+    """
+    probabilities, levels, periodicities = [], [], []
     for steps, label, p, level in spans:
         row = np.zeros(len(LABELS))
         row[LABELS.index("other")] = 1 - p
         row[LABELS.index(label)] += p
         probabilities += [row] * steps
         levels += [[level] * 8] * steps
-    found = detect(rules, np.array(probabilities), np.array(levels))
+        periodicities += [[periodicity if level > -40 else 0.0] * 8] * steps
+    found = detect(rules, np.array(probabilities), np.array(levels), np.array(periodicities))
     return {
         "name": name,
         "rules": dataclasses.asdict(rules),
         "spans": [dict(zip(("steps", "label", "probability", "level_db"), span)) for span in spans],
+        "periodicity": periodicity,
         "detections": [f._asdict() for f in found],
     }
 
@@ -152,9 +159,26 @@ def cases() -> list[dict[str, Any]]:
             ],
         ),
         case(
-            "levels that never rise: nothing is known of running speech",
+            "levels that never rise: nobody has spoken",
             rules,
             [silence, (3, "left", 0.9, quiet), silence],
+        ),
+        case(
+            "a clatter is no voice, and no direction",
+            rules,
+            [silence, (6, "other", 1.0, loud), (3, "left", 0.9, quiet), (20, "other", 1.0, quiet)],
+            periodicity=0.6,
+        ),
+        case(
+            "a stop needs no voice",
+            rules,
+            [silence, (6, "other", 1.0, loud), (3, "stop", 0.9, quiet), (20, "other", 1.0, quiet)],
+            periodicity=0.6,
+        ),
+        case(
+            "a voice that is as loud as what is always there is no direction",
+            dataclasses.replace(rules, isolated=False),
+            [(20, "other", 1.0, loud), (3, "left", 0.9, loud + 4), (20, "other", 1.0, loud)],
         ),
     ]
 
@@ -197,6 +221,7 @@ def golden(head: Path) -> dict[str, Any]:
         "signal": SIGNAL,
         "samples": {str(n): float(samples[n]) for n in (0, 1, 2, 3999, 4000, 15_999, 16_000, 20_000, 47_999)},
         "log_mel": {str(k): rounded(mel[k]) for k in some},
+        "periodicity": {str(k): round(float(features.periodicity(samples)[k]), 5) for k in some},
         "levels_db": {str(k): round(float(augment.levels_db(mel[k : k + 1])[0]), 5) for k in some},
         "embeddings": {str(m): rounded(embeddings[m], 5) for m in (0, len(embeddings) - 1)},
         "head": {"sha256": export.sha256(head), "probabilities": rounded(np.array(probabilities), 7)},

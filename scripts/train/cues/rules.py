@@ -1,6 +1,7 @@
 """From probabilities to cues: the rules that the robot follows, pure and without a clock.
 
-Time goes in steps of 80 ms. A step has the head's probabilities and the levels of its eight newest frames of 10 ms.
+Time goes in steps of 80 ms. A step has the head's probabilities, and levels and periodicities of its eight newest
+frames of 10 ms.
 
 Level. A frame's level in decibels is the mean over bands 4 to 27 (of 0 to 31) of its log-mel, less 2, times 10.
 
@@ -10,10 +11,13 @@ Floor. The level of what is always there. It begins at the first frame's level. 
 stop. P(stop) >= threshold in `windows` steps in a row (one). It is reported at once, ends what is waiting, and is not
 reported again within `refractory`.
 
-Directions. P(word) >= threshold and above all others in `windows` steps in a row: a candidate, unless a direction was
-reported within `refractory` or the same word is waiting already; another word's candidate takes the waiting one's
-place. It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop
+Directions. P(word) >= threshold and above all others in `windows` steps in a row, and a voice is heard: a candidate,
+unless a direction was reported within `refractory` or the same word is waiting already; another word's candidate takes
+the waiting one's place. It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop
 needs `forward_after_stop` until a direction was reported.
+
+Voice. Of the frames of the last `reach`, those of the step too, at least `voiced` have a periodicity of at least
+`periodicity`, and the highest level is above `floor` + `above_floor`.
 
 Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
 level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
@@ -59,6 +63,9 @@ class Rules:
     depth_db: float = 30.0
     floor_rise_db: float = 0.02
     floor_fall: float = 0.2
+    periodicity: float = 0.7
+    voiced_s: float = 0.03
+    above_floor_db: float = 5.0
 
 
 class Detection(NamedTuple):
@@ -92,16 +99,18 @@ class Recogniser:
         self.step = -1
         self.floor: float | None = None
         self.levels: deque[float] = deque(maxlen=MEMORY)
+        self.periodicities: deque[float] = deque(maxlen=frames(self.rules.reach_s))
         self.streak = [0] * len(LABELS)
         self.lowest = [1.0] * len(LABELS)
         self.waiting: Candidate | None = None
         self.silent_until = {"stop": 0, "direction": 0}
 
-    def hear(self, probabilities: np.ndarray, levels: np.ndarray) -> list[Detection]:
-        """What a step of float[5] and the levels float[8] of its frames make known."""
+    def hear(self, probabilities: np.ndarray, levels: np.ndarray, periodicities: np.ndarray) -> list[Detection]:
+        """What a step of float[5] makes known, with level float[8] and periodicity float[8] of its frames."""
         self.step += 1
         for level in levels:
             self.hear_level(float(level))
+        self.periodicities.extend(map(float, periodicities))
         self.count(probabilities)
         refractory = steps(self.rules.refractory_s)
         if self.streak[STOP] >= self.rules.stop_windows:
@@ -112,7 +121,7 @@ class Recogniser:
             return [Detection("stop", self.step, self.step, self.lowest[STOP])]
         for word in range(len(DIRECTIONS)):
             if self.streak[word] >= self.rules.direction_windows and self.step >= self.silent_until["direction"]:
-                if self.waiting is None or self.waiting.word != word:
+                if (self.waiting is None or self.waiting.word != word) and self.is_voice():
                     self.waiting = Candidate(word, self.step, self.lowest[word], self.loud_db())
         if self.waiting is None or not self.isolated():
             return []
@@ -146,12 +155,20 @@ class Recogniser:
             return max(self.rules.directions[0], self.rules.forward_after_stop)
         return self.rules.directions[word]
 
+    def peak_db(self) -> float:
+        reach = min(len(self.levels), frames(self.rules.reach_s))
+        return max(self.levels[-i] for i in range(1, reach + 1))
+
+    def is_voice(self) -> bool:
+        """Whether a voice was heard of late, above what is always there."""
+        assert self.floor is not None
+        voiced = sum(p >= self.rules.periodicity for p in self.periodicities)
+        return voiced >= frames(self.rules.voiced_s) and self.peak_db() > self.floor + self.rules.above_floor_db
+
     def loud_db(self) -> float:
         """What is loud beside a candidate that is made now."""
         assert self.floor is not None
-        reach = min(len(self.levels), frames(self.rules.reach_s))
-        peak = max(self.levels[-i] for i in range(1, reach + 1))
-        return max(self.floor + self.rules.margin_db, peak - self.rules.depth_db)
+        return max(self.floor + self.rules.margin_db, self.peak_db() - self.rules.depth_db)
 
     def isolated(self) -> bool:
         """Whether the waiting candidate may be reported now; one that never may is dropped."""
@@ -179,7 +196,9 @@ class Recogniser:
         return False
 
 
-def detect(rules: Rules, probabilities: np.ndarray, levels: np.ndarray) -> list[Detection]:
-    """All detections of a stream: probabilities float[steps, 5], levels float[steps, 8]."""
+def detect(
+    rules: Rules, probabilities: np.ndarray, levels: np.ndarray, periodicities: np.ndarray
+) -> list[Detection]:
+    """All detections of a stream: probabilities float[steps, 5], levels and periodicities float[steps, 8]."""
     recogniser = Recogniser(rules)
-    return [found for p, l in zip(probabilities, levels) for found in recogniser.hear(p, l)]
+    return [found for step in zip(probabilities, levels, periodicities) for found in recogniser.hear(*step)]

@@ -1,6 +1,6 @@
 //! What a microphone may make of the same word: at other speeds and levels, coloured, over noise.
 
-use hearing::{HOP, RATE_HZ, STEP_SAMPLES, faster, speech_power, word_end};
+use hearing::{HOP, STEP_SAMPLES, faster, speech_power, word_end};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -17,8 +17,9 @@ const SPEED: f32 = 0.12;
 const SNR_DB: std::ops::Range<f32> = 5.0..35.0;
 /// The scene's peak, decibels of full scale.
 const PEAK_DB: std::ops::Range<f32> = -30.0..0.0;
-/// Near-silence before and after a clip that is judged, samples.
-pub const SILENCE: usize = RATE_HZ as usize;
+/// Near-silence before and after a clip that is judged, samples. The first frame whose level counts is the clip's own:
+/// what is always there is then its noise, not ours, beside which all of it would be loud.
+pub const SILENCE: usize = (hearing::FRAMES + (hearing::WINDOWS - 2) * hearing::FRAMES_A_STEP - 1) * HOP;
 /// How loud near-silence is, of full scale.
 pub const HISS: f32 = 3.2e-4;
 

@@ -1,4 +1,4 @@
-//! How loud it is, and whether a word that is said stands alone: by the levels before and after it. Pure.
+//! How it sounds about a word: whether there is a voice, and whether the word stands alone. Pure.
 
 use std::collections::VecDeque;
 
@@ -47,37 +47,58 @@ pub enum Around {
     Running,
 }
 
-/// What is always there, and the levels of late.
+/// What a frame sounds like.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Sound {
+    /// See [`level_db`].
+    pub level_db: f64,
+    /// See [`crate::Periodicity`].
+    pub periodicity: f32,
+}
+
+/// What is always there, and the frames of late.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Levels {
     rules: Isolation,
     floor_db: Option<f64>,
     /// The newest last.
-    levels_db: VecDeque<f64>,
+    sounds: VecDeque<Sound>,
 }
 
 impl Levels {
     /// Nothing was heard yet.
     #[must_use]
     pub fn new(rules: Isolation) -> Self {
-        Self { rules, floor_db: None, levels_db: VecDeque::with_capacity(MEMORY + 1) }
+        Self { rules, floor_db: None, sounds: VecDeque::with_capacity(MEMORY + 1) }
     }
 
     /// Takes a frame.
-    pub fn take(&mut self, level_db: f64) {
+    pub fn take(&mut self, sound: Sound) {
+        let level_db = sound.level_db;
         self.floor_db = Some(match self.floor_db {
             None => level_db,
             Some(floor_db) if level_db < floor_db => floor_db + self.rules.floor_fall * (level_db - floor_db),
             Some(floor_db) => level_db.min(floor_db + self.rules.floor_rise_db),
         });
-        self.levels_db.push_back(level_db);
-        if self.levels_db.len() > MEMORY {
-            self.levels_db.pop_front();
+        self.sounds.push_back(sound);
+        if self.sounds.len() > MEMORY {
+            self.sounds.pop_front();
         }
     }
 
+    /// The frames of late.
+    fn late(&self) -> impl Iterator<Item = &Sound> {
+        self.sounds.iter().rev().take(self.rules.reach)
+    }
+
     fn peak_db(&self) -> f64 {
-        self.levels_db.iter().rev().take(self.rules.reach).copied().fold(f64::NEG_INFINITY, f64::max)
+        self.late().map(|sound| sound.level_db).fold(f64::NEG_INFINITY, f64::max)
+    }
+
+    /// Frames of late that are as periodic as this, or more.
+    #[must_use]
+    pub fn voiced(&self, periodicity: f64) -> usize {
+        self.late().filter(|sound| f64::from(sound.periodicity) >= periodicity).count()
     }
 
     /// What counts as loud beside a word that was said now, decibels.
@@ -96,8 +117,8 @@ impl Levels {
     /// How the sound stands about a word that was said so many frames ago.
     #[must_use]
     pub fn around(&self, loud_db: f64, frames_ago: usize) -> Around {
-        let newest_first = self.levels_db.iter().rev().enumerate();
-        let mut loud = newest_first.filter(|(_, level_db)| **level_db > loud_db).map(|(age, _)| age);
+        let newest_first = self.sounds.iter().rev().enumerate();
+        let mut loud = newest_first.filter(|(_, sound)| sound.level_db > loud_db).map(|(age, _)| age);
         let Some(newest) = loud.next().filter(|age| *age < self.rules.reach + frames_ago) else { return Around::Quiet };
         let mut oldest = newest;
         for age in loud {

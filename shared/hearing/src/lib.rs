@@ -2,8 +2,8 @@
 //!
 //! Samples → log-mel frames, 100 a second ([`LogMel`]) → a frozen speech embedding every 80 ms → a small network, the
 //! head, over the last eight of these → how probable each word is → cues, by rules that are data ([`Rules`],
-//! [`CueRules`]). Beside it goes what the sound itself tells ([`Levels`]; [`Signal`]: clipping, a microphone that is
-//! dead).
+//! [`CueRules`]). Beside it goes what the sound itself tells ([`Levels`], [`Periodicity`]; [`Signal`]: clipping, a
+//! microphone that is dead).
 //!
 //! [`Recogniser`] is all of it, for the robot and for the evaluation. Features and rules are those of
 //! `scripts/train/cues`, to the last constant: `tests/golden.rs` holds one against the other.
@@ -13,17 +13,19 @@ mod levels;
 mod mel;
 mod model;
 mod pcm;
+mod periodicity;
 mod recogniser;
 mod rules;
 mod signal;
 
 pub use clip::{faster, speech_power, word_end};
-pub use levels::{Around, Isolation, Levels, level_db};
+pub use levels::{Around, Isolation, Levels, Sound, level_db};
 pub use mel::{BANDS, FRAME, HOP, LogMel, Mel, RATE_HZ};
 pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Network, Networks, SpeechError, WINDOWS, digest, read};
 pub use pcm::{PcmError, PcmStream};
+pub use periodicity::Periodicity;
 pub use recogniser::{Ears, FRAMES_A_STEP, Recogniser, STEP_NS, STEP_SAMPLES, Step};
-pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Stop, Thresholds};
+pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Stop, Thresholds, VoiceRules};
 pub use signal::{Quality, Signal, Trouble};
 
 /// The words that are told apart: the head's outputs, in this order; all else is the last.

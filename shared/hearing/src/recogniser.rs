@@ -2,9 +2,10 @@
 
 use std::collections::VecDeque;
 
-use crate::levels::level_db;
+use crate::levels::{Sound, level_db};
 use crate::mel::{HOP, LogMel, Mel, RATE_HZ};
 use crate::model::{EMBEDDING, FRAMES, Head, Networks, SpeechError, WINDOWS};
+use crate::periodicity::Periodicity;
 use crate::rules::{CueRules, Heard};
 use crate::signal::{Quality, Signal, Trouble};
 use crate::{Manifest, ModelFiles, Probabilities};
@@ -47,10 +48,11 @@ pub enum Ears {
 #[derive(Clone)]
 struct Path {
     mel: LogMel,
+    periodicity: Periodicity,
     /// The newest frames, the oldest first.
     frames: VecDeque<Mel>,
     /// Of the frames since the last step.
-    levels_db: Vec<f64>,
+    sounds: Vec<Sound>,
     /// The newest embeddings, the oldest first.
     embeddings: VecDeque<[f32; EMBEDDING]>,
 }
@@ -59,34 +61,36 @@ impl Path {
     fn new() -> Self {
         Self {
             mel: LogMel::default(),
+            periodicity: Periodicity::default(),
             frames: VecDeque::with_capacity(FRAMES + 1),
-            levels_db: Vec::with_capacity(FRAMES_A_STEP),
+            sounds: Vec::with_capacity(FRAMES),
             embeddings: VecDeque::with_capacity(WINDOWS + 1),
         }
     }
 
-    /// Takes samples of at most a frame's hop: the probabilities and levels of the step that they complete, if they do
-    /// and enough was heard.
+    /// Takes samples of at most a frame's hop: the step that they complete, if they do and enough was heard.
     fn push(
         &mut self,
         samples: &[f32],
         networks: &mut Networks,
-    ) -> Result<Option<(Probabilities, [f64; FRAMES_A_STEP])>, SpeechError> {
-        let mut made = None;
-        self.mel.push(samples, |frame| made = Some(frame));
-        let Some(frame) = made else { return Ok(None) };
+    ) -> Result<Option<(Probabilities, [Sound; FRAMES_A_STEP])>, SpeechError> {
+        let mut made = (None, None);
+        self.mel.push(samples, |frame| made.0 = Some(frame));
+        self.periodicity.push(samples, |periodicity| made.1 = Some(periodicity));
+        let (Some(frame), Some(periodicity)) = made else { return Ok(None) };
         self.frames.push_back(frame);
-        self.levels_db.push(level_db(&frame));
+        self.sounds.push(Sound { level_db: level_db(&frame), periodicity });
         if self.frames.len() > FRAMES {
             self.frames.pop_front();
         }
-        let is_step = self.frames.len() == FRAMES && self.levels_db.len() >= FRAMES_A_STEP;
+        let is_step = self.frames.len() == FRAMES && self.sounds.len() >= FRAMES_A_STEP;
         if !is_step {
             return Ok(None);
         }
         // Of the first step there are more: the embedding looks at 76 frames.
-        let newest = self.levels_db.split_off(self.levels_db.len() - FRAMES_A_STEP);
-        self.levels_db.clear();
+        let first = self.sounds.len() - FRAMES_A_STEP;
+        let newest = std::array::from_fn(|i| self.sounds[first + i]);
+        self.sounds.clear();
         if self.embeddings.len() == WINDOWS {
             self.embeddings.pop_front();
         }
@@ -95,7 +99,7 @@ impl Path {
             return Ok(None);
         }
         let probabilities = networks.judge(self.embeddings.make_contiguous())?;
-        Ok(Some((probabilities, std::array::from_fn(|i| newest[i]))))
+        Ok(Some((probabilities, newest)))
     }
 }
 
@@ -205,9 +209,9 @@ impl Recogniser {
                 Some((path, _)) => path.push(samples, &mut self.networks)?,
                 None => None,
             };
-            if let Some((probabilities, levels_db)) = step {
+            if let Some((probabilities, sounds)) = step {
                 // The levels of silence that nobody heard would make loud of everything after.
-                let heard = if ears == Ears::Open { self.rules.take(&probabilities, &levels_db) } else { None };
+                let heard = if ears == Ears::Open { self.rules.take(&probabilities, &sounds) } else { None };
                 let stop = aside.and_then(|(probabilities, _)| self.rules.take_stop(&probabilities));
                 self.let_go_of_aside(ears);
                 let above_floor_db = self.rules.levels().above_floor_db();

@@ -1,14 +1,14 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, and to
-//! stand alone: it is given only once the sound that it is in has ended, and that was no longer than a word. *forward*
-//! after a stop has to be surer. `scripts/train/cues/rules.py` is the same, step by step.
+//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, in a voice
+//! that stands out from what is always there, and to stand alone: it is given only once the sound that it is in has
+//! ended, and that was no longer than a word. *forward* after a stop has to be surer. `scripts/train/cues/rules.py` is the same, step by step.
 
 use messages::CueKind;
 use serde::Deserialize;
 use settings::{Millis, Positive, Share};
 
-use crate::levels::{Around, Isolation, Levels};
+use crate::levels::{Around, Isolation, Levels, Sound};
 use crate::recogniser::{FRAMES_A_STEP, STEP_NS};
 use crate::{LABELS, Probabilities};
 
@@ -20,6 +20,9 @@ const WAIT_MAX_S: f64 = 0.7;
 const STOP_THRESHOLD_MAX: f64 = 0.95;
 const STOP_WINDOWS_MAX: u32 = 3;
 const DIRECTION_WINDOWS_MAX: u32 = 5;
+const PERIODICITY_MAX: f64 = 0.9;
+const VOICED_MAX_S: f64 = 0.1;
+const ABOVE_FLOOR_MAX_DB: f64 = 15.0;
 const FORWARD: usize = 0;
 const DIRECTIONS: usize = 3;
 const STOP: usize = 3;
@@ -43,6 +46,8 @@ pub struct Rules {
     pub refractory: Millis,
     /// When a direction stands alone.
     pub isolation: IsolationRules,
+    /// When a direction is in a voice.
+    pub voice: VoiceRules,
 }
 
 /// How probable a word has to be, in how many steps in a row.
@@ -101,6 +106,18 @@ pub struct IsolationRules {
     pub floor_fall: Share,
 }
 
+/// When a direction is in a voice: by the frames within [`IsolationRules::reach`].
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VoiceRules {
+    /// A frame is voiced that is as periodic as this; see [`crate::Periodicity`].
+    pub periodicity: Share,
+    /// So much has to be voiced.
+    pub voiced: Millis,
+    /// So far the loudest has to stand out from what is always there, decibels.
+    pub above_floor_db: Positive,
+}
+
 /// So many of these, to the nearest.
 fn count(time: Millis, each_ns: u64) -> usize {
     ((time.ns() + each_ns / 2) / each_ns) as usize
@@ -145,6 +162,14 @@ impl Rules {
         // It is counted with the others, so another number would do nothing.
         if self.forward_after_stop.windows != self.direction.windows {
             return Err("forward_after_stop.windows is not direction.windows".to_owned());
+        }
+        let VoiceRules { periodicity, voiced, above_floor_db } = self.voice;
+        if periodicity.get() > PERIODICITY_MAX || voiced.s() > VOICED_MAX_S || above_floor_db.get() > ABOVE_FLOOR_MAX_DB
+        {
+            let limits = format!("{PERIODICITY_MAX}, {VOICED_MAX_S} s, {ABOVE_FLOOR_MAX_DB} dB");
+            return Err(format!(
+                "voice is over periodicity, voiced, above_floor_db of {limits}: no word would be a cue"
+            ));
         }
         if self.isolation.wait_max.s() > WAIT_MAX_S {
             return Err(format!("isolation.wait_max is over {WAIT_MAX_S} s: a cue would be too old to be accepted"));
@@ -237,9 +262,9 @@ impl CueRules {
         is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true })
     }
 
-    /// Takes a step, with the level of each of its frames, decibels.
-    pub fn take(&mut self, probabilities: &Probabilities, levels_db: &[f64; FRAMES_A_STEP]) -> Option<Heard> {
-        levels_db.iter().for_each(|level_db| self.levels.take(*level_db));
+    /// Takes a step, with what each of its frames sounds like.
+    pub fn take(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
+        sounds.iter().for_each(|sound| self.levels.take(*sound));
         let step = self.step;
         self.step += 1;
         self.count(probabilities);
@@ -248,9 +273,10 @@ impl CueRules {
         if streak >= self.rules.stop.windows {
             return self.stop(step, score);
         }
+        let is_voice = self.is_voice();
         for (word, (streak, score)) in self.streaks.iter().copied().enumerate().take(DIRECTIONS) {
             let is_sure = streak >= self.rules.direction.windows && step >= self.silent_until.1;
-            if is_sure && self.waiting.is_none_or(|waiting| waiting.word != word) {
+            if is_sure && is_voice && self.waiting.is_none_or(|waiting| waiting.word != word) {
                 self.waiting = Some(Candidate { word, step, score, loud_db: self.levels.loud_db() });
             }
         }
@@ -270,6 +296,13 @@ impl CueRules {
             let least = if streak > 0 { least.min(p) } else { p };
             self.streaks[word] = if counts { (streak + 1, least) } else { (0, 1.0) };
         }
+    }
+
+    /// Whether a voice was heard of late, and not what is always there alone.
+    fn is_voice(&self) -> bool {
+        let VoiceRules { periodicity, voiced, above_floor_db } = self.rules.voice;
+        self.levels.voiced(periodicity.get()) >= count(voiced, FRAME_NS)
+            && self.levels.above_floor_db() > above_floor_db.get()
     }
 
     fn threshold(&self, word: usize) -> f64 {
@@ -295,5 +328,52 @@ impl CueRules {
             Around::Open => {}
         }
         None
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::{Value, json};
+
+    use super::Rules;
+
+    /// What comes of the rules where one of them is another: the text of its refusal, if it is refused.
+    fn refusal(path: &str, value: Value) -> String {
+        let mut rules = json!({
+            "stop": { "threshold": 0.6, "windows": 1 },
+            "direction": {
+                "threshold": { "forward": 0.8, "left": 0.6, "right": 0.6 }, "windows": 2, "isolated": true,
+            },
+            "forward_after_stop": { "threshold": 0.9, "windows": 2 },
+            "refractory": "1s",
+            "isolation": {
+                "quiet": "180ms", "segment_max": "1s", "wait_max": "600ms", "reach": "800ms",
+                "margin_db": 8, "depth_db": 30, "floor_rise_db": 0.02, "floor_fall": 0.2,
+            },
+            "voice": { "periodicity": 0.7, "voiced": "30ms", "above_floor_db": 5 },
+        });
+        *rules.pointer_mut(path).expect("a rule") = value;
+        let rules: Rules = serde_json::from_value(rules).expect("rules");
+        rules.check().err().unwrap_or_default()
+    }
+
+    #[test]
+    fn rules_by_which_everything_or_nothing_would_be_a_cue_are_refused() {
+        assert_eq!(refusal("/stop/threshold", json!(0.95)), "");
+        for (path, value, says) in [
+            ("/stop/threshold", json!(0.0), "a threshold of 0"),
+            ("/stop/threshold", json!(0.96), "none would count"),
+            ("/stop/windows", json!(4), "none would count"),
+            ("/direction/windows", json!(0), "everything would be a cue"),
+            ("/direction/windows", json!(6), "no word is as long"),
+            ("/forward_after_stop/windows", json!(3), "is not direction.windows"),
+            ("/isolation/wait_max", json!("800ms"), "too old to be accepted"),
+            ("/voice/periodicity", json!(0.95), "no word would be a cue"),
+            ("/voice/voiced", json!("200ms"), "no word would be a cue"),
+            ("/voice/above_floor_db", json!(20), "no word would be a cue"),
+        ] {
+            let refusal = refusal(path, value);
+            assert!(refusal.contains(says), "{path}: {refusal}");
+        }
     }
 }

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use guidedog_hearing::{CueRules, Ears, Head, LABELS, LogMel, Mel, ModelFiles, Networks, Recogniser, Rules, level_db};
+use guidedog_hearing::{
+    CueRules, Ears, Head, LABELS, LogMel, Mel, ModelFiles, Networks, Periodicity, Recogniser, Rules, Sound, level_db,
+};
 use serde_json::{Value, json};
 
 fn golden() -> Value {
@@ -56,6 +58,12 @@ fn frames_and_their_levels_are_those_of_training() {
         let (found, expected) = (level_db(&frames[at]), expected.as_f64().expect("a number"));
         assert!((found - expected).abs() < 1e-2, "frame {at}: {found} dB, not {expected}");
     }
+    let mut periodicities = Vec::new();
+    Periodicity::default().push(&signal, |periodicity| periodicities.push(f64::from(periodicity)));
+    for (at, expected) in by_number(&golden["periodicity"]) {
+        let (found, expected) = (periodicities[at], expected.as_f64().expect("a number"));
+        assert!((found - expected).abs() < 1e-4, "frame {at}: periodicity {found}, not {expected}");
+    }
 }
 
 /// The rules of a case as they stand in a manifest.
@@ -80,6 +88,9 @@ fn rules(case: &Value) -> Rules {
             "reach": ms("reach_s"), "margin_db": of("margin_db"), "depth_db": of("depth_db"),
             "floor_rise_db": of("floor_rise_db"), "floor_fall": of("floor_fall"),
         },
+        "voice": {
+            "periodicity": of("periodicity"), "voiced": ms("voiced_s"), "above_floor_db": of("above_floor_db"),
+        },
     });
     serde_json::from_value(manifest).expect("rules")
 }
@@ -88,6 +99,7 @@ fn rules(case: &Value) -> Rules {
 fn rules_are_followed_as_in_training() {
     for case in golden()["rules"].as_array().expect("cases") {
         let (mut rules, mut found, mut step) = (CueRules::new(rules(case)), Vec::new(), 0_u64);
+        let voiced = case["periodicity"].as_f64().expect("a number") as f32;
         for span in case["spans"].as_array().expect("spans") {
             let p = span["probability"].as_f64().expect("a number") as f32;
             let label = span["label"].as_str().expect("a label");
@@ -95,8 +107,10 @@ fn rules_are_followed_as_in_training() {
             let share = |of: &str| if of == "other" { 1.0 - p } else { 0.0 };
             let probabilities = LABELS.map(|of| share(of) + if of == label { p } else { 0.0 });
             for _ in 0..span["steps"].as_u64().expect("a count") {
-                let levels_db = [span["level_db"].as_f64().expect("a number"); 8];
-                if let Some(heard) = rules.take(&probabilities, &levels_db) {
+                let level_db = span["level_db"].as_f64().expect("a number");
+                // What is not loud is not periodic either.
+                let periodicity = if level_db > -40.0 { voiced } else { 0.0 };
+                if let Some(heard) = rules.take(&probabilities, &[Sound { level_db, periodicity }; 8]) {
                     let score = (f64::from(heard.score) * 1e4).round() / 1e4;
                     found.push(json!({
                         "cue": heard.kind.name(), "step": step, "heard": step - heard.steps_ago, "score": score,

@@ -67,3 +67,27 @@ def test_a_stretch_gives_what_76_frames_at_a_time_give(embedding: features.Embed
     assert together.shape == ((len(mel) - 76) // 8 + 1, 96)
     for m in (0, 5, len(together) - 1):
         assert np.abs(embedding.of_mel(mel[8 * m : 8 * m + 76])[0] - together[m]).max() < 1e-3
+
+
+def test_a_voice_is_periodic_and_noise_is_not() -> None:
+    t = np.arange(8000) / features.RATE
+    for hz in (75, 100, 150, 250, 450):
+        # Six harmonics: a voice's buzz.
+        voice = sum(np.sin(2 * np.pi * k * hz * t + k) for k in range(1, 7)).astype(np.float32)
+        assert np.all(features.periodicity(voice)[8:] > 0.9), hz
+    assert features.periodicity(lcg(8000))[8:].max() < 0.7
+    assert np.all(features.periodicity(np.zeros(8000)) == 0)
+
+
+def test_there_is_a_periodicity_for_each_frame_and_it_hears_nothing_later() -> None:
+    for n in (0, 511, 512, 671, 672, 4001):
+        assert len(features.periodicity(np.zeros(n))) == len(features.log_mel(np.zeros(n)))
+    x = signal()
+    whole = features.periodicity(x)
+    assert np.array_equal(features.periodicity(x[: 160 * 100 + 512]), whole[:101])
+
+
+def test_the_band_pass_is_butterworth_s() -> None:
+    from scipy.signal import butter
+
+    assert np.abs(butter(2, [80, 900], "bandpass", fs=features.RATE, output="sos") - features.BAND_PASS).max() < 1e-8

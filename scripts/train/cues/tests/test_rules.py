@@ -14,7 +14,10 @@ EXPECTED = {
     "stop ends what waits": ["stop"],
     "forward after a stop needs more": ["stop", "forward", "forward"],
     "another direction within a second is not reported": ["left", "right"],
-    "levels that never rise: nothing is known of running speech": ["left"],
+    "levels that never rise: nobody has spoken": [],
+    "a clatter is no voice, and no direction": [],
+    "a stop needs no voice": ["stop"],
+    "a voice that is as loud as what is always there is no direction": [],
 }
 
 
@@ -37,9 +40,9 @@ def candidate(levels: list[float]) -> Recogniser:
     """A recogniser that heard levels, whole steps of them, and in the last two steps a "left"."""
     recogniser = Recogniser()
     left, other = np.array([0, 0.9, 0, 0, 0.1]), np.array([0, 0, 0, 0, 1.0])
-    rows = np.array(levels).reshape(-1, 8)
+    rows, voiced = np.array(levels).reshape(-1, 8), np.full(8, 0.9)
     recogniser.found = [
-        f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row)
+        f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row, voiced)
     ]
     return recogniser
 
@@ -48,7 +51,7 @@ def test_a_candidate_waits_for_quiet_and_not_longer() -> None:
     quiet = round(Rules().quiet_s * 100)
     recogniser = candidate([-60.0] * 80 + [-20.0] * (40 - quiet + 1) + [-60.0] * (quiet - 1))
     assert recogniser.found == [] and recogniser.waiting is not None
-    assert [f.cue for f in recogniser.hear(np.array([0, 0, 0, 0, 1.0]), np.full(8, -60.0))] == ["left"]
+    assert [f.cue for f in recogniser.hear(np.array([0, 0, 0, 0, 1.0]), np.full(8, -60.0), np.zeros(8))] == ["left"]
     assert [f.cue for f in candidate([-60.0] * 80 + [-20.0] * (40 - quiet) + [-60.0] * quiet).found] == ["left"]
 
 
