@@ -2,6 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use enrolment::SILENCE;
+use hearing::RATE_HZ;
 use messages::CueKind;
 use serde_json::{Value, json};
 
@@ -11,6 +13,9 @@ use crate::out::number;
 use crate::statistics::{an_hour, ratio};
 
 const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, CueKind::Stop];
+
+/// What is heard before and after a recording is no part of it.
+const SILENCES_S: f64 = 2.0 * SILENCE as f64 / RATE_HZ as f64;
 
 /// What was counted under one condition.
 #[derive(Debug, Default)]
@@ -23,6 +28,7 @@ pub struct Counts {
     confusions: BTreeMap<String, BTreeMap<&'static str, usize>>,
     /// By cue, in streams without one.
     alarms: BTreeMap<&'static str, usize>,
+    /// Of these streams.
     stream_hours: f64,
     /// After what was said had ended, seconds.
     latencies_s: Vec<f64>,
@@ -54,7 +60,7 @@ impl Counts {
                 word
             }
             What::Stream => {
-                self.stream_hours += outcome.length_s / 3600.0;
+                self.stream_hours += (outcome.length_s - SILENCES_S) / 3600.0;
                 for (kind, _) in &outcome.heard {
                     *self.alarms.entry(kind.name()).or_default() += 1;
                 }
