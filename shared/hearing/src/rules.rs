@@ -1,8 +1,9 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, in a voice
-//! that stands out from what is always there, and to stand alone: it is given only once the sound that it is in has
-//! ended, and that was no longer than a word. *forward* after a stop has to be surer. `scripts/train/cues/rules.py` is the same, step by step.
+//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, in a
+//! voice that stands out from what is always there, and to stand alone: it is given only once the sound that it is in
+//! has ended, and that was no longer than a word. *forward* after a stop has to be surer. `scripts/train/cues/rules.py`
+//! is the same, step by step.
 
 use messages::CueKind;
 use serde::Deserialize;

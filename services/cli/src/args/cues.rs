@@ -15,8 +15,8 @@ Examples:
 A folder's files are named by their folder: forward, left, right and stop are cues, any other name is another word.
 Files of over 5 s, and those of folders whose name begins with \"noise\" or \"silence\", are streams without a cue. A
 list has a file a line, and its word behind a tab or blanks (none: a stream; # begins a remark); paths start at its
-folder. Files are WAV (16 bits) or FLAC, 16 kHz, one channel. Each is heard with 1.2 s of near-silence before and behind,
-sample by sample as on the robot. A cue is recalled where it is the first that is heard; another word is falsely
+folder. Files are WAV (16 bits) or FLAC, 16 kHz, one channel. Each is heard with 1.2 s of near-silence before and
+behind, sample by sample as on the robot. A cue is recalled where it is the first that is heard; another word is falsely
 accepted where anything is heard.";
 
 /// What is done to what is heard.
