@@ -388,7 +388,7 @@ impl Simulation {
         let Some(life) = self.running(ServiceId::Cue) else { return };
         self.cue_seq += 1;
         let header = Header { seq: self.cue_seq, ..self.header(life) };
-        let cue = Cue { header, kind, ..Cue::default() };
+        let cue = Cue { header, kind, odometry_incarnation: 1, ..Cue::default() };
         if !kind.is_moving() {
             self.topic_to_gate(ToGate::StopCue(Box::new(cue)));
         }

@@ -94,7 +94,7 @@ fn what_cannot_be_enrolled_is_told_and_leaves_everything_as_it_is() {
     std::os::unix::fs::symlink("nowhere", &dangling).expect("linked");
     let new = text(&place.path().join("new"));
     for (args, what) in [
-        (vec!["-o", &new, "--from", &text(&few)], "left: 1 clips"),
+        (vec!["-o", &new, "--from", &text(&few)], "left: 1 clips, and at least 3 are needed"),
         (vec!["-o", &new, "--from", &text(&broken)], "1.wav: no samples came"),
         (vec!["-o", &new, "--from", &text(&empty)], "no WAV or FLAC file"),
         (vec!["-o", &text(&mine), "--from", &text(&few)], "mine: it is no folder that"),

@@ -237,13 +237,13 @@ class Counts(NamedTuple):
     hours: float  # without the silence around it
 
 
-def count(judged: Iterable[Judged], rules: Rules) -> Counts:
+def count(judged: Iterable[Judged], rules: Rules, stopped: bool = False) -> Counts:
     said: dict[str, list[int]] = defaultdict(list)
     others: dict[str, list[int]] = defaultdict(list)
     confusions: dict[str, list[str]] = defaultdict(list)
     latencies, hours, alarms = [], 0.0, dict.fromkeys(CUES, 0)
     for one, probabilities in judged:
-        found: list[Detection] = detect(rules, probabilities, one.levels, one.periodicities)
+        found: list[Detection] = detect(rules, probabilities, one.levels, one.periodicities, stopped)
         if one.word in CUES:
             right = bool(found) and found[0].cue == one.word
             said[one.word].append(right)

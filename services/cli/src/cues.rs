@@ -29,6 +29,8 @@ pub struct Outcome {
     pub what: What,
     /// What was heard: the cue, and when it was reported after the end of what was said, seconds.
     pub heard: Vec<(CueKind, f64)>,
+    /// Of *forward*: whether it is the first that is heard where the robot stands by a stop, too.
+    pub from_standing: Option<bool>,
     /// How long it was, seconds.
     pub length_s: f64,
     /// CPU time that the recogniser took, seconds.
@@ -140,6 +142,17 @@ fn listen(
             heard.push((cue.kind, (step.end as f64 - word_end as f64) / f64::from(RATE_HZ)));
         }
     })?;
-    let length_s = samples.len() as f64 / f64::from(RATE_HZ);
-    Ok(Outcome { what: recorded.what.clone(), heard, length_s, taken_s: cpu_s() - begun_s })
+    let (length_s, taken_s) = (samples.len() as f64 / f64::from(RATE_HZ), cpu_s() - begun_s);
+    let is_forward = recorded.what == What::Cue(CueKind::Forward);
+    let from_standing = if is_forward { Some(starts(recogniser, samples)?) } else { None };
+    Ok(Outcome { what: recorded.what.clone(), heard, from_standing, length_s, taken_s })
+}
+
+/// Whether this sound would start a robot that stands by a stop.
+fn starts(recogniser: &mut Recogniser, samples: &[f32]) -> Result<bool, SpeechError> {
+    recogniser.clear();
+    recogniser.stands(true);
+    let mut first = None;
+    recogniser.push(samples, Ears::Open, |step| first = first.or(step.heard))?;
+    Ok(first.is_some_and(|heard| heard.kind == CueKind::Forward))
 }

@@ -8,10 +8,11 @@ use std::os::unix::fs::PermissionsExt;
 use messages::{ServiceId, TopicId, topic::DEAD_SLOTS};
 use rustix::process::Resource;
 use serde_json::{Value, json};
-use settings::Profile;
+use settings::{Profile, VoiceSource};
 use transport::{PoolSize, RunDir, live_runs, monotonic_ns, pool_sizes, runs_root};
 
 use crate::args::DoctorArgs;
+use crate::cues;
 use crate::exit::{EXIT_OK, EXIT_RUN_FAILED, Failure};
 use crate::launch::beside;
 use crate::out::{self, say, table};
@@ -65,6 +66,9 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
         clock(),
     ];
     checks.extend(devices::checks(&settings));
+    if settings.cue.voice.source != VoiceSource::Absent {
+        checks.push(devices::hearing(&cues::model_files(args.config.as_deref())?));
+    }
     if let Some(span) = args.rates {
         checks.extend(rates::checks(args.config.as_deref(), span).unwrap_or_else(|failure| {
             // What was found so far is told all the same.

@@ -109,13 +109,10 @@ impl CueService {
         self.publish(io.now_ns(), Cue { kind, source, confidence: 1.0, request_seq, ..Cue::default() })
     }
 
-    /// Gives a cue from where the robot is.
+    /// Gives a cue from where the robot is. Where nobody knows that yet, a stop needs no start frame, and a moving cue
+    /// is one that the supervisor refuses and answers.
     fn publish(&mut self, stamp_ns: u64, cue: Cue) -> Result<(), TransportError> {
-        // A moving cue has a start frame; a stop needs none, and is never held up for want of one.
         let pose = self.pose.unwrap_or_default();
-        if cue.kind.is_moving() && self.pose.is_none() {
-            return Ok(());
-        }
         self.publish_from(stamp_ns, &se2(pose.odom_from_robot), cue)
     }
 
@@ -133,6 +130,9 @@ impl CueService {
         for said in std::mem::take(&mut self.said) {
             self.script.heard(said.kind);
             let Said { kind, score, stamp_ns, signal_db, clipped, after_stop: _ } = said;
+            // Cues are in the order of their stamps, and a stop is older than none: another may have been given since it
+            // was said.
+            let stamp_ns = if kind.is_moving() { stamp_ns } else { io.now_ns() };
             let source = CueSource::Voice;
             self.publish(stamp_ns, Cue { kind, source, confidence: score, signal_db, clipped, ..Cue::default() })?;
         }

@@ -32,6 +32,9 @@ const WARM_UP_WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 100_000_000 };
 const UNHEARD: &str = "no voice is heard: ";
 /// A sentence of the robot's own is heard for so long after its end: players have buffers, and rooms ring, nanoseconds.
 const ECHO_NS: u64 = 300_000_000;
+/// The end of a sentence that is not told by so long after its length will not be: its voice is gone. A player that
+/// opens a device takes less, nanoseconds.
+const PLAYER_LATE_NS: u64 = NS_PER_S;
 
 /// A cue that was said.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,6 +62,8 @@ pub struct Voice {
     asks: Option<Publisher<CueHeard>>,
     confirmation: Confirmation,
     is_open: bool,
+    /// A network cannot be run: nothing is heard any more.
+    is_deaf: bool,
     /// The robot itself spoke when the last of its sound came.
     is_muted: bool,
     /// The robot stands by a stop.
@@ -92,7 +97,8 @@ impl Voice {
                 return Ok(None);
             }
         };
-        let grabber = Grabber::start(opener(voice)).map_err(TransportError::service)?;
+        let begun_ns = begun_ns(&io.domain.dir.path().join("voice.begun"));
+        let grabber = Grabber::start(opener(voice, begun_ns)).map_err(TransportError::service)?;
         io.watch(&grabber, TOKEN_VOICE)?;
         let mut voice = Self {
             grabber,
@@ -101,6 +107,7 @@ impl Voice {
             asks: if voice.tone { Some(io.publisher()?) } else { None },
             confirmation: Confirmation::default(),
             is_open: false,
+            is_deaf: false,
             is_muted: false,
             stands: true,
             muted_until_ns: 0,
@@ -134,11 +141,10 @@ impl Voice {
                 self.confirmation.hear(&said);
                 continue;
             }
-            let end_ns = match said.phase {
-                SpeechPhase::Begun => said.first_sample_ns.max(said.header.stamp_ns).saturating_add(said.duration_ns),
-                SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => said.header.stamp_ns,
+            self.muted_until_ns = match said.phase {
+                SpeechPhase::Begun => said.header.stamp_ns.saturating_add(said.duration_ns + PLAYER_LATE_NS),
+                SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => said.header.stamp_ns + ECHO_NS,
             };
-            self.muted_until_ns = end_ns.saturating_add(ECHO_NS);
         }
         Ok(())
     }
@@ -149,8 +155,10 @@ impl Voice {
         self.recogniser.stands(is_stopped);
     }
 
-    /// Somebody else has given a cue, or the robot was stopped again: what waits for its tone is over.
+    /// Somebody else has given a cue, or the robot was stopped again: what was said before and waits for its sound's
+    /// end, or for its tone, is over.
     pub fn interrupt(&mut self) {
+        self.recogniser.forget();
         self.confirmation.forget();
     }
 
@@ -163,7 +171,7 @@ impl Voice {
     pub fn health(&self) -> messages::Microphone {
         let quality = self.recogniser.quality();
         let state = match self.recogniser.trouble() {
-            _ if !self.is_open => MicrophoneState::Lost,
+            _ if !self.is_open || self.is_deaf || self.grabber.is_stuck() => MicrophoneState::Lost,
             _ if self.is_muted => MicrophoneState::Muted,
             Some(hearing::Trouble::Dead) => MicrophoneState::Dead,
             Some(hearing::Trouble::Clipping) => MicrophoneState::Clipping,
@@ -181,7 +189,7 @@ impl Voice {
     /// What was said since the last call.
     ///
     /// # Errors
-    /// Where the source's library hangs, or a network fails.
+    /// Where a port fails. What fails to hear is told, and costs nobody else his cues.
     pub fn listen(&mut self, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
         self.mute()?;
         for _ in 0..PIECES_MAX {
@@ -196,19 +204,17 @@ impl Voice {
                     self.recogniser.clear();
                     self.tell(io, "some of the microphone's sound was lost: this process came too late".to_owned());
                 }
-                Grabbed::Item(sound) => self.hear(&sound, io, said)?,
+                Grabbed::Item(sound) => self.hear(&sound, io, said),
                 Grabbed::Lost(trouble) => {
                     self.is_open = false;
                     self.tell(io, format!("{UNHEARD}{trouble}"));
                 }
             }
         }
-        self.confirm(io, said)?;
         if self.grabber.is_stuck() {
-            // Only a new process is rid of it.
-            return Err(TransportError::Service("the microphone's library hangs".to_owned()));
+            self.tell(io, format!("{UNHEARD}the microphone's library hangs; it is waited for"));
         }
-        Ok(())
+        self.confirm(io, said)
     }
 
     /// What would start the robot waits for its tone; whatever else is said ends that.
@@ -239,7 +245,10 @@ impl Voice {
         Ok(())
     }
 
-    fn hear(&mut self, sound: &Sound, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
+    fn hear(&mut self, sound: &Sound, io: &Io, said: &mut Vec<Said>) {
+        if self.is_deaf {
+            return;
+        }
         let taken_ns = io.domain.clock.of_monotonic_ns(sound.taken_ns);
         // What the robot says as it stands may have "stop" in it; as it walks, nothing has.
         let ears = match taken_ns < self.muted_until_ns {
@@ -249,7 +258,11 @@ impl Voice {
         };
         self.is_muted = ears != Ears::Open;
         let steps = &mut self.steps;
-        self.recogniser.push(&sound.samples, ears, |step| steps.push(step)).map_err(TransportError::service)?;
+        if let Err(error) = self.recogniser.push(&sound.samples, ears, |step| steps.push(step)) {
+            self.is_deaf = true;
+            self.tell(io, format!("{UNHEARD}{error}"));
+            return;
+        }
         let (taken, quality) = (self.recogniser.taken(), self.recogniser.quality());
         for step in self.steps.drain(..) {
             let Some(heard) = step.heard else { continue };
@@ -268,11 +281,10 @@ impl Voice {
             None if self.told_trouble() => self.tell(io, "the microphone gives sound again".to_owned()),
             None => {}
         }
-        Ok(())
     }
 
     fn told_trouble(&self) -> bool {
-        hearing::Trouble::ALL.iter().any(|trouble| trouble.text() == self.told)
+        self.told.starts_with(UNHEARD) || hearing::Trouble::ALL.iter().any(|trouble| trouble.text() == self.told)
     }
 
     fn tell(&mut self, io: &Io, text: String) {
@@ -283,8 +295,23 @@ impl Voice {
     }
 }
 
+/// When the first life of this service in the run began to listen, monotonic clock, nanoseconds: of a file, who died
+/// hears no word twice.
+fn begun_ns(path: &Path) -> u64 {
+    let before = std::fs::read_to_string(path).ok().and_then(|text| text.trim().parse().ok());
+    before.unwrap_or_else(|| {
+        let now_ns = monotonic_ns();
+        // Where it cannot be kept, a file begins anew with the next life.
+        let _ = std::fs::write(path, now_ns.to_string());
+        now_ns
+    })
+}
+
 /// Opens what the settings name; a file once, since it ends for good.
-fn opener(voice: &VoiceSettings) -> impl FnMut() -> Result<Box<dyn Grab<Item = Sound>>, Trouble> + Send + 'static {
+fn opener(
+    voice: &VoiceSettings,
+    begun_ns: u64,
+) -> impl FnMut() -> Result<Box<dyn Grab<Item = Sound>>, Trouble> + Send + 'static {
     let (voice, mut ended) = (voice.clone(), false);
     move || match voice.source {
         VoiceSource::Stream => {
@@ -293,8 +320,9 @@ fn opener(voice: &VoiceSettings) -> impl FnMut() -> Result<Box<dyn Grab<Item = S
                 let fix = "no voice is heard from there any more";
                 return Err(Trouble::new(format!("{}: it has ended", path.display()), fix));
             }
-            let stream = Stream::open(path)?;
+            let mut stream = Stream::open(path)?;
             ended = stream.is_file();
+            stream.go_on(begun_ns)?;
             Ok(Box::new(stream))
         }
         VoiceSource::Microphone | VoiceSource::Absent => Ok(Box::new(Microphone::open(&voice.microphone, RATE_HZ)?)),

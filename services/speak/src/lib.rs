@@ -56,6 +56,7 @@ const PARTS: [ServiceId; 11] = [
 
 /// The sentence that is being said.
 struct Current {
+    utterance: Utterance,
     said: SpeechSaid,
     text: String,
     /// Run time at which it was to be said, nanoseconds.
@@ -163,7 +164,7 @@ impl Speak {
             text: text.as_str().into(),
             ..SpeechSaid::default()
         };
-        self.current = Some(Current { said, text, wanted_ns: io.now_ns() });
+        self.current = Some(Current { utterance: *utterance, said, text, wanted_ns: io.now_ns() });
     }
 
     /// Lets the sentence be heard, where its sound is kept; else the voice is to give it.
@@ -205,7 +206,10 @@ impl Speak {
     /// The sentence cannot be heard; its text is published all the same.
     fn fail(&mut self, why: &str, io: &Io) -> Result<(), TransportError> {
         self.tell_trouble(why, io);
-        self.speaker.finished();
+        match &self.current {
+            Some(current) => self.speaker.unheard(&current.utterance, io.now_ns()),
+            None => self.speaker.finished(),
+        }
         self.end(SpeechPhase::Unheard, io)
     }
 

@@ -32,7 +32,7 @@ pub enum Progress {
 
 /// A place for sound, one at a time. Nothing here waits.
 pub trait Output {
-    /// Begins a sound: once this returns, its first sample is out.
+    /// Begins a sound: once this returns, all of it was handed over, to a file or to a player that was started.
     ///
     /// # Errors
     /// Where it cannot be heard; the reason says what to do.

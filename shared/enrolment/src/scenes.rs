@@ -1,6 +1,6 @@
 //! What a microphone may make of the same word: at other speeds and levels, coloured, over noise.
 
-use hearing::{HOP, STEP_SAMPLES, faster, speech_power, word_end};
+use hearing::{HOP, STEP_SAMPLES, faster, mean_square, peak, speech_power, word_end};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -25,10 +25,6 @@ pub const HISS: f32 = 3.2e-4;
 
 fn normal(dice: &mut ChaCha8Rng) -> f32 {
     StandardNormal.sample(dice)
-}
-
-fn peak(samples: &[f32]) -> f32 {
-    samples.iter().fold(0.0, |peak: f32, sample| peak.max(sample.abs()))
 }
 
 /// A clip as it is judged: between two stretches of near-silence.
@@ -60,8 +56,7 @@ fn scene(clip: &[f32], as_recorded: bool, dice: &mut ChaCha8Rng) -> Vec<f32> {
     let noise: Vec<f32> = (0..SPAN).map(|_| normal(dice)).collect();
     let noise = tilted(&noise, dice.random_range(-0.9..0.0));
     let snr_db = if as_recorded { SNR_DB.end } else { dice.random_range(SNR_DB) };
-    let noise_power = noise.iter().map(|sample| sample * sample).sum::<f32>() / SPAN as f32;
-    let scale = (speech_power(&placed) / 10_f32.powf(snr_db / 10.0) / noise_power).sqrt();
+    let scale = (speech_power(&placed) / 10_f32.powf(snr_db / 10.0) / mean_square(&noise)).sqrt();
     let mut mixed: Vec<f32> = placed.iter().zip(&noise).map(|(sample, noise)| sample + scale * noise).collect();
     let level = 10_f32.powf(dice.random_range(PEAK_DB) / 20.0) / peak(&mixed).max(1e-6);
     mixed.iter_mut().for_each(|sample| *sample *= level);

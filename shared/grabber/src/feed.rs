@@ -1,4 +1,4 @@
-//! The thread that speaks to a camera's library, and what it hands over.
+//! The thread that speaks to a device's library (a camera's, a microphone's), and what it hands over.
 
 use std::convert::Infallible;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
@@ -12,14 +12,14 @@ use transport::monotonic_ns;
 
 use crate::Trouble;
 
-/// What waits at most to be taken: whoever takes it is no slower than any camera.
+/// What waits at most to be taken: whoever takes it is no slower than any device.
 const WAITING_MAX: usize = 2;
-/// A camera that is silent for so long is opened anew, nanoseconds.
+/// A device that is silent for so long is opened anew, nanoseconds.
 const SILENT_NS: u64 = 5_000_000_000;
 /// A library that does not come back for so long will not, nanoseconds: GStreamer's first look at its plugins takes
 /// several seconds on a small computer.
 const STUCK_NS: u64 = 30_000_000_000;
-/// First pause before a camera is opened anew; it doubles with every failure in a row.
+/// First pause before a device is opened anew; it doubles with every failure in a row.
 const BACK_OFF: Duration = Duration::from_millis(200);
 /// The longest.
 const BACK_OFF_MAX: Duration = Duration::from_secs(2);
@@ -39,6 +39,11 @@ pub trait Grab {
     /// # Errors
     /// Where nothing more will come: it is to be opened anew.
     fn grab(&mut self) -> Result<Option<Self::Item>, Trouble>;
+
+    /// Where it is silent for so long it is to be opened anew, nanoseconds.
+    fn silent_limit_ns(&self) -> u64 {
+        SILENT_NS
+    }
 }
 
 impl<T: Send + 'static> Grab for Box<dyn Grab<Item = T>> {
@@ -50,6 +55,10 @@ impl<T: Send + 'static> Grab for Box<dyn Grab<Item = T>> {
 
     fn grab(&mut self) -> Result<Option<T>, Trouble> {
         (**self).grab()
+    }
+
+    fn silent_limit_ns(&self) -> u64 {
+        (**self).silent_limit_ns()
     }
 }
 
@@ -93,7 +102,7 @@ impl<T: Send + 'static> Grabber<T> {
         let (on, over) = channel();
         let (end, ended) = channel::<Infallible>();
         let work = Work { post, wake: Arc::clone(&wake), alive_ns: Arc::clone(&alive_ns), over, _end: end };
-        std::thread::Builder::new().name("camera".to_owned()).spawn(move || work.run(open))?;
+        std::thread::Builder::new().name("grabber".to_owned()).spawn(move || work.run(open))?;
         Ok(Self { grabbed: Some(grabbed), wake, alive_ns, on: Some(on), ended })
     }
 
@@ -171,8 +180,8 @@ impl<T: Send + 'static> Work<T> {
                     self.hand_over(Grabbed::Item(item));
                     (came, last_ns) = (true, monotonic_ns());
                 }
-                Ok(None) if monotonic_ns() - last_ns > SILENT_NS => {
-                    let found = format!("nothing came for {} s", SILENT_NS / 1_000_000_000);
+                Ok(None) if monotonic_ns() - last_ns > source.silent_limit_ns() => {
+                    let found = format!("nothing came for {} s", source.silent_limit_ns() / 1_000_000_000);
                     return (came, Some(Trouble::new(found, "it is opened anew; is it plugged in?")));
                 }
                 Ok(None) => {}

@@ -5,14 +5,16 @@ mod ffi;
 use transport::monotonic_ns;
 
 use crate::{Grab, Trouble};
-use ffi::{Capture, LIBRARY, Read};
+use ffi::{Capture, Format, LIBRARY, Read};
 
+/// So often there is sound to read, microseconds: a stop that is said waits no longer than that for its last piece.
+const PERIOD_US: u32 = 20_000;
 /// ALSA keeps so much sound for who is late, microseconds.
 const ROOM_US: u32 = 500_000;
-/// So long sound is waited for at a time, milliseconds: as long as a piece of it is.
+/// So long sound is waited for at a time, milliseconds.
 const WAIT_MS: i32 = 80;
-/// Samples that are taken at once: a tenth of a second at 48 kHz.
-const PIECE: usize = 4800;
+/// So many samples at most are taken at once: 0.3 s at 16 kHz.
+const PIECE_SAMPLES: usize = 4800;
 
 /// Some of the sound.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,12 +52,13 @@ impl Microphone {
     /// Where there is none, it is busy, or it cannot be read at that rate; and what to do.
     pub fn open(name: &str, rate_hz: u32) -> Result<Self, Trouble> {
         ffi::check().map_err(no_library)?;
-        let capture = Capture::open(name, rate_hz, ROOM_US).map_err(|why| {
+        let format = Format { rate_hz, period_us: PERIOD_US, room_us: ROOM_US };
+        let capture = Capture::open(name, &format).map_err(|why| {
             let fix = "`arecord -L` lists the names for cue.voice.microphone; `fuser -v /dev/snd/*` says who has it; \
                        sudo usermod -aG audio $USER";
             Trouble::new(format!("the microphone \"{name}\" cannot be opened: {why}"), fix)
         })?;
-        Ok(Self { capture, name: name.to_owned(), piece: vec![0; PIECE] })
+        Ok(Self { capture, name: name.to_owned(), piece: vec![0; PIECE_SAMPLES] })
     }
 }
 

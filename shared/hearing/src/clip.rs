@@ -4,8 +4,16 @@
 const BLOCK: usize = 320;
 const FINE: usize = 160;
 
-pub(crate) fn mean_square(samples: &[f32]) -> f32 {
+/// Mean power.
+#[must_use]
+pub fn mean_square(samples: &[f32]) -> f32 {
     samples.iter().map(|sample| sample * sample).sum::<f32>() / samples.len().max(1) as f32
+}
+
+/// The loudest sample, either way.
+#[must_use]
+pub fn peak(samples: &[f32]) -> f32 {
+    samples.iter().fold(0.0, |peak: f32, sample| peak.max(sample.abs()))
 }
 
 /// Mean power of the louder half of what was recorded.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use crate::mel::{BANDS, Mel};
 
 /// Frames of 10 ms that are remembered: longer than any word waits for its end.
-const MEMORY: usize = 256;
+pub(crate) const MEMORY: usize = 256;
 /// The bands of speech; below them is hum, above them hiss.
 const SPEECH: std::ops::Range<usize> = 4..28;
 const _: () = assert!(SPEECH.end <= BANDS);

@@ -18,7 +18,7 @@ mod recogniser;
 mod rules;
 mod signal;
 
-pub use clip::{faster, speech_power, word_end};
+pub use clip::{faster, mean_square, peak, speech_power, word_end};
 pub use levels::{Around, Isolation, Levels, Sound, level_db};
 pub use mel::{BANDS, FRAME, HOP, LogMel, Mel, RATE_HZ};
 pub use model::{EMBEDDING, FRAMES, Head, Manifest, ModelFiles, Network, Networks, SpeechError, WINDOWS, digest, read};

@@ -170,6 +170,11 @@ impl Recogniser {
         self.rules.stands(is_stopped);
     }
 
+    /// What was heard and not given yet is over.
+    pub fn forget(&mut self) {
+        self.rules.forget();
+    }
+
     /// How far the sound of late stands out from what is always there, decibels.
     #[must_use]
     pub fn above_floor_db(&self) -> f64 {
@@ -211,7 +216,12 @@ impl Recogniser {
             };
             if let Some((probabilities, sounds)) = step {
                 // The levels of silence that nobody heard would make loud of everything after.
-                let heard = if ears == Ears::Open { self.rules.take(&probabilities, &sounds) } else { None };
+                let heard = if ears == Ears::Open {
+                    self.rules.take(&probabilities, &sounds)
+                } else {
+                    self.rules.pass();
+                    None
+                };
                 let stop = aside.and_then(|(probabilities, _)| self.rules.take_stop(&probabilities));
                 self.let_go_of_aside(ears);
                 let above_floor_db = self.rules.levels().above_floor_db();

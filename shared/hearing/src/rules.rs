@@ -9,7 +9,7 @@ use messages::CueKind;
 use serde::Deserialize;
 use settings::{Millis, Positive, Share};
 
-use crate::levels::{Around, Isolation, Levels, Sound};
+use crate::levels::{Around, Isolation, Levels, MEMORY, Sound};
 use crate::recogniser::{FRAMES_A_STEP, STEP_NS};
 use crate::{LABELS, Probabilities};
 
@@ -24,6 +24,8 @@ const DIRECTION_WINDOWS_MAX: u32 = 5;
 const PERIODICITY_MAX: f64 = 0.9;
 const VOICED_MAX_S: f64 = 0.1;
 const ABOVE_FLOOR_MAX_DB: f64 = 15.0;
+/// Who has to say "stop" again says so within this.
+const REFRACTORY_MAX_S: f64 = 2.0;
 const FORWARD: usize = 0;
 const DIRECTIONS: usize = 3;
 const STOP: usize = 3;
@@ -125,6 +127,24 @@ fn count(time: Millis, each_ns: u64) -> usize {
 }
 
 impl IsolationRules {
+    fn check(&self) -> Result<(), String> {
+        if self.wait_max.s() > WAIT_MAX_S {
+            return Err(format!("isolation.wait_max is over {WAIT_MAX_S} s: a cue would be too old to be accepted"));
+        }
+        if self.quiet.ns() >= self.wait_max.ns() {
+            return Err("isolation.quiet is not under wait_max: no direction would be given".to_owned());
+        }
+        // A wait ends with a step.
+        let seen_frames = MEMORY - FRAMES_A_STEP;
+        if [self.segment_max, self.wait_max, self.reach].map(|time| count(time, FRAME_NS)).iter().sum::<usize>()
+            > seen_frames
+        {
+            let seen_ms = seen_frames as u64 * FRAME_NS / 1_000_000;
+            return Err(format!("isolation's segment_max, wait_max and reach are over {seen_ms} ms together"));
+        }
+        Ok(())
+    }
+
     fn in_frames(&self) -> Isolation {
         Isolation {
             quiet: count(self.quiet, FRAME_NS),
@@ -172,10 +192,10 @@ impl Rules {
                 "voice is over periodicity, voiced, above_floor_db of {limits}: no word would be a cue"
             ));
         }
-        if self.isolation.wait_max.s() > WAIT_MAX_S {
-            return Err(format!("isolation.wait_max is over {WAIT_MAX_S} s: a cue would be too old to be accepted"));
+        if self.refractory.s() > REFRACTORY_MAX_S {
+            return Err(format!("refractory is over {REFRACTORY_MAX_S} s: a cue that is said again would not count"));
         }
-        Ok(())
+        self.isolation.check()
     }
 }
 
@@ -213,6 +233,8 @@ pub struct CueRules {
     waiting: Option<Candidate>,
     /// The last cue was a stop.
     is_stopped: bool,
+    /// The robot was last known to stand.
+    stood: bool,
     /// No further stop, and no further direction, before this step.
     silent_until: (u64, u64),
 }
@@ -229,6 +251,7 @@ impl CueRules {
             stop_aside: (0, 1.0),
             waiting: None,
             is_stopped: false,
+            stood: false,
             silent_until: (0, 0),
         }
     }
@@ -239,9 +262,25 @@ impl CueRules {
         &self.levels
     }
 
-    /// Whether the robot stands by somebody's stop: *forward* has to be as sure as after one that was heard.
+    /// Whether the robot stands by somebody's stop: *forward* has to be as sure as after one that was heard. Once it
+    /// walks again, however soon, the next stop counts.
     pub fn stands(&mut self, is_stopped: bool) {
+        if std::mem::replace(&mut self.stood, is_stopped) && !is_stopped {
+            self.silent_until.0 = 0;
+        }
         self.is_stopped = is_stopped;
+    }
+
+    /// What was heard and not given yet is over.
+    pub fn forget(&mut self) {
+        self.waiting = None;
+        self.streaks[..DIRECTIONS].fill((0, 1.0));
+    }
+
+    /// A step passes in which no direction is listened for.
+    pub fn pass(&mut self) {
+        self.step += 1;
+        self.forget();
     }
 
     /// Takes a step in which nothing but *stop* is listened for: the robot itself speaks.
@@ -336,11 +375,11 @@ impl CueRules {
 mod tests {
     use serde_json::{Value, json};
 
-    use super::Rules;
+    use super::{CueRules, FRAMES_A_STEP, Rules, Sound};
+    use messages::CueKind;
 
-    /// What comes of the rules where one of them is another: the text of its refusal, if it is refused.
-    fn refusal(path: &str, value: Value) -> String {
-        let mut rules = json!({
+    fn rules() -> Value {
+        json!({
             "stop": { "threshold": 0.6, "windows": 1 },
             "direction": {
                 "threshold": { "forward": 0.8, "left": 0.6, "right": 0.6 }, "windows": 2, "isolated": true,
@@ -352,7 +391,12 @@ mod tests {
                 "margin_db": 8, "depth_db": 30, "floor_rise_db": 0.02, "floor_fall": 0.2,
             },
             "voice": { "periodicity": 0.7, "voiced": "30ms", "above_floor_db": 5 },
-        });
+        })
+    }
+
+    /// What comes of the rules where one of them is another: the text of its refusal, if it is refused.
+    fn refusal(path: &str, value: Value) -> String {
+        let mut rules = rules();
         *rules.pointer_mut(path).expect("a rule") = value;
         let rules: Rules = serde_json::from_value(rules).expect("rules");
         rules.check().err().unwrap_or_default()
@@ -369,6 +413,9 @@ mod tests {
             ("/direction/windows", json!(6), "no word is as long"),
             ("/forward_after_stop/windows", json!(3), "is not direction.windows"),
             ("/isolation/wait_max", json!("800ms"), "too old to be accepted"),
+            ("/isolation/wait_max", json!("180ms"), "no direction would be given"),
+            ("/isolation/segment_max", json!("1100ms"), "over 2480 ms together"),
+            ("/refractory", json!("1h"), "said again would not count"),
             ("/voice/periodicity", json!(0.95), "no word would be a cue"),
             ("/voice/voiced", json!("200ms"), "no word would be a cue"),
             ("/voice/above_floor_db", json!(20), "no word would be a cue"),
@@ -376,5 +423,46 @@ mod tests {
             let refusal = refusal(path, value);
             assert!(refusal.contains(says), "{path}: {refusal}");
         }
+    }
+    const NOTHING: [f32; 5] = [0.0, 0.0, 0.0, 0.0, 1.0];
+    const STOP: [f32; 5] = [0.0, 0.0, 0.0, 1.0, 0.0];
+    const LEFT: [f32; 5] = [0.0, 1.0, 0.0, 0.0, 0.0];
+
+    fn listener() -> CueRules {
+        CueRules::new(serde_json::from_value(rules()).expect("rules"))
+    }
+
+    /// Steps that sound so.
+    fn hear(listener: &mut CueRules, steps: usize, probabilities: &[f32; 5], level_db: f64) -> Vec<CueKind> {
+        let sounds = [Sound { level_db, periodicity: if level_db > -40.0 { 0.9 } else { 0.0 } }; FRAMES_A_STEP];
+        (0..steps).filter_map(|_| listener.take(probabilities, &sounds)).map(|heard| heard.kind).collect()
+    }
+
+    #[test]
+    fn a_stop_is_not_told_twice_but_counts_anew_once_the_robot_walks_or_a_second_has_passed() {
+        let mut listener = listener();
+        assert_eq!(hear(&mut listener, 5, &STOP, -10.0), [CueKind::Stop], "once");
+        listener.stands(true);
+        assert!(listener.take_stop(&STOP).is_none(), "the robot stands");
+        listener.stands(false);
+        assert!(listener.take_stop(&STOP).is_some(), "somebody has started it again");
+        assert!(listener.take_stop(&STOP).is_none());
+        // While the robot speaks time passes, too.
+        (0..13).for_each(|_| listener.pass());
+        assert!(listener.take_stop(&STOP).is_some());
+    }
+
+    #[test]
+    fn a_direction_that_waits_is_forgotten_when_the_robot_speaks_or_another_cue_is_given() {
+        let given = |meanwhile: &dyn Fn(&mut CueRules)| {
+            let mut listener = listener();
+            let _ = hear(&mut listener, 20, &NOTHING, -60.0);
+            assert_eq!(hear(&mut listener, 4, &LEFT, -10.0), [], "its sound has not ended");
+            meanwhile(&mut listener);
+            hear(&mut listener, 6, &NOTHING, -60.0)
+        };
+        assert_eq!(given(&|_| {}), [CueKind::Left]);
+        assert_eq!(given(&CueRules::forget), []);
+        assert_eq!(given(&CueRules::pass), []);
     }
 }

@@ -104,7 +104,9 @@ impl Cue {
     /// Whether its numbers are numbers, so that it can be followed.
     #[must_use]
     pub fn is_usable(&self) -> bool {
-        self.odom_from_start.is_finite() && (0.0..=1.0).contains(&self.confidence)
+        // The first life of odometry is 1: a cue that names none was given before there was a place to give it from.
+        let has_start = self.odometry_incarnation > 0 || !self.kind.is_moving();
+        has_start && self.odom_from_start.is_finite() && (0.0..=1.0).contains(&self.confidence)
     }
 }
 

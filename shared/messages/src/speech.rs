@@ -37,8 +37,8 @@ pub enum Urgency {
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum SpeechPhase {
-    /// Its first sample was handed to the output: whoever listens to a microphone does not until the end, or (the voice
-    /// may die) until it has taken as long as it takes.
+    /// Its first sample was handed to the output: whoever listens to a microphone does not until its end is told, or (the
+    /// voice may die) until that is overdue.
     #[default]
     Begun = 0,
     /// It was heard to its end.
@@ -108,7 +108,8 @@ pub struct SpeechSaid {
     pub number: u64,
     /// Run time of what it tells of: of the stop, of the answer to a cue, nanoseconds.
     pub about_ns: u64,
-    /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was.
+    /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was. A player has been
+    /// started then, and what it takes to open its device comes on top.
     pub first_sample_ns: u64,
     /// How long it takes, nanoseconds; 0 where there is no sound of it.
     pub duration_ns: u64,

@@ -36,6 +36,8 @@ const UNREADY_NS: u64 = NS_PER_S;
 const NEWS_WAITS_NS: u64 = 5 * NS_PER_S;
 /// A tone that is later than this is of no use: the cue grows old.
 const TONE_WAITS_NS: u64 = NS_PER_S / 5;
+/// A stop that could not be heard is told again after so long: a sound card may just have come back.
+const UNHEARD_AGAIN_NS: u64 = NS_PER_S;
 /// Stops within a stop that may wait to be told.
 const STOPS_WAITING: usize = 3;
 /// Sentences of which it is remembered when they were told.
@@ -130,6 +132,8 @@ pub struct Speaker {
     unsafe_mask: u32,
     waiting: Vec<Waiting>,
     speaking: Option<Speaking>,
+    /// A stop that could not be heard, and when it is told again.
+    again: Option<(Utterance, u64)>,
     told: VecDeque<(Sentence, u64)>,
     hold: Option<Hold>,
     /// Since when a cue would be accepted, or would not; and whether that was told.
@@ -149,6 +153,7 @@ impl Speaker {
             unsafe_mask: 0,
             waiting: Vec::new(),
             speaking: None,
+            again: None,
             told: VecDeque::new(),
             hold: None,
             ready: (false, 0),
@@ -329,6 +334,7 @@ impl Speaker {
     /// [`Speaker::finished`].
     pub fn next(&mut self, now_ns: u64) -> Option<Utterance> {
         self.tell_ready(now_ns);
+        self.tell_again(now_ns);
         self.waiting.retain(|waiting| now_ns <= waiting.until_ns);
         let best = self.waiting.iter().map(|waiting| waiting.utterance.urgency).max()?;
         let i = self.waiting.iter().position(|waiting| waiting.utterance.urgency == best)?;
@@ -344,9 +350,29 @@ impl Speaker {
         Some(self.waiting.remove(i).utterance)
     }
 
-    /// What was being said has come to its end, or could not be said.
+    /// What was being said has come to its end.
     pub fn finished(&mut self) {
         self.speaking = None;
+    }
+
+    /// What was being said could not be heard. Why the robot stands is told once more: nothing else would tell it.
+    pub fn unheard(&mut self, utterance: &Utterance, now_ns: u64) {
+        self.finished();
+        let was_again = self.again.take().is_some_and(|(again, _)| again.about_ns == utterance.about_ns);
+        if utterance.urgency == Urgency::Stop && !was_again {
+            self.again = Some((*utterance, now_ns + UNHEARD_AGAIN_NS));
+        }
+    }
+
+    /// Tells a stop that could not be heard again, while it lasts.
+    fn tell_again(&mut self, now_ns: u64) {
+        let Some((utterance, _)) = self.again.filter(|(_, at_ns)| now_ns >= *at_ns) else { return };
+        // What is kept tells that this was the second time.
+        self.again = Some((utterance, u64::MAX));
+        let lasts = self.mode.is_some_and(|mode| mode.class != ModeClass::Run && mode.reason == utterance.reason);
+        if lasts {
+            self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns: u64::MAX }, now_ns);
+        }
     }
 
     fn tell_ready(&mut self, now_ns: u64) {

@@ -43,7 +43,7 @@ impl Helper {
             }
             rustix::process::set_parent_process_death_signal(Some(Signal::KILL))?;
             if rustix::process::getppid() != Some(parent) {
-                return Err(std::io::Error::other("who started it is gone"));
+                return Err(Errno::SRCH.into());
             }
             Ok(())
         };

@@ -4,7 +4,7 @@ use std::f32::consts::TAU;
 use std::path::PathBuf;
 
 use enrolment::{SILENCE, amid_silence};
-use hearing::{RATE_HZ, speech_power, word_end};
+use hearing::{RATE_HZ, mean_square, peak, speech_power, word_end};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -120,14 +120,6 @@ impl Condition {
 
 fn normal(dice: &mut ChaCha8Rng) -> f32 {
     StandardNormal.sample(dice)
-}
-
-fn mean_square(samples: &[f32]) -> f32 {
-    samples.iter().map(|sample| sample * sample).sum::<f32>() / samples.len().max(1) as f32
-}
-
-fn peak(samples: &[f32]) -> f32 {
-    samples.iter().fold(0.0, |peak: f32, sample| peak.max(sample.abs()))
 }
 
 /// Pink noise by Kellet's filter, over white noise.

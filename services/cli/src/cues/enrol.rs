@@ -164,7 +164,7 @@ fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
             let (count, name) = (paths.len(), cue.name());
             let folder = folder.display();
             return Err(Failure::input(format!(
-                "{folder}/{name}: {count} clips, and {TAKES_LEAST} are too few to leave out"
+                "{folder}/{name}: {count} clips, and at least {TAKES_LEAST} are needed"
             )));
         }
         if paths.is_empty() {

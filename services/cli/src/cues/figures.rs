@@ -22,6 +22,8 @@ const SILENCES_S: f64 = 2.0 * SILENCE as f64 / RATE_HZ as f64;
 pub struct Counts {
     /// By cue: whether it was the first that was heard.
     recall: BTreeMap<&'static str, Vec<bool>>,
+    /// Of *forward*, where the robot stands by a stop and it has to be surer.
+    from_standing: Vec<bool>,
     /// By other word: whether anything was heard.
     false_accepts: BTreeMap<String, Vec<bool>>,
     /// By what was said: what was heard in its place, and how often.
@@ -53,6 +55,7 @@ impl Counts {
                 let first = outcome.heard.first().filter(|(kind, _)| kind == cue);
                 self.recall.entry(cue.name()).or_default().push(first.is_some());
                 self.latencies_s.extend(first.map(|(_, latency_s)| latency_s));
+                self.from_standing.extend(outcome.from_standing);
                 cue.name()
             }
             What::Other(word) => {
@@ -96,6 +99,7 @@ impl Counts {
         };
         json!({
             "recall": rates(&recall),
+            "recall_from_standing": { "forward": ratio(self.from_standing.iter().copied()) },
             "false_accepts": rates(&others),
             "confusions": self.confusions,
             "false_alarms_an_hour": alarms_an_hour,
@@ -118,6 +122,7 @@ pub fn text(report: &Value) -> String {
         lines.push(condition.clone());
         for (title, key, digits) in [
             ("", "recall", 3),
+            ("from standing ", "recall_from_standing", 3),
             ("false accepts of ", "false_accepts", 3),
             ("false alarms/h ", "false_alarms_an_hour", 1),
         ] {

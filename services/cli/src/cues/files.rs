@@ -11,8 +11,10 @@ use crate::exit::Failure;
 
 /// A file of over this is a stream, seconds.
 const WORD_MAX_S: f64 = 5.0;
-/// No file is longer, bytes: three hours.
-const BYTES_MAX: u64 = 512 << 20;
+/// No file is longer: three hours, in samples and in bytes of a WAV.
+const SAMPLES_MAX: usize = 3 * 3600 * RATE_HZ as usize;
+const BYTES_MAX: u64 = 2 * SAMPLES_MAX as u64 + (1 << 20);
+const TOO_LONG: &str = "it is longer than three hours";
 /// Folders within folders, and files, are no more: a link that leads back has no end.
 const DEPTH_MAX: usize = 12;
 const FILES_MAX: usize = 200_000;
@@ -151,9 +153,14 @@ pub fn read(path: &Path) -> Result<Vec<f32>, Failure> {
     }
     let mut bytes = Vec::new();
     file.take(BYTES_MAX).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+    // A stream without a header is one of raw samples, but no file of this name is.
+    if !bytes.is_empty() && !bytes.starts_with(b"RIFF") {
+        return Err(wrong("it is no WAV file".to_owned()));
+    }
     let (mut pcm, mut samples) = (PcmStream::default(), Vec::with_capacity(bytes.len() / 2));
     pcm.push(&bytes, &mut samples).map_err(|error| wrong(error.to_string()))?;
-    pcm.missing().map_or(Ok(samples), |missing| Err(wrong(missing.to_owned())))
+    let too_long = (samples.len() > SAMPLES_MAX).then_some(TOO_LONG);
+    too_long.or(pcm.missing()).map_or(Ok(samples), |why| Err(wrong(why.to_owned())))
 }
 
 fn flac(file: impl Read) -> Result<Vec<f32>, String> {
@@ -166,5 +173,9 @@ fn flac(file: impl Read) -> Result<Vec<f32>, String> {
         ));
     }
     let full = (1_u64 << (info.bits_per_sample - 1)) as f32;
-    reader.samples().map(|sample| Ok(sample.map_err(|error| error.to_string())? as f32 / full)).collect()
+    // A few bytes may stand for any number of samples.
+    let samples = reader.samples().take(SAMPLES_MAX + 1);
+    let samples = samples.map(|sample| Ok(sample.map_err(|error| error.to_string())? as f32 / full));
+    let samples: Vec<f32> = samples.collect::<Result<_, String>>()?;
+    if samples.len() > SAMPLES_MAX { Err(TOO_LONG.to_owned()) } else { Ok(samples) }
 }

@@ -9,9 +9,10 @@ use std::path::Path;
 
 use grabber::Trouble;
 use grabber::realsense::{self, Kind};
+use hearing::{ModelFiles, Recogniser, SpeechError};
 use rustix::fs::{Access, OFlags};
 use serial::{SerialError, SerialPort};
-use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source};
+use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source, VoiceSource};
 
 use super::Check;
 
@@ -31,6 +32,9 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
             checks.push(program("player", "speak.player", &settings.speak.player));
         }
     }
+    if settings.cue.voice.source == VoiceSource::Microphone {
+        checks.push(by_library("microphone", grabber::microphone::check()));
+    }
     if settings.simulation.emulated.on {
         return checks;
     }
@@ -41,12 +45,14 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     if settings.depth.source == Source::Device {
         checks.push(match settings.depth.device {
             DepthDevice::Socket => frame_socket(&settings.depth.socket.path),
-            DepthDevice::Gstreamer => camera("depth camera", grabber::gstreamer::check(&settings.depth)),
-            DepthDevice::Realsense => camera("depth camera", realsense::check(Kind::Depth, &settings.depth.realsense)),
+            DepthDevice::Gstreamer => by_library("depth camera", grabber::gstreamer::check(&settings.depth)),
+            DepthDevice::Realsense => {
+                by_library("depth camera", realsense::check(Kind::Depth, &settings.depth.realsense))
+            }
         });
     }
     if (settings.odometry.source, settings.odometry.device) == (Source::Device, OdometryDevice::T265) {
-        checks.push(camera("tracking camera", realsense::check(Kind::Tracking, &settings.odometry.t265)));
+        checks.push(by_library("tracking camera", realsense::check(Kind::Tracking, &settings.odometry.t265)));
     }
     match settings.estop.source {
         EstopSource::Input => checks.push(input(&settings.estop.input.device)),
@@ -114,8 +120,22 @@ fn frame_socket(path: &Path) -> Check {
     Check { name: "depth socket", ok, found, fix }
 }
 
-/// A camera by its library.
-fn camera(name: &'static str, looked: Result<String, Trouble>) -> Check {
+/// Whether the networks that hear are there, and belong together.
+pub(super) fn hearing(files: &ModelFiles) -> Check {
+    let loaded = Recogniser::load(files);
+    let fix = match &loaded {
+        Ok(_) => String::new(),
+        Err(SpeechError::NoEmbedding { .. }) => "scripts/cue-embedding".to_owned(),
+        Err(_) => "cue.voice.model and embedding name them; scripts/cue-embedding and `guidedog cue enrol` make them"
+            .to_owned(),
+    };
+    let ok = loaded.is_ok();
+    let found = loaded.map_or_else(|error| error.to_string(), |_| format!("{} can be used", files.manifest.display()));
+    Check { name: "hearing", ok, found, fix }
+}
+
+/// A device by its library.
+fn by_library(name: &'static str, looked: Result<String, Trouble>) -> Check {
     let (ok, (found, fix)) = match looked {
         Ok(found) => (true, (found, String::new())),
         Err(Trouble { found, fix }) => (false, (found, fix)),

@@ -7,8 +7,9 @@ use super::Said;
 
 /// A tone that has not begun by then is not heard, nanoseconds: a player starts in a tenth of it.
 const BEGINS_WITHIN_NS: u64 = NS_PER_S * 3 / 10;
-/// Nor one that has not ended so long after its length: its player hangs, or the voice that would tell so is gone.
-const ENDS_WITHIN_NS: u64 = NS_PER_S * 3 / 10;
+/// Nor one that has not ended so long after its length: its player hangs, or the voice that would tell so is gone. A
+/// player that opens a device takes less; whoever is later than this is too late for the cue to be accepted.
+const ENDS_WITHIN_NS: u64 = NS_PER_S * 6 / 10;
 /// A player that ends before so much of the tone can have been heard has not played it, percent.
 const HEARD_PERCENT: u64 = 80;
 
@@ -136,8 +137,8 @@ mod tests {
         assert_eq!(confirmation.due(1_400 * MS), Some(Confirmed::Unheard(SAID)), "nobody can have heard it");
         let mut confirmation = asked();
         confirmation.hear(&tone(SpeechPhase::Begun));
-        assert_eq!(confirmation.due(1_809 * MS), None);
-        assert_eq!(confirmation.due(1_810 * MS), Some(Confirmed::Unheard(SAID)), "the voice is gone");
+        assert_eq!(confirmation.due(2_109 * MS), None);
+        assert_eq!(confirmation.due(2_110 * MS), Some(Confirmed::Unheard(SAID)), "the voice is gone");
     }
 
     #[test]

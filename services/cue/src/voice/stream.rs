@@ -27,7 +27,7 @@ pub struct Stream {
     path: PathBuf,
     pcm: PcmStream,
     bytes: Vec<u8>,
-    /// Of a file: when its next piece is due, as a microphone would bring it.
+    /// Of a file: when its next piece is due, as a microphone would bring it, monotonic clock.
     due_ns: Option<u64>,
 }
 
@@ -50,6 +50,18 @@ impl Stream {
         Ok(Self { file, path: path.to_owned(), pcm: PcmStream::default(), bytes: vec![0; PIECE_BYTES], due_ns })
     }
 
+    /// A file is at the place where it would be had it been heard from `begun_ns` of the monotonic clock on.
+    ///
+    /// # Errors
+    /// Where it is no sound, or over by now.
+    pub fn go_on(&mut self, begun_ns: u64) -> Result<(), Trouble> {
+        self.due_ns = self.due_ns.map(|_| begun_ns);
+        while self.due_ns.is_some_and(|due_ns| due_ns + PIECE_NS < monotonic_ns()) {
+            self.next()?;
+        }
+        Ok(())
+    }
+
     /// Whether it is a file, which ends for good.
     #[must_use]
     pub fn is_file(&self) -> bool {
@@ -57,8 +69,30 @@ impl Stream {
     }
 
     fn over(&self) -> Trouble {
-        let why = self.pcm.missing().map_or_else(|| "it has ended".to_owned(), |missing| missing.to_owned());
-        Trouble::new(format!("{}: {why}", self.path.display()), "no voice is heard from there any more")
+        let why = self.pcm.missing().unwrap_or("it has ended");
+        let then = if self.is_file() { "no voice is heard from there any more" } else { "it is opened anew" };
+        Trouble::new(format!("{}: {why}", self.path.display()), then)
+    }
+
+    /// The samples of the next piece, which may be none; `None` where none has come.
+    fn next(&mut self) -> Result<Option<Vec<f32>>, Trouble> {
+        let count = match self.file.read(&mut self.bytes) {
+            // A pipe that nobody has written to yet reads as ended.
+            Ok(0) if !self.is_file() && self.pcm.is_new() => {
+                sleep_until(monotonic_ns() + PIECE_NS);
+                return Ok(None);
+            }
+            Ok(0) => return Err(self.over()),
+            Ok(count) => count,
+            Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(None),
+            Err(error) => return Err(Trouble::new(format!("{}: {error}", self.path.display()), "it is opened anew")),
+        };
+        self.due_ns = self.due_ns.map(|due_ns| due_ns + PIECE_NS);
+        let mut samples = Vec::with_capacity(count / 2);
+        self.pcm.push(&self.bytes[..count], &mut samples).map_err(|error| {
+            Trouble::new(format!("{}: {error}", self.path.display()), "no voice is heard from there")
+        })?;
+        Ok(Some(samples))
     }
 }
 
@@ -79,25 +113,16 @@ impl Grab for Stream {
     fn grab(&mut self) -> Result<Option<Sound>, Trouble> {
         if let Some(due_ns) = self.due_ns {
             sleep_until(due_ns);
-            self.due_ns = Some(due_ns + PIECE_NS);
         } else if poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&WAIT)) == Ok(0) {
             return Ok(None);
         }
-        let count = match self.file.read(&mut self.bytes) {
-            // A pipe that nobody has written to yet reads as ended.
-            Ok(0) if self.due_ns.is_none() && self.pcm.is_new() => {
-                sleep_until(monotonic_ns() + PIECE_NS);
-                return Ok(None);
-            }
-            Ok(0) => return Err(self.over()),
-            Ok(count) => count,
-            Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(None),
-            Err(error) => return Err(Trouble::new(format!("{}: {error}", self.path.display()), "it is opened anew")),
-        };
-        let mut samples = Vec::with_capacity(count / 2);
-        self.pcm.push(&self.bytes[..count], &mut samples).map_err(|error| {
-            Trouble::new(format!("{}: {error}", self.path.display()), "no voice is heard from there")
-        })?;
-        Ok(Some(Sound { samples, taken_ns: monotonic_ns() }))
+        // A header has none, and none would mean that some were lost.
+        let samples = self.next()?.filter(|samples| !samples.is_empty());
+        Ok(samples.map(|samples| Sound { samples, taken_ns: monotonic_ns() }))
+    }
+
+    /// Who speaks into a pipe may be silent for as long as he likes.
+    fn silent_limit_ns(&self) -> u64 {
+        u64::MAX
     }
 }

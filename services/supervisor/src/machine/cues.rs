@@ -7,12 +7,17 @@ use super::{Action, Machine, Now, Refused};
 
 impl Machine {
     pub(super) fn on_cue(&mut self, cue: &Cue, now: Now) {
-        if cue.header.order() <= self.last_cue {
+        // A stop counts whenever it comes: whatever was accepted meanwhile, somebody wants the robot to stand.
+        if cue.kind.is_moving() && cue.header.order() <= self.last_cue {
+            // The same once more is no news to anybody.
+            if cue.header.order() < self.last_cue {
+                self.answer(cue, Some(&Refused::of(CueRefusal::TooOld)));
+            }
             return;
         }
         // One from the future is refused below, and makes none of the present old.
         if age_ns(now.run_ns, cue.header.stamp_ns) < u64::MAX {
-            self.last_cue = cue.header.order();
+            self.last_cue = self.last_cue.max(cue.header.order());
         }
         if !cue.kind.is_moving() {
             // Locomotion took it already; here it ends the cue in force.

@@ -143,7 +143,7 @@ impl Bench {
         self.cue_seq += 1;
         let stamp_ns = self.now_ms.saturating_sub(age_ms) * MS;
         let header = Header { stamp_ns, seq: self.cue_seq, incarnation: 1, ..Header::default() };
-        self.handle(Event::Cue(&Cue { header, kind, ..Cue::default() }));
+        self.handle(Event::Cue(&Cue { header, kind, odometry_incarnation: 1, ..Cue::default() }));
     }
 
     fn die(&mut self, service: ServiceId) {
@@ -383,8 +383,8 @@ fn a_turn_that_is_done_goes_on_only_while_it_is_in_force() {
     let done = |bench: &mut Bench, turn: u64| {
         bench.cue_seq += 1;
         let header = Header { stamp_ns: bench.now_ms * MS, seq: bench.cue_seq, incarnation: 1, ..Header::default() };
-        let cue =
-            Cue { header, kind: CueKind::Forward, source: CueSource::TurnDone, request_seq: turn, ..Cue::default() };
+        let (kind, source) = (CueKind::Forward, CueSource::TurnDone);
+        let cue = Cue { header, kind, source, request_seq: turn, odometry_incarnation: 1, ..Cue::default() };
         bench.handle(Event::Cue(&cue));
     };
     bench.cue(CueKind::Stop, 0);

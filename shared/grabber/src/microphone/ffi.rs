@@ -24,7 +24,17 @@ functions! {
     Functions {
         snd_pcm_open(*mut *mut c_void, *const c_char, c_int, c_int) -> c_int;
         snd_pcm_close(*mut c_void) -> c_int;
-        snd_pcm_set_params(*mut c_void, c_int, c_int, c_uint, c_uint, c_int, c_uint) -> c_int;
+        snd_pcm_hw_params_malloc(*mut *mut c_void) -> c_int;
+        snd_pcm_hw_params_free(*mut c_void);
+        snd_pcm_hw_params_any(*mut c_void, *mut c_void) -> c_int;
+        snd_pcm_hw_params_set_rate_resample(*mut c_void, *mut c_void, c_uint) -> c_int;
+        snd_pcm_hw_params_set_access(*mut c_void, *mut c_void, c_int) -> c_int;
+        snd_pcm_hw_params_set_format(*mut c_void, *mut c_void, c_int) -> c_int;
+        snd_pcm_hw_params_set_channels(*mut c_void, *mut c_void, c_uint) -> c_int;
+        snd_pcm_hw_params_set_rate(*mut c_void, *mut c_void, c_uint, c_int) -> c_int;
+        snd_pcm_hw_params_set_period_time_near(*mut c_void, *mut c_void, *mut c_uint, *mut c_int) -> c_int;
+        snd_pcm_hw_params_set_buffer_time_near(*mut c_void, *mut c_void, *mut c_uint, *mut c_int) -> c_int;
+        snd_pcm_hw_params(*mut c_void, *mut c_void) -> c_int;
         snd_pcm_start(*mut c_void) -> c_int;
         snd_pcm_wait(*mut c_void, c_int) -> c_int;
         snd_pcm_readi(*mut c_void, *mut c_void, c_ulong) -> c_long;
@@ -77,6 +87,17 @@ fn why(alsa: &Functions, error: c_long) -> String {
     unsafe { text((alsa.snd_strerror)(c_int::try_from(error).unwrap_or(c_int::MIN))) }
 }
 
+/// How a device is to be read.
+#[derive(Debug, Clone, Copy)]
+pub struct Format {
+    /// Samples a second.
+    pub rate_hz: u32,
+    /// As near as the device can: so often there is something to read, microseconds;
+    pub period_us: u32,
+    /// and so much is kept for who is late, microseconds.
+    pub room_us: u32,
+}
+
 /// The signature that [`Handle`] wants: what closing comes to, nobody can help.
 unsafe extern "C" fn close(pcm: *mut c_void) {
     if let Some(alsa) = ALSA.get() {
@@ -86,11 +107,11 @@ unsafe extern "C" fn close(pcm: *mut c_void) {
 }
 
 impl Capture {
-    /// Opens a device by ALSA's name for it and starts it, with room for `latency_us` of sound.
+    /// Opens a device by ALSA's name for it and starts it.
     ///
     /// # Errors
     /// What ALSA says.
-    pub fn open(name: &str, rate_hz: u32, latency_us: u32) -> Result<Self, String> {
+    pub fn open(name: &str, format: &Format) -> Result<Self, String> {
         let alsa = alsa()?;
         let name = CString::new(name).map_err(|_| "its name has a zero in it".to_owned())?;
         let failed = |error: c_int| if error < 0 { Err(why(alsa, error.into())) } else { Ok(()) };
@@ -100,12 +121,37 @@ impl Capture {
             failed((alsa.snd_pcm_open)(&raw mut pcm, name.as_ptr(), CAPTURE, NONBLOCK))?;
             Handle::new(pcm, close).ok_or_else(|| "it opens to nothing".to_owned())?
         };
-        // SAFETY: it is open; ALSA itself makes other rates and channels of it (the 1).
+        let capture = Self { alsa, pcm };
+        capture.set(format)?;
+        // SAFETY: it is open and set.
+        failed(unsafe { (alsa.snd_pcm_start)(capture.pcm.get()) })?;
+        Ok(capture)
+    }
+
+    /// `snd_pcm_set_params` would do, but with it a device is read four times in all of its room alone: a word that is
+    /// heard late stops the robot late.
+    fn set(&self, format: &Format) -> Result<(), String> {
+        let (alsa, pcm) = (self.alsa, self.pcm.get());
+        let failed = |error: c_int| if error < 0 { Err(why(alsa, error.into())) } else { Ok(()) };
+        let (mut params, mut period_us, mut room_us) = (null_mut(), format.period_us, format.room_us);
+        // SAFETY: what is allocated is ours, and freed once.
+        let params = unsafe {
+            failed((alsa.snd_pcm_hw_params_malloc)(&raw mut params))?;
+            Handle::new(params, alsa.snd_pcm_hw_params_free).ok_or_else(|| "no memory".to_owned())?
+        };
+        let params = params.get();
+        // SAFETY: both live; ALSA itself makes other rates of it (the 1). Directions (null) are not asked for.
         unsafe {
-            failed((alsa.snd_pcm_set_params)(pcm.get(), S16_LE, INTERLEAVED, 1, rate_hz, 1, latency_us))?;
-            failed((alsa.snd_pcm_start)(pcm.get()))?;
+            failed((alsa.snd_pcm_hw_params_any)(pcm, params))?;
+            failed((alsa.snd_pcm_hw_params_set_rate_resample)(pcm, params, 1))?;
+            failed((alsa.snd_pcm_hw_params_set_access)(pcm, params, INTERLEAVED))?;
+            failed((alsa.snd_pcm_hw_params_set_format)(pcm, params, S16_LE))?;
+            failed((alsa.snd_pcm_hw_params_set_channels)(pcm, params, 1))?;
+            failed((alsa.snd_pcm_hw_params_set_rate)(pcm, params, format.rate_hz, 0))?;
+            failed((alsa.snd_pcm_hw_params_set_period_time_near)(pcm, params, &raw mut period_us, null_mut()))?;
+            failed((alsa.snd_pcm_hw_params_set_buffer_time_near)(pcm, params, &raw mut room_us, null_mut()))?;
+            failed((alsa.snd_pcm_hw_params)(pcm, params))
         }
-        Ok(Self { alsa, pcm })
     }
 
     /// Reads what there is, waiting for `wait_ms` at most.

@@ -417,3 +417,28 @@ fn the_tone_before_motion_comes_at_once_or_not_at_all() {
     bench.pass(50, &[]);
     assert_eq!(bench.texts(), ["Ready.", "(tone)"], "what is less urgent is cut short");
 }
+
+#[test]
+fn a_stop_that_could_not_be_heard_is_told_once_more_while_it_lasts() {
+    let fails = |bench: &mut Bench| {
+        let utterance = bench.speaker.next(bench.now_ms * MS).expect("it is told");
+        bench.speaker.unheard(&utterance, bench.now_ms * MS);
+        utterance
+    };
+    let mut bench = Bench::running();
+    bench.dies(ServiceId::Lidar);
+    let utterance = fails(&mut bench);
+    bench.pass(950, &[]);
+    assert_eq!(bench.texts(), [""; 0]);
+    bench.pass(50, &[]);
+    assert_eq!(bench.texts(), ["Stopped: lidar lost, restarting."]);
+    bench.speaker.unheard(&utterance, bench.now_ms * MS);
+    bench.pass(5000, &[]);
+    assert_eq!(bench.heard.len(), 1, "{:?}", bench.heard);
+    // Nobody needs to hear why the robot stood.
+    bench.dies(ServiceId::Depth);
+    fails(&mut bench);
+    bench.run(CueKind::Forward);
+    bench.pass(5000, &[]);
+    assert_eq!(bench.heard.len(), 1, "{:?}", bench.heard);
+}

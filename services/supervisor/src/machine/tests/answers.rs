@@ -3,7 +3,7 @@
 use super::{Bench, MS};
 use crate::machine::{Action, Event, Machine, Phase};
 use crate::plan::Plan;
-use messages::{CueAnswer, CueKind, CueRefusal, ModeClass, ServiceId, StopKind, TopicId};
+use messages::{Cue, CueAnswer, CueKind, CueRefusal, Header, ModeClass, ServiceId, StopKind, TopicId};
 use settings::Settings;
 use transport::ClockKind;
 
@@ -40,6 +40,32 @@ fn every_cue_is_answered_and_a_refusal_names_what_lacks() {
     let refused = asked(&mut bench, CueKind::Left, 0);
     assert_eq!((refused.refusal, refused.reason.kind), (CueRefusal::Locked, StopKind::OperatorStop));
     assert_eq!(refused.reason.topic, TopicId::None);
+}
+
+#[test]
+fn a_stop_counts_though_it_is_older_than_the_cue_in_force_and_a_direction_is_too_old() {
+    let mut bench = Bench::running();
+    bench.pass(100);
+    bench.cue(CueKind::Left, 0);
+    bench.cue(CueKind::Right, 50);
+    assert_eq!(bench.machine.mode().cue.cue.kind, CueKind::Left);
+    let newest = |bench: &Bench| answers(bench).last().map(|answer| (answer.kind, answer.refusal));
+    assert_eq!(newest(&bench), Some((CueKind::Right, CueRefusal::TooOld)));
+    bench.cue(CueKind::Stop, 50);
+    assert!(!bench.machine.mode().cue.valid);
+    assert_eq!(newest(&bench), Some((CueKind::Stop, CueRefusal::None)));
+    // The stop makes none younger that was too old.
+    bench.cue(CueKind::Right, 20);
+    assert!(!bench.machine.mode().cue.valid);
+}
+
+#[test]
+fn a_cue_from_nobody_knows_where_is_refused() {
+    let mut bench = Bench::up(ClockKind::Real);
+    let header = Header { stamp_ns: bench.now_ms * MS, seq: 1, incarnation: 1, ..Header::default() };
+    bench.handle(Event::Cue(&Cue { header, kind: CueKind::Forward, ..Cue::default() }));
+    assert_eq!(bench.class(), ModeClass::Fault);
+    assert_eq!(answers(&bench).last().map(|answer| answer.refusal), Some(CueRefusal::Unusable));
 }
 
 fn speaking(clock: ClockKind) -> Bench {
