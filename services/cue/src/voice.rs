@@ -22,7 +22,7 @@ use stream::Stream;
 /// Of [`Io::watch`].
 const TOKEN_VOICE: u64 = 0;
 /// So many pieces of sound are heard at a waking: who catches up has beats to give as well, every 20 ms. A microphone
-/// gives one in 80 ms.
+/// gives one in 20 ms, a file or pipe one of 80 ms.
 const PIECES_MAX: usize = 3;
 /// So long the service waits for enough sound to tell words, wall time, nanoseconds: 1.34 s of it, and what a source
 /// takes to open.

@@ -26,7 +26,7 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 17] = [
+const OURS: [&str; 18] = [
     "lock",
     "recording.json",
     "run.json",
@@ -41,6 +41,7 @@ const OURS: [&str; 17] = [
     "backstop.sock",
     "handler.json",
     "handler.new",
+    "voice.begun",
     "logs",
     "iox",
     "plain",

@@ -126,3 +126,29 @@ impl Grab for Stream {
         u64::MAX
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Stream;
+    use grabber::Grab;
+    use transport::monotonic_ns;
+
+    #[test]
+    fn a_file_goes_on_where_it_would_be_by_now() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("said.raw");
+        // Each sample says at which millisecond it stands; three seconds.
+        let samples: Vec<u8> = (0..48_000_i32).flat_map(|n| ((n / 16) as i16).to_le_bytes()).collect();
+        std::fs::write(&path, samples).expect("written");
+        let first_ms = |ago_ms: u64| {
+            let mut stream = Stream::open(&path).expect("it is there");
+            stream.go_on(monotonic_ns() - ago_ms * 1_000_000)?;
+            let sound = stream.grab()?.expect("a file always gives something");
+            Ok::<_, grabber::Trouble>((f64::from(sound.samples[0]) * 32_768.0).round())
+        };
+        assert_eq!(first_ms(0), Ok(0.0));
+        // A busy machine takes its time.
+        assert!(first_ms(1000).is_ok_and(|ms| (880.0..2900.0).contains(&ms)));
+        assert!(first_ms(4000).is_err_and(|trouble| trouble.found.contains("it has ended")));
+    }
+}
