@@ -114,3 +114,31 @@ fn what_cannot_be_enrolled_is_told_and_leaves_everything_as_it_is() {
     }
     assert_eq!(fs::read_to_string(mine.join("letter.txt")).expect("there"), "dear");
 }
+
+#[test]
+fn what_lies_beside_and_is_somebody_elses_is_left_as_it_is() {
+    if !can_hear() {
+        return;
+    }
+    let place = Place::new();
+    let (clips, anna) = (clips(&place, "clips"), text(&place.path().join("anna")));
+    for beside in ["anna.new", "anna.before"] {
+        let thesis = place.path().join(beside).join("thesis.txt");
+        fs::create_dir_all(thesis.parent().expect("a folder")).expect("made");
+        fs::write(&thesis, "mine").expect("written");
+        let (told, code) = enrol(&place, &["-o", &anna, "--from", &text(&clips)]);
+        assert_eq!(code, 2, "{told:#}");
+        assert!(told["error"].as_str().is_some_and(|error| error.contains(beside)), "{told:#}");
+        assert_eq!(fs::read_to_string(&thesis).expect("it stays"), "mine");
+        assert!(!place.path().join("anna").exists());
+        fs::remove_dir_all(thesis.parent().expect("a folder")).expect("ours");
+    }
+    // What was spoken and has trained nothing yet is not written over by what is copied.
+    let spoken = place.path().join("anna.new").join("clips").join("stop").join("01.wav");
+    write_wav(&spoken, &spoken_by("en-us", "150", "stop"));
+    fs::write(place.path().join("anna.new").join("origin"), "spoken\n").expect("written");
+    let (told, code) = enrol(&place, &["-o", &anna, "--from", &text(&clips)]);
+    assert_eq!(code, 2, "{told:#}");
+    assert!(told["error"].as_str().is_some_and(|error| error.contains("goes on with it")), "{told:#}");
+    assert!(spoken.is_file());
+}

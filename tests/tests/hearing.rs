@@ -98,7 +98,9 @@ fn what_is_no_sound_is_told_with_file_and_line() {
     fs::write(at("stereo.wav"), wav(2, RATE_HZ, 32_000)).expect("written");
     fs::write(at("fast.wav"), wav(1, 44_100, 32_000)).expect("written");
     fs::write(at("none.flac"), "no FLAC").expect("written");
-    fs::write(at("list.txt"), "\nshort.wav\tstop\nnowhere.wav left\n").expect("written");
+    fs::write(at("song.wav"), "ID3 what is called so and is none").expect("written");
+    fs::write(at("empty.wav"), &wav(1, RATE_HZ, 0)[..44]).expect("written");
+    fs::write(at("list.txt"), "  # a remark\nshort.wav\tstop\nnowhere.wav left\n").expect("written");
     fs::create_dir_all(at("empty").join("stop")).expect("made");
     fs::write(at("cues.toml"), "sha256 = 1\n").expect("written");
     fs::write(at("voice.toml"), "[cue.voice]\nmodel = \"cues.toml\"\n").expect("written");
@@ -106,7 +108,9 @@ fn what_is_no_sound_is_told_with_file_and_line() {
         (vec![text(&at("short.wav"))], "short.wav: it was cut off"),
         (vec![text(&at("stereo.wav"))], "stereo.wav: 2 channels"),
         (vec![text(&at("fast.wav"))], "fast.wav: 1 channels of 16 bits at 44100 Hz"),
-        (vec![text(&at("none.flac"))], "none.flac"),
+        (vec![text(&at("none.flac"))], "none.flac: it is no whole FLAC file"),
+        (vec![text(&at("song.wav"))], "song.wav: it is no whole WAV file"),
+        (vec![text(&at("empty.wav"))], "empty.wav: no samples are in it"),
         (vec![text(&at("list.txt"))], "list.txt:3: "),
         (vec![text(&at("empty"))], "no WAV or FLAC file is there"),
         (vec![text(&at("nowhere"))], "nowhere"),
@@ -116,5 +120,11 @@ fn what_is_no_sound_is_told_with_file_and_line() {
         let (told, code) = evaluate(&place, &args);
         assert_eq!(code, 2, "{args:?}: {told:#}");
         assert!(told["error"].as_str().is_some_and(|error| error.contains(what)), "{args:?}: {told:#}");
+    }
+    // Nor does a walk begin in which nobody would be heard.
+    for (name, what) in [("fast.wav", "44100 Hz"), ("song.wav", "no whole WAV"), ("empty.wav", "no samples")] {
+        let (told, code) = place.json(&["walk", "--json", "--voice", &text(&at(name))]);
+        assert_eq!(code, 2, "{name}: {told:#}");
+        assert!(told["error"].as_str().is_some_and(|error| error.contains(what)), "{name}: {told:#}");
     }
 }

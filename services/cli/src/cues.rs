@@ -20,6 +20,7 @@ use crate::out::{self, say};
 use crate::{operate, prepare};
 use conditions::{Condition, Noises};
 use figures::Counts;
+pub use files::check_stream;
 use files::{Recorded, What};
 
 /// What came of one file under one condition.

@@ -172,7 +172,7 @@ fn hears_line(status: &Value) -> String {
     let (level, clipped) = (number(status, "/microphone/level_dbfs"), 100.0 * number(status, "/microphone/clipped"));
     match text(status, "/microphone/state") {
         "" => "no voice".to_owned(),
-        "lost" => "nothing: no microphone".to_owned(),
+        "lost" => "nothing: its source is lost".to_owned(),
         "warming_up" => "not yet: warming up".to_owned(),
         "muted" => "not now: the robot speaks".to_owned(),
         state => {

@@ -67,7 +67,7 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
         return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
     }
     check_policy_and_script(&settings)?;
-    language(&settings)?;
+    speech(&settings)?;
     Ok(settings)
 }
 
@@ -188,10 +188,7 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
         voice.source = VoiceSource::Microphone;
     } else {
         let stream = absolute(stream)?;
-        let wrong = |what: String| Failure::input(format!("{}: {what}", stream.display()));
-        if stream.metadata().map_err(|error| wrong(error.to_string()))?.is_dir() {
-            return Err(wrong("it is neither a file nor a pipe".to_owned()));
-        }
+        crate::cues::check_stream(&stream)?;
         (voice.source, voice.stream) = (VoiceSource::Stream, Some(stream));
     }
     find_speech(voice)?;
@@ -285,7 +282,7 @@ pub fn allow_planned(settings: &Settings) -> Result<(), Failure> {
 /// As [`walk`].
 pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     check_policy_and_script(&settings)?;
-    language(&settings)?;
+    speech(&settings)?;
     let scenario = world::scenario_of(&settings).map_err(Failure::of_input)?;
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
@@ -305,14 +302,19 @@ fn check_policy_and_script(settings: &Settings) -> Result<(), Failure> {
         .map_err(|error| Failure::input(format!("cue.script of the configuration: {}", crate::exit::chain(&error))))
 }
 
-/// The language that the robot is to speak is there, and whole.
-///
-/// # Errors
-/// Where it is not; the message names the file and what is wrong in it.
-pub fn language(settings: &Settings) -> Result<(), Failure> {
-    if settings.speak.on {
-        speech::Language::load(&settings.speak.language)
-            .map_err(|error| Failure::input(format!("speak.language of the configuration: {error}")))?;
+/// The language that the robot is to speak is there, and whole; so is the folder of what it says; and a tone before a
+/// spoken cue is given by somebody.
+fn speech(settings: &Settings) -> Result<(), Failure> {
+    settings::check_tone(settings).map_err(Failure::input)?;
+    if !settings.speak.on {
+        return Ok(());
+    }
+    speech::Language::load(&settings.speak.language)
+        .map_err(|error| Failure::input(format!("speak.language of the configuration: {error}")))?;
+    let Some(file) = &settings.speak.file else { return Ok(()) };
+    if file.is_dir() || !file.parent().is_some_and(Path::is_dir) {
+        let what = "it is a folder, or in none: a WAV file is to be written there";
+        return Err(Failure::input(format!("speak.file of the configuration: {}: {what}", file.display())));
     }
     Ok(())
 }

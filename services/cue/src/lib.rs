@@ -130,8 +130,8 @@ impl CueService {
         for said in std::mem::take(&mut self.said) {
             self.script.heard(said.kind);
             let Said { kind, score, stamp_ns, signal_db, clipped, after_stop: _ } = said;
-            // Cues are in the order of their stamps, and a stop is older than none: another may have been given since it
-            // was said.
+            // Cues are in the order of their stamps, and a stop is older than none: another may have been given since
+            // it was said.
             let stamp_ns = if kind.is_moving() { stamp_ns } else { io.now_ns() };
             let source = CueSource::Voice;
             self.publish(stamp_ns, Cue { kind, source, confidence: score, signal_db, clipped, ..Cue::default() })?;

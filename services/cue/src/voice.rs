@@ -237,7 +237,8 @@ impl Voice {
             Some(Confirmed::Given(confirmed)) => said.push(confirmed),
             Some(Confirmed::Unheard(unheard)) => {
                 let name = unheard.kind.name();
-                let text = format!("\"{name}\" was said and is not given: the tone before it was not heard ([speak])");
+                let why = "the tone before it was not heard to its end in time ([speak] player, `guidedog doctor`)";
+                let text = format!("\"{name}\" was said and is not given: {why}");
                 io.tell(&FromChild::Note { text });
             }
             None => {}
@@ -307,23 +308,16 @@ fn begun_ns(path: &Path) -> u64 {
     })
 }
 
-/// Opens what the settings name; a file once, since it ends for good.
+/// Opens what the settings name.
 fn opener(
     voice: &VoiceSettings,
     begun_ns: u64,
 ) -> impl FnMut() -> Result<Box<dyn Grab<Item = Sound>>, Trouble> + Send + 'static {
-    let (voice, mut ended) = (voice.clone(), false);
+    let voice = voice.clone();
     move || match voice.source {
         VoiceSource::Stream => {
             let path = voice.stream.as_deref().unwrap_or(Path::new(""));
-            if ended {
-                let fix = "no voice is heard from there any more";
-                return Err(Trouble::new(format!("{}: it has ended", path.display()), fix));
-            }
-            let mut stream = Stream::open(path)?;
-            ended = stream.is_file();
-            stream.go_on(begun_ns)?;
-            Ok(Box::new(stream))
+            Ok(Box::new(Stream::open(path, begun_ns)?))
         }
         VoiceSource::Microphone | VoiceSource::Absent => Ok(Box::new(Microphone::open(&voice.microphone, RATE_HZ)?)),
     }

@@ -44,6 +44,11 @@ pub trait Grab {
     fn silent_limit_ns(&self) -> u64 {
         SILENT_NS
     }
+
+    /// Whether it is not opened anew once nothing more comes.
+    fn ends_for_good(&self) -> bool {
+        false
+    }
 }
 
 impl<T: Send + 'static> Grab for Box<dyn Grab<Item = T>> {
@@ -60,6 +65,10 @@ impl<T: Send + 'static> Grab for Box<dyn Grab<Item = T>> {
     fn silent_limit_ns(&self) -> u64 {
         (**self).silent_limit_ns()
     }
+
+    fn ends_for_good(&self) -> bool {
+        (**self).ends_for_good()
+    }
 }
 
 /// What the thread hands over.
@@ -69,7 +78,7 @@ pub enum Grabbed<T> {
     Opened(String),
     /// What came.
     Item(T),
-    /// It is lost, or could not be opened; it is tried again.
+    /// It is lost, or could not be opened; it is tried again, but for what ends for good.
     Lost(Trouble),
 }
 
@@ -119,7 +128,8 @@ impl<T> Grabber<T> {
     /// Whether the library hangs, and nothing more will come of this thread.
     #[must_use]
     pub fn is_stuck(&self) -> bool {
-        monotonic_ns().saturating_sub(self.alive_ns.load(Ordering::Relaxed)) > STUCK_NS
+        let has_ended = self.ended.try_recv() == Err(TryRecvError::Disconnected);
+        !has_ended && monotonic_ns().saturating_sub(self.alive_ns.load(Ordering::Relaxed)) > STUCK_NS
     }
 }
 
@@ -152,9 +162,12 @@ impl<T: Send + 'static> Work<T> {
         while !self.is_over() {
             self.lives();
             let trouble = match open() {
-                Ok(source) => {
+                Ok(mut source) => {
                     self.hand_over(Grabbed::Opened(source.about()));
-                    let (came, trouble) = self.grab_all(source);
+                    let (came, trouble) = self.grab_all(&mut source);
+                    if let Some(trouble) = trouble.as_ref().filter(|_| source.ends_for_good()) {
+                        return self.hand_over(Grabbed::Lost(trouble.clone()));
+                    }
                     back_off = if came { BACK_OFF } else { back_off };
                     trouble
                 }
@@ -171,7 +184,7 @@ impl<T: Send + 'static> Work<T> {
     }
 
     /// Whether anything came, and why nothing more does; nothing where this is over.
-    fn grab_all<G: Grab<Item = T>>(&self, mut source: G) -> (bool, Option<Trouble>) {
+    fn grab_all<G: Grab<Item = T>>(&self, source: &mut G) -> (bool, Option<Trouble>) {
         let (mut came, mut last_ns) = (false, monotonic_ns());
         while !self.is_over() {
             self.lives();

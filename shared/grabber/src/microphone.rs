@@ -33,12 +33,12 @@ pub struct Microphone {
     piece: Vec<i16>,
 }
 
-/// Whether ALSA's library is there. The microphone itself is not opened: somebody may be using it.
+/// Whether the microphone can be opened; it is closed again at once.
 ///
 /// # Errors
-/// What to install.
-pub fn check() -> Result<String, Trouble> {
-    ffi::check().map(|()| format!("{LIBRARY} is there; the microphone was not opened")).map_err(no_library)
+/// As [`Microphone::open`].
+pub fn check(name: &str, rate_hz: u32) -> Result<String, Trouble> {
+    Microphone::open(name, rate_hz).map(|_| format!("\"{name}\" can be opened"))
 }
 
 fn no_library(why: String) -> Trouble {

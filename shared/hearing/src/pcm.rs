@@ -4,6 +4,8 @@
 //! Samples are 16 bits, little endian, 16,000 a second, of one channel: `arecord -t raw -f S16_LE -r 16000 -c 1` sends
 //! that. Nothing is resampled: who records at another rate is told what to do.
 
+use std::path::Path;
+
 use crate::mel::RATE_HZ;
 
 /// Of a chunk: its name and its length.
@@ -43,16 +45,18 @@ pub enum PcmError {
 /// Where in the stream it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum At {
-    /// Nothing came yet.
-    Start,
+    /// Nothing came yet; whether it has to be a WAV file.
+    Start { wav: bool },
     /// Between chunks; whether the format is known.
     Chunk { format_known: bool },
     /// In a chunk that tells nothing: bytes left.
     Skip { left: u32, format_known: bool },
     /// Among the samples: bytes left, where it is known.
     Samples { left: Option<u64> },
-    /// After the samples.
+    /// After the samples: another WAV file may follow.
     End,
+    /// What follows them is none.
+    Over,
 }
 
 /// Reads a stream.
@@ -64,11 +68,18 @@ pub struct PcmStream {
 
 impl Default for PcmStream {
     fn default() -> Self {
-        Self { at: At::Start, waiting: Vec::new() }
+        Self { at: At::Start { wav: false }, waiting: Vec::new() }
     }
 }
 
 impl PcmStream {
+    /// Of a file: one that is called like a WAV file has to be one.
+    #[must_use]
+    pub fn of_file(path: &Path) -> Self {
+        let wav = path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("wav"));
+        Self { at: At::Start { wav }, ..Self::default() }
+    }
+
     /// Takes bytes, and adds the samples in them, in [-1, 1].
     ///
     /// # Errors
@@ -86,14 +97,21 @@ impl PcmStream {
     /// Whether nothing came yet.
     #[must_use]
     pub fn is_new(&self) -> bool {
-        self.at == At::Start && self.waiting.is_empty()
+        matches!(self.at, At::Start { .. }) && self.waiting.is_empty()
+    }
+
+    /// Whether something came behind a WAV file that is none: it is not heard.
+    #[must_use]
+    pub fn is_over(&self) -> bool {
+        self.at == At::Over
     }
 
     /// What is missing at the end of the stream, if anything: of a WAV file that was cut off.
     #[must_use]
     pub fn missing(&self) -> Option<&'static str> {
         match self.at {
-            At::Start if self.waiting.is_empty() => Some("it is empty"),
+            At::Start { .. } if self.waiting.is_empty() => Some("it is empty"),
+            At::Start { wav: true } => Some("it is no WAV file"),
             At::Chunk { .. } | At::Skip { .. } => Some("no samples came"),
             At::Samples { left: Some(left) } if left > 0 => Some("it was cut off"),
             _ => None,
@@ -105,8 +123,11 @@ impl PcmStream {
         let bytes = &self.waiting[from..];
         let number = |at: usize| u32::from_le_bytes(std::array::from_fn(|i| bytes[at + i]));
         match self.at {
-            At::Start if bytes.len() >= FILE_HEAD => {
-                let is_wav = bytes.starts_with(b"RIFF") && bytes[8..].starts_with(b"WAVE");
+            At::Start { wav } if bytes.len() >= FILE_HEAD => {
+                let is_wav = begins_wav(bytes);
+                if wav && !is_wav {
+                    return Err(PcmError::Broken("it does not begin like one"));
+                }
                 self.at = if is_wav { At::Chunk { format_known: false } } else { At::Samples { left: None } };
                 Ok(Some(if is_wav { FILE_HEAD } else { 0 }))
             }
@@ -156,10 +177,20 @@ impl PcmStream {
                 self.at = At::Samples { left: left.map(|left| left - taken as u64) };
                 Ok(Some(taken))
             }
-            At::End if !bytes.is_empty() => Ok(Some(bytes.len())),
+            At::End if bytes.len() >= FILE_HEAD => {
+                let is_wav = begins_wav(bytes);
+                self.at = if is_wav { At::Chunk { format_known: false } } else { At::Over };
+                Ok(Some(if is_wav { FILE_HEAD } else { 0 }))
+            }
+            At::Over if !bytes.is_empty() => Ok(Some(bytes.len())),
             _ => Ok(None),
         }
     }
+}
+
+/// Whether a WAV file's head is there, whose length is known.
+fn begins_wav(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"RIFF") && bytes[8..].starts_with(b"WAVE")
 }
 
 fn sample(bytes: &[u8]) -> f32 {
@@ -213,6 +244,30 @@ mod tests {
             // Written to a pipe: nobody knew how long it would be.
             assert_eq!(read(&wav(1, 16_000, u32::MAX, &SAMPLES), piece), Ok((expected.clone(), None)));
         }
+    }
+
+    #[test]
+    fn a_wav_behind_another_is_heard_and_what_is_none_is_told() {
+        let two = [wav(1, 16_000, 16, &SAMPLES), wav(1, 16_000, 16, &SAMPLES)].concat();
+        for piece in [1, 5, 1000] {
+            assert_eq!(read(&two, piece).map(|(samples, _)| samples.len()), Ok(2 * SAMPLES.len()));
+        }
+        let (mut stream, mut samples) = (PcmStream::default(), Vec::new());
+        assert_eq!(stream.push(&wav(1, 16_000, 16, &SAMPLES), &mut samples), Ok(()));
+        assert!(!stream.is_over(), "nothing follows");
+        assert_eq!(stream.push(b"twelve bytes", &mut samples), Ok(()));
+        assert!(stream.is_over() && samples.len() == SAMPLES.len());
+    }
+
+    #[test]
+    fn a_file_that_is_called_wav_is_one() {
+        let pushed = |name: &str, bytes: &[u8]| {
+            let (mut stream, mut samples) = (PcmStream::of_file(name.as_ref()), Vec::new());
+            stream.push(bytes, &mut samples).map(|()| (samples.len(), stream.missing()))
+        };
+        assert_eq!(pushed("a.raw", b"not a wav at all"), Ok((8, None)));
+        assert_eq!(pushed("a.WAV", b"not a wav at all"), Err(PcmError::Broken("it does not begin like one")));
+        assert_eq!(pushed("a.wav", b"short"), Ok((0, Some("it is no WAV file"))));
     }
 
     #[test]

@@ -37,8 +37,8 @@ pub enum Urgency {
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum SpeechPhase {
-    /// Its first sample was handed to the output: whoever listens to a microphone does not until its end is told, or (the
-    /// voice may die) until that is overdue.
+    /// Its first sample was handed to the output: whoever listens to a microphone does not until its end is told, or
+    /// (the voice may die) until that is overdue.
     #[default]
     Begun = 0,
     /// It was heard to its end.

@@ -47,7 +47,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     check_devices(settings)?;
     check_serial(settings)?;
     check_depth_device(depth, settings.commands_robot())?;
-    check_voice(&settings.cue, settings.speak.on)?;
+    check_voice(&settings.cue)?;
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
@@ -65,7 +65,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
 }
 
 /// A voice is heard by something, and in a run that plays recorded cues not at all.
-fn check_voice(cue: &CueSettings, speaks: bool) -> Result<(), String> {
+fn check_voice(cue: &CueSettings) -> Result<(), String> {
     let voice = &cue.voice;
     if voice.source == VoiceSource::Stream && voice.stream.is_none() {
         return Err("cue.voice.source = \"stream\" needs cue.voice.stream, a file or a pipe".to_owned());
@@ -76,7 +76,17 @@ fn check_voice(cue: &CueSettings, speaks: bool) -> Result<(), String> {
     if voice.source != VoiceSource::Absent && cue.source == CueOrigin::Replayed {
         return Err("cue.voice.source is not \"absent\", and cue.source = \"replayed\"".to_owned());
     }
-    if voice.source != VoiceSource::Absent && voice.tone && !speaks {
+    Ok(())
+}
+
+/// In a run somebody has to give the tone before a spoken cue starts the robot, where one is wanted. A configuration
+/// alone may leave that open: `--voice` turns speaking on.
+///
+/// # Errors
+/// Where nobody would.
+pub fn check_tone(settings: &Settings) -> Result<(), String> {
+    let voice = &settings.cue.voice;
+    if voice.source != VoiceSource::Absent && voice.tone && !settings.speak.on {
         return Err("cue.voice.tone: the tone before a spoken cue starts the robot needs speak.on = true, or \
                     cue.voice.tone = false: then it starts without one"
             .to_owned());

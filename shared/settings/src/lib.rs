@@ -10,7 +10,7 @@ mod recorded;
 mod sections;
 mod units;
 
-pub use checks::check;
+pub use checks::{check, check_tone};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};

@@ -99,8 +99,8 @@ impl Language {
     pub fn parse(file: &str, text: &str) -> Result<Self, LanguageError> {
         let wrong = |reason: String| LanguageError::Wrong { file: file.to_owned(), reason };
         let mut read: File = toml::from_str(text).map_err(|error| wrong(error.to_string()))?;
-        if read.voice.trim().is_empty() {
-            return Err(wrong("voice is empty".to_owned()));
+        if read.voice.trim().is_empty() || read.voice.contains(char::is_control) {
+            return Err(wrong("voice is empty, or no text".to_owned()));
         }
         let mut parts = Vec::new();
         for part in ServiceId::ALL {

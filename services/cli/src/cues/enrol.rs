@@ -16,7 +16,7 @@ use crate::args::cues::EnrolArgs;
 use crate::exit::Failure;
 use crate::out::{self, say};
 use crate::prepare;
-use folder::Folder;
+use folder::{Folder, Origin};
 
 /// The cues, in the order in which they are asked for.
 const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, CueKind::Stop];
@@ -45,7 +45,7 @@ pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
     Recogniser::with(&head, &model).map_err(Failure::of_input)?;
     let rehearsal_path = model.manifest.with_file_name("rehearsal.bin");
     let rehearsal = Rehearsal::read(&rehearsal_path, &head).map_err(Failure::of_input)?;
-    folder.begin()?;
+    folder.begin(if args.from.is_some() { Origin::Copied } else { Origin::Spoken })?;
     let summary = collect(args, &folder).and_then(|clips| train(&folder, &model, &head, &rehearsal, &clips));
     let summary = summary.inspect_err(|_| folder.give_up(args.from.is_none()))?;
     report(&summary, as_json, || told(&folder, &summary))
@@ -160,13 +160,6 @@ fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
     let mut clips = Vec::new();
     for cue in CUES {
         let paths = folder::clips_of(folder, cue)?;
-        if !paths.is_empty() && paths.len() < TAKES_LEAST {
-            let (count, name) = (paths.len(), cue.name());
-            let folder = folder.display();
-            return Err(Failure::input(format!(
-                "{folder}/{name}: {count} clips, and at least {TAKES_LEAST} are needed"
-            )));
-        }
         if paths.is_empty() {
             say(format!("{}: no clips, so it is heard as before", cue.name()));
         }

@@ -2,6 +2,7 @@
 
 use std::fs::File;
 use std::io::{BufReader, Read};
+use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use hearing::{PcmStream, RATE_HZ};
@@ -14,6 +15,8 @@ const WORD_MAX_S: f64 = 5.0;
 /// No file is longer: three hours, in samples and in bytes of a WAV.
 const SAMPLES_MAX: usize = 3 * 3600 * RATE_HZ as usize;
 const BYTES_MAX: u64 = 2 * SAMPLES_MAX as u64 + (1 << 20);
+/// What stands before a file's samples is no longer, bytes.
+const HEAD_BYTES: u64 = 4 << 20;
 const TOO_LONG: &str = "it is longer than three hours";
 /// Folders within folders, and files, are no more: a link that leads back has no end.
 const DEPTH_MAX: usize = 12;
@@ -110,7 +113,8 @@ fn of_list(list: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
     let text = std::fs::read_to_string(list).map_err(|error| no_list(error.to_string()))?;
     let text = text.trim_start_matches('\u{feff}');
     let folder = list.parent().unwrap_or(Path::new(""));
-    for (number, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
+    for (number, line) in
+        text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.trim_start().starts_with('#'))
     {
         let (path, word) = match line.split_once('\t') {
             Some((path, word)) => (path.trim(), word.trim()),
@@ -153,18 +157,38 @@ pub fn read(path: &Path) -> Result<Vec<f32>, Failure> {
     }
     let mut bytes = Vec::new();
     file.take(BYTES_MAX).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
-    // A stream without a header is one of raw samples, but no file of this name is.
-    if !bytes.is_empty() && !bytes.starts_with(b"RIFF") {
-        return Err(wrong("it is no WAV file".to_owned()));
-    }
-    let (mut pcm, mut samples) = (PcmStream::default(), Vec::with_capacity(bytes.len() / 2));
+    let (mut pcm, mut samples) = (PcmStream::of_file(path), Vec::with_capacity(bytes.len() / 2));
     pcm.push(&bytes, &mut samples).map_err(|error| wrong(error.to_string()))?;
     let too_long = (samples.len() > SAMPLES_MAX).then_some(TOO_LONG);
-    too_long.or(pcm.missing()).map_or(Ok(samples), |why| Err(wrong(why.to_owned())))
+    let none = samples.is_empty().then_some("no samples are in it");
+    too_long.or(pcm.missing()).or(none).map_or(Ok(samples), |why| Err(wrong(why.to_owned())))
+}
+
+/// Whether a file or pipe can stand in a microphone's place; of a file its beginning is looked at, of a pipe nothing.
+///
+/// # Errors
+/// Where it cannot; nobody would be heard.
+pub fn check_stream(path: &Path) -> Result<(), Failure> {
+    let wrong = |what: String| Failure::input(format!("{}: {what}", path.display()));
+    let kind = path.metadata().map_err(|error| wrong(error.to_string()))?.file_type();
+    if kind.is_fifo() {
+        return Ok(());
+    }
+    if !kind.is_file() {
+        return Err(wrong("it is neither a file nor a pipe".to_owned()));
+    }
+    let mut bytes = Vec::new();
+    let file = File::open(path).map_err(|error| wrong(error.to_string()))?;
+    file.take(HEAD_BYTES).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
+    let (mut pcm, mut samples) = (PcmStream::of_file(path), Vec::new());
+    pcm.push(&bytes, &mut samples).map_err(|error| wrong(error.to_string()))?;
+    let why = pcm.missing().unwrap_or("no samples are in it");
+    if samples.is_empty() { Err(wrong(why.to_owned())) } else { Ok(()) }
 }
 
 fn flac(file: impl Read) -> Result<Vec<f32>, String> {
-    let mut reader = claxon::FlacReader::new(file).map_err(|error| error.to_string())?;
+    let broken = |error: claxon::Error| format!("it is no whole FLAC file: {error}");
+    let mut reader = claxon::FlacReader::new(file).map_err(broken)?;
     let info = reader.streaminfo();
     if (info.sample_rate, info.channels) != (RATE_HZ, 1) {
         let (channels, rate_hz) = (info.channels, info.sample_rate);
@@ -175,7 +199,7 @@ fn flac(file: impl Read) -> Result<Vec<f32>, String> {
     let full = (1_u64 << (info.bits_per_sample - 1)) as f32;
     // A few bytes may stand for any number of samples.
     let samples = reader.samples().take(SAMPLES_MAX + 1);
-    let samples = samples.map(|sample| Ok(sample.map_err(|error| error.to_string())? as f32 / full));
+    let samples = samples.map(|sample| Ok(sample.map_err(broken)? as f32 / full));
     let samples: Vec<f32> = samples.collect::<Result<_, String>>()?;
     if samples.len() > SAMPLES_MAX { Err(TOO_LONG.to_owned()) } else { Ok(samples) }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use grabber::Trouble;
 use grabber::realsense::{self, Kind};
-use hearing::{ModelFiles, Recogniser, SpeechError};
+use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
 use rustix::fs::{Access, OFlags};
 use serial::{SerialError, SerialPort};
 use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source, VoiceSource};
@@ -31,9 +31,15 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
         if settings.speak.file.is_none() {
             checks.push(program("player", "speak.player", &settings.speak.player));
         }
+        if let Some(command) = settings.speak.tone_command().filter(|_| settings.speak.tone_player.is_some()) {
+            checks.push(program("tone player", "speak.tone_player", command));
+        }
     }
     if settings.cue.voice.source == VoiceSource::Microphone {
-        checks.push(by_library("microphone", grabber::microphone::check()));
+        checks.push(by_library("microphone", grabber::microphone::check(&settings.cue.voice.microphone, RATE_HZ)));
+    }
+    if let Err(found) = settings::check_tone(settings) {
+        checks.push(Check { name: "tone", ok: false, found, fix: "[speak] on = true".to_owned() });
     }
     if settings.simulation.emulated.on {
         return checks;

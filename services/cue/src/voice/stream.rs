@@ -17,6 +17,8 @@ use transport::monotonic_ns;
 /// A piece of a file comes as often as a microphone's does, nanoseconds.
 const PIECE_NS: u64 = 80_000_000;
 const PIECE_BYTES: usize = 2 * (RATE_HZ as usize) * 80 / 1000;
+/// What has piled up in a pipe is read so many times faster than it was spoken.
+const CATCH_UP: u64 = 4;
 /// So long is waited for a pipe's next bytes.
 const WAIT: Timespec = Timespec { tv_sec: 0, tv_nsec: 80_000_000 };
 
@@ -27,16 +29,21 @@ pub struct Stream {
     path: PathBuf,
     pcm: PcmStream,
     bytes: Vec<u8>,
-    /// Of a file: when its next piece is due, as a microphone would bring it, monotonic clock.
-    due_ns: Option<u64>,
+    /// A file is whole, and ends for good.
+    is_file: bool,
+    /// Something was taken from it already.
+    is_on: bool,
+    /// Nothing is taken from it before, monotonic clock, nanoseconds.
+    due_ns: u64,
 }
 
 impl Stream {
-    /// Opens a file or a pipe; a pipe has no writer yet, perhaps.
+    /// Opens a file or a pipe; a pipe has no writer yet, perhaps. A file goes on where it would be had it been heard
+    /// from `begun_ns` of the monotonic clock on: who died hears no word twice.
     ///
     /// # Errors
     /// Where it cannot be read.
-    pub fn open(path: &Path) -> Result<Self, Trouble> {
+    pub fn open(path: &Path, begun_ns: u64) -> Result<Self, Trouble> {
         let failed = |what: String| Trouble::new(format!("{}: {what}", path.display()), "cue.voice.stream names it");
         let mut options = OpenOptions::new();
         // Whoever opens a pipe without a writer would wait for one.
@@ -46,31 +53,23 @@ impl Stream {
         if !(kind.is_file() || kind.is_fifo()) {
             return Err(failed("it is neither a file nor a pipe".to_owned()));
         }
-        let due_ns = kind.is_file().then(monotonic_ns);
-        Ok(Self { file, path: path.to_owned(), pcm: PcmStream::default(), bytes: vec![0; PIECE_BYTES], due_ns })
+        let is_file = kind.is_file();
+        let pcm = if is_file { PcmStream::of_file(path) } else { PcmStream::default() };
+        let (path, bytes, due_ns) = (path.to_owned(), vec![0; PIECE_BYTES], if is_file { begun_ns } else { 0 });
+        Ok(Self { file, path, pcm, bytes, is_file, is_on: false, due_ns })
     }
 
-    /// A file is at the place where it would be had it been heard from `begun_ns` of the monotonic clock on.
-    ///
-    /// # Errors
-    /// Where it is no sound, or over by now.
-    pub fn go_on(&mut self, begun_ns: u64) -> Result<(), Trouble> {
-        self.due_ns = self.due_ns.map(|_| begun_ns);
-        while self.due_ns.is_some_and(|due_ns| due_ns + PIECE_NS < monotonic_ns()) {
+    /// What was due already of a file that is only just begun is not heard.
+    fn skip(&mut self) -> Result<(), Trouble> {
+        while !self.is_on && self.is_file && self.due_ns + PIECE_NS < monotonic_ns() {
             self.next()?;
         }
+        self.is_on = true;
         Ok(())
     }
 
-    /// Whether it is a file, which ends for good.
-    #[must_use]
-    pub fn is_file(&self) -> bool {
-        self.due_ns.is_some()
-    }
-
-    fn over(&self) -> Trouble {
-        let why = self.pcm.missing().unwrap_or("it has ended");
-        let then = if self.is_file() { "no voice is heard from there any more" } else { "it is opened anew" };
+    fn trouble(&self, why: &str) -> Trouble {
+        let then = if self.is_file { "no voice is heard from there any more" } else { "it is opened anew" };
         Trouble::new(format!("{}: {why}", self.path.display()), then)
     }
 
@@ -78,20 +77,22 @@ impl Stream {
     fn next(&mut self) -> Result<Option<Vec<f32>>, Trouble> {
         let count = match self.file.read(&mut self.bytes) {
             // A pipe that nobody has written to yet reads as ended.
-            Ok(0) if !self.is_file() && self.pcm.is_new() => {
+            Ok(0) if !self.is_file && self.pcm.is_new() => {
                 sleep_until(monotonic_ns() + PIECE_NS);
                 return Ok(None);
             }
-            Ok(0) => return Err(self.over()),
+            Ok(0) => return Err(self.trouble(self.pcm.missing().unwrap_or("it has ended"))),
             Ok(count) => count,
             Err(error) if error.kind() == ErrorKind::WouldBlock => return Ok(None),
-            Err(error) => return Err(Trouble::new(format!("{}: {error}", self.path.display()), "it is opened anew")),
+            Err(error) => return Err(self.trouble(&error.to_string())),
         };
-        self.due_ns = self.due_ns.map(|due_ns| due_ns + PIECE_NS);
+        // Who writes faster than anybody speaks is not let to keep this computer busy.
+        self.due_ns = if self.is_file { self.due_ns + PIECE_NS } else { monotonic_ns() + PIECE_NS / CATCH_UP };
         let mut samples = Vec::with_capacity(count / 2);
-        self.pcm.push(&self.bytes[..count], &mut samples).map_err(|error| {
-            Trouble::new(format!("{}: {error}", self.path.display()), "no voice is heard from there")
-        })?;
+        self.pcm.push(&self.bytes[..count], &mut samples).map_err(|error| self.trouble(&error.to_string()))?;
+        if self.pcm.is_over() && !self.is_file {
+            return Err(self.trouble("what came behind a WAV file is none"));
+        }
         Ok(Some(samples))
     }
 }
@@ -111,9 +112,9 @@ impl Grab for Stream {
     }
 
     fn grab(&mut self) -> Result<Option<Sound>, Trouble> {
-        if let Some(due_ns) = self.due_ns {
-            sleep_until(due_ns);
-        } else if poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&WAIT)) == Ok(0) {
+        self.skip()?;
+        sleep_until(self.due_ns);
+        if !self.is_file && poll(&mut [PollFd::new(&self.file, PollFlags::IN)], Some(&WAIT)) == Ok(0) {
             return Ok(None);
         }
         // A header has none, and none would mean that some were lost.
@@ -124,6 +125,10 @@ impl Grab for Stream {
     /// Who speaks into a pipe may be silent for as long as he likes.
     fn silent_limit_ns(&self) -> u64 {
         u64::MAX
+    }
+
+    fn ends_for_good(&self) -> bool {
+        self.is_file
     }
 }
 
@@ -141,8 +146,8 @@ mod tests {
         let samples: Vec<u8> = (0..48_000_i32).flat_map(|n| ((n / 16) as i16).to_le_bytes()).collect();
         std::fs::write(&path, samples).expect("written");
         let first_ms = |ago_ms: u64| {
-            let mut stream = Stream::open(&path).expect("it is there");
-            stream.go_on(monotonic_ns() - ago_ms * 1_000_000)?;
+            let begun_ns = monotonic_ns() - ago_ms * 1_000_000;
+            let mut stream = Stream::open(&path, begun_ns).expect("it is there");
             let sound = stream.grab()?.expect("a file always gives something");
             Ok::<_, grabber::Trouble>((f64::from(sound.samples[0]) * 32_768.0).round())
         };

@@ -1,5 +1,6 @@
 //! The folder of a handler: `head.toml`, `head.onnx`, `clips/CUE/N.wav`. Beside it lies `NAME.before`, which is brought
-//! back by an undo, and while somebody enrols `NAME.new`. What is in force changes in one step, and is always whole.
+//! back by an undo, and while somebody enrols `NAME.new`, with a file that tells where its clips come from. What is in
+//! force changes in one step, and is always whole; what somebody else has put there is left as it is.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -8,17 +9,36 @@ use hearing::{Head, RATE_HZ};
 use messages::CueKind;
 use rustix::fs::{CWD, FlockOperation, RenameFlags, flock, renameat_with};
 
-use super::{CUES, TAKES_MOST};
+use super::{CUES, TAKES_LEAST, TAKES_MOST};
 use crate::cues::files;
 use crate::exit::Failure;
 
 const MANIFEST: &str = "head.toml";
 const HEAD: &str = "head.onnx";
 const CLIPS: &str = "clips";
+const ORIGIN: &str = "origin";
 /// A clip is no shorter and no longer, seconds.
 const CLIP_S: std::ops::Range<f64> = 0.2..5.0;
 /// What is less is silence: -60 dB of full scale.
 const POWER_MIN: f32 = 1e-6;
+
+/// Where the clips of an enrolment come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Origin {
+    /// They are spoken, one after another: who breaks off goes on with them.
+    Spoken,
+    /// They are copied, all at once.
+    Copied,
+}
+
+impl Origin {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Spoken => "spoken\n",
+            Self::Copied => "copied\n",
+        }
+    }
+}
 
 /// Where a handler's head is. One command at a time may change it.
 #[derive(Debug)]
@@ -30,6 +50,10 @@ pub struct Folder {
 
 fn failed(path: &Path, error: &std::io::Error) -> Failure {
     Failure::run(format!("{}: {error}", path.display()))
+}
+
+fn not_ours(path: &Path) -> Failure {
+    Failure::input(format!("{}: it is no folder that `cue enrol` has made, and is left as it is", path.display()))
 }
 
 fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
@@ -84,10 +108,7 @@ impl Folder {
         // A link to nowhere is something else, too.
         let is_other = folder.path.symlink_metadata().is_ok() && !folder.manifest().is_file();
         if is_other || folder.path.file_name().is_none() {
-            let path = folder.path.display();
-            return Err(Failure::input(format!(
-                "{path}: it is no folder that `cue enrol` has made, and is left as it is"
-            )));
+            return Err(not_ours(&folder.path));
         }
         Ok(folder)
     }
@@ -129,16 +150,33 @@ impl Folder {
     /// Begins an enrolment.
     ///
     /// # Errors
-    /// Where nothing can be written there, or somebody is just enrolling.
-    pub fn begin(&mut self) -> Result<(), Failure> {
-        let new = self.new_one();
+    /// Where nothing can be written there, somebody is just enrolling, or something else lies there.
+    pub fn begin(&mut self, origin: Origin) -> Result<(), Failure> {
+        let (new, before) = (self.new_one(), self.before());
+        if before.symlink_metadata().is_ok() && !before.join(MANIFEST).is_file() {
+            return Err(not_ours(&before));
+        }
+        let is_new = new.symlink_metadata().is_err();
         let unusable = |error: std::io::Error| Failure::input(format!("{}: {error}", new.display()));
         let lock = fs::create_dir_all(&new).and_then(|()| File::open(&new)).map_err(unusable)?;
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
             return Err(Failure::input(format!("{}: somebody is enrolling there already", self.path.display())));
         }
         self.lock = Some(lock);
-        Ok(())
+        match fs::read_to_string(new.join(ORIGIN)).ok() {
+            None if is_new => {}
+            Some(was) if was == origin.name() => {}
+            Some(was) if was == Origin::Copied.name() => remove(&self.new_clips())?,
+            Some(was) if was == Origin::Spoken.name() => {
+                let (new, path) = (new.display(), self.path.display());
+                return Err(Failure::input(format!(
+                    "{new}: what was spoken before has trained no head yet: `guidedog cue enrol -o {path}` goes on \
+                     with it, or remove it"
+                )));
+            }
+            Some(_) | None => return Err(not_ours(&new)),
+        }
+        write(&new.join(ORIGIN), origin.name().as_bytes())
     }
 
     /// Lets go of an enrolment that came to nothing; clips that somebody has spoken stay.
@@ -163,10 +201,16 @@ impl Folder {
     pub fn copy_clips(&self, from: &Path) -> Result<(), Failure> {
         remove(&self.new_clips())?;
         for cue in CUES {
-            for path in clips_of(from, cue)? {
-                let samples = files::read(&path)?;
+            let paths = clips_of(from, cue)?;
+            for (take, path) in (1..).zip(&paths) {
+                let samples = files::read(path)?;
                 usable(&samples).map_err(|why| Failure::input(format!("{}: {why}", path.display())))?;
-                self.put_clip(cue, &path.file_stem().unwrap_or_default().to_string_lossy(), &samples)?;
+                self.put_clip(cue, take, &samples)?;
+            }
+            if (1..TAKES_LEAST).contains(&paths.len()) {
+                let (count, folder) = (paths.len(), from.join(cue.name()));
+                let folder = folder.display();
+                return Err(Failure::input(format!("{folder}: {count} clips, and at least {TAKES_LEAST} are needed")));
             }
         }
         if self.new_clips().is_dir() {
@@ -176,9 +220,9 @@ impl Folder {
         Err(Failure::input(format!("{}: no WAV or FLAC file in {names}", from.display())))
     }
 
-    /// One more clip, at [`RATE_HZ`].
-    pub fn put_clip(&self, cue: CueKind, name: &str, samples: &[f32]) -> Result<(), Failure> {
-        let path = self.new_clips().join(cue.name()).join(format!("{name}.wav"));
+    /// One more clip, at [`RATE_HZ`]; takes are counted from 1.
+    pub fn put_clip(&self, cue: CueKind, take: usize, samples: &[f32]) -> Result<(), Failure> {
+        let path = self.new_clips().join(cue.name()).join(format!("{take:02}.wav"));
         let spec = hound::WavSpec {
             channels: 1,
             sample_rate: RATE_HZ,
@@ -203,6 +247,8 @@ impl Folder {
 
     /// What was put is in force, what was in force is what an undo brings back.
     pub fn put_in_force(&self) -> Result<(), Failure> {
+        let origin = self.new_one().join(ORIGIN);
+        fs::remove_file(&origin).map_err(|error| failed(&origin, &error))?;
         if !self.path.exists() {
             return fs::rename(self.new_one(), &self.path).map_err(|error| failed(&self.path, &error));
         }

@@ -46,7 +46,7 @@ pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), F
             }
             say(format!("say \"{}\" ({take} of {TAKES})", cue.name()));
             let samples = one(cue, &mut aloud, &mut listener)?;
-            folder.put_clip(cue, &format!("{take:02}"), &samples)?;
+            folder.put_clip(cue, take, &samples)?;
         }
     }
     aloud.ask("Thank you.");
