@@ -192,9 +192,17 @@ def choose(judged: dict[str, list[Judged]], rules: Rules) -> Rules:
             mark = "  <" if row["threshold"] == picked[cue] else ""
             print("  " + "  ".join(f"{value:7.3f}" for value in row.values()) + mark)
     directions = tuple(picked[name] for name in DIRECTIONS)
-    # Above 0.9 every third "forward" of the held-out voices would have to be said again.
-    strict = min(0.9, max(0.85, directions[0] + 0.1))
+    strict = strictest(swept["forward"], directions[0])
     return dataclasses.replace(rules, stop=picked["stop"], directions=directions, forward_after_stop=strict)
+
+
+def strictest(rows: list[dict[str, float]], threshold: float) -> float:
+    """What *forward* needs after a stop: clearly more, and as much as it takes for nothing else to be taken for it."""
+    falsely = ("accepts", "reading", "noise")
+    clean = [row["threshold"] for row in rows if all(row[name] == 0 for name in falsely)]
+    above = [found for found in clean if found >= threshold + 0.1]
+    # Above 0.9 every third "forward" of the held-out voices would have to be said again.
+    return min([*above, 0.9])
 
 
 # --- The table
