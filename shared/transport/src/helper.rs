@@ -10,8 +10,9 @@ use rustix::fs::{MemfdFlags, OFlags};
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, waitid};
 
-/// What is told of a program's own words, bytes.
-const WORDS_BYTES: usize = 200;
+/// So much of a program's own words is looked at, bytes, and so much of their last line is told.
+const WORDS_BYTES: usize = 4096;
+const LINE_CHARS: usize = 200;
 
 /// A program of others. It inherits nothing of the run but what it is given, leads a group of its own, and dies with
 /// the thread that started it.
@@ -119,9 +120,12 @@ impl Helper {
         let mut words = [0; WORDS_BYTES];
         let stderr = self.child.stderr.as_ref();
         let n = stderr.and_then(|stderr| rustix::io::read(stderr, &mut words).ok()).unwrap_or(0);
-        let words = String::from_utf8_lossy(&words[..n]).replace(char::is_control, " ");
-        let (program, words) = (&self.program, words.trim());
-        if words.is_empty() { format!("{program}: {status}") } else { format!("{program}: {status}: {words}") }
+        let words = String::from_utf8_lossy(&words[..n]);
+        // Who gives up says why at the end.
+        let last = words.lines().map(str::trim).rfind(|line| !line.is_empty()).unwrap_or_default();
+        let last: String = last.chars().take(LINE_CHARS).collect();
+        let (program, last) = (&self.program, last.replace(char::is_control, " "));
+        if last.is_empty() { format!("{program}: {status}") } else { format!("{program}: {status}: {last}") }
     }
 
     fn pid(&self) -> Option<Pid> {
@@ -185,7 +189,8 @@ mod tests {
 
     #[test]
     fn what_fails_is_told_with_its_own_words_and_who_is_not_there_by_name() {
-        let mut helper = Helper::start(&words(&["sh", "-c", "echo no card >&2; exit 3"]), b"", false).expect("starts");
+        let mut helper =
+            Helper::start(&words(&["sh", "-c", "(echo what; echo no card) >&2; exit 3"]), b"", false).expect("starts");
         end_of(&mut helper);
         assert_eq!(helper.failure(), "sh: exit status: 3: no card");
         let error = Helper::start(&words(&["no-such-program"]), b"", false).expect_err("there is none");
