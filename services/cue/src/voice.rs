@@ -141,10 +141,11 @@ impl Voice {
                 self.confirmation.hear(&said);
                 continue;
             }
-            self.muted_until_ns = match said.phase {
-                SpeechPhase::Begun => said.header.stamp_ns.saturating_add(said.duration_ns + PLAYER_LATE_NS),
-                SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => said.header.stamp_ns + ECHO_NS,
+            let for_ns = match said.phase {
+                SpeechPhase::Begun => said.duration_ns.saturating_add(PLAYER_LATE_NS),
+                SpeechPhase::Ended | SpeechPhase::Cut | SpeechPhase::Unheard => ECHO_NS,
             };
+            self.muted_until_ns = said.header.stamp_ns.saturating_add(for_ns);
         }
         Ok(())
     }
