@@ -40,9 +40,9 @@ pub trait Grab {
     /// Where nothing more will come: it is to be opened anew.
     fn grab(&mut self) -> Result<Option<Self::Item>, Trouble>;
 
-    /// Where it is silent for so long it is to be opened anew, nanoseconds.
-    fn silent_limit_ns(&self) -> u64 {
-        SILENT_NS
+    /// Where it is silent for so long it is to be opened anew, nanoseconds; nothing where it may be silent.
+    fn silent_limit_ns(&self) -> Option<u64> {
+        Some(SILENT_NS)
     }
 
     /// Whether it is not opened anew once nothing more comes.
@@ -62,7 +62,7 @@ impl<T: Send + 'static> Grab for Box<dyn Grab<Item = T>> {
         (**self).grab()
     }
 
-    fn silent_limit_ns(&self) -> u64 {
+    fn silent_limit_ns(&self) -> Option<u64> {
         (**self).silent_limit_ns()
     }
 
@@ -193,11 +193,13 @@ impl<T: Send + 'static> Work<T> {
                     self.hand_over(Grabbed::Item(item));
                     (came, last_ns) = (true, monotonic_ns());
                 }
-                Ok(None) if monotonic_ns() - last_ns > source.silent_limit_ns() => {
-                    let found = format!("nothing came for {} s", source.silent_limit_ns() / 1_000_000_000);
-                    return (came, Some(Trouble::new(found, "it is opened anew; is it plugged in?")));
+                Ok(None) => {
+                    let Some(limit_ns) = source.silent_limit_ns() else { continue };
+                    if monotonic_ns() - last_ns > limit_ns {
+                        let found = format!("nothing came for {} s", limit_ns / 1_000_000_000);
+                        return (came, Some(Trouble::new(found, "it is opened anew; is it plugged in?")));
+                    }
                 }
-                Ok(None) => {}
                 Err(trouble) => return (came, Some(trouble)),
             }
         }

@@ -132,8 +132,8 @@ pub struct Speaker {
     unsafe_mask: u32,
     waiting: Vec<Waiting>,
     speaking: Option<Speaking>,
-    /// A stop that could not be heard, and when it is told again.
-    again: Option<(Utterance, u64)>,
+    /// A stop that could not be heard, and when it is told again, if it was not yet.
+    again: Option<(Utterance, Option<u64>)>,
     told: VecDeque<(Sentence, u64)>,
     hold: Option<Hold>,
     /// Since when a cue would be accepted, or would not; and whether that was told.
@@ -360,15 +360,17 @@ impl Speaker {
         self.finished();
         let was_again = self.again.take().is_some_and(|(again, _)| again.about_ns == utterance.about_ns);
         if utterance.urgency == Urgency::Stop && !was_again {
-            self.again = Some((*utterance, now_ns + UNHEARD_AGAIN_NS));
+            self.again = Some((*utterance, Some(now_ns + UNHEARD_AGAIN_NS)));
         }
     }
 
     /// Tells a stop that could not be heard again, while it lasts.
     fn tell_again(&mut self, now_ns: u64) {
-        let Some((utterance, _)) = self.again.filter(|(_, at_ns)| now_ns >= *at_ns) else { return };
-        // What is kept tells that this was the second time.
-        self.again = Some((utterance, u64::MAX));
+        let Some((utterance, Some(at_ns))) = self.again else { return };
+        if now_ns < at_ns {
+            return;
+        }
+        self.again = Some((utterance, None));
         let lasts = self.mode.is_some_and(|mode| mode.class != ModeClass::Run && mode.reason == utterance.reason);
         if lasts {
             self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns: u64::MAX }, now_ns);

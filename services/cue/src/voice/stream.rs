@@ -123,8 +123,8 @@ impl Grab for Stream {
     }
 
     /// Who speaks into a pipe may be silent for as long as he likes.
-    fn silent_limit_ns(&self) -> u64 {
-        u64::MAX
+    fn silent_limit_ns(&self) -> Option<u64> {
+        None
     }
 
     fn ends_for_good(&self) -> bool {

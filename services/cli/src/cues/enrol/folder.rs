@@ -156,7 +156,6 @@ impl Folder {
         if before.symlink_metadata().is_ok() && !before.join(MANIFEST).is_file() {
             return Err(not_ours(&before));
         }
-        let is_new = new.symlink_metadata().is_err();
         let unusable = |error: std::io::Error| Failure::input(format!("{}: {error}", new.display()));
         let lock = fs::create_dir_all(&new).and_then(|()| File::open(&new)).map_err(unusable)?;
         if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
@@ -164,7 +163,8 @@ impl Folder {
         }
         self.lock = Some(lock);
         match fs::read_to_string(new.join(ORIGIN)).ok() {
-            None if is_new => {}
+            // Made just now, or by who was ended right after.
+            None if fs::read_dir(&new).is_ok_and(|mut entries| entries.next().is_none()) => {}
             Some(was) if was == origin.name() => {}
             Some(was) if was == Origin::Copied.name() => remove(&self.new_clips())?,
             Some(was) if was == Origin::Spoken.name() => {
