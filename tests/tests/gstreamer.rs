@@ -73,7 +73,7 @@ fn play(frames: &[Vec<u16>], size: [usize; 2]) -> Vec<(usize, DepthHeader)> {
     let records =
         Reader::open(&place.path().join("it.mcap")).expect("a recording").map(|record| record.expect("whole"));
     let depth = records.filter_map(|record| match record {
-        Record::Depth { header, pixels_mm } => Some((header, pixels_mm)),
+        Record::DepthFrame(frame) => Some((frame.header, frame.data)),
         _ => None,
     });
     let number =

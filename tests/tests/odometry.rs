@@ -30,7 +30,7 @@ fn errors(recording: &Path) -> (f64, f64) {
     let (mut truths, mut poses) = (Vec::new(), Vec::new());
     for record in Reader::open(recording).expect("a recording") {
         match record.expect("whole") {
-            Record::Truth(truth) => truths.push((truth.header.stamp_ns, se2(truth.world_from_robot))),
+            Record::WorldTruth(truth) => truths.push((truth.header.stamp_ns, se2(truth.world_from_robot))),
             Record::Odometry(pose) => poses.push((pose.header.stamp_ns, se2(pose.odom_from_robot))),
             _ => {}
         }

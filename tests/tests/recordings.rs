@@ -77,7 +77,7 @@ fn a_replay_can_be_recorded_and_its_recording_replays_as_well() {
     // Everything that was played came out as it went in, but for what has no counterpart.
     let played = |path: &str| -> Vec<Record> {
         let records = Reader::open(Path::new(path)).expect("whole").map(|record| record.expect("whole"));
-        records.filter(|record| !matches!(record, Record::Truth(_) | Record::Locomotion(_))).collect()
+        records.filter(|record| !matches!(record, Record::WorldTruth(_) | Record::LocomotionState(_))).collect()
     };
     let (first, second) = (played(&recording), played(&again));
     assert_eq!(first.len(), second.len());
@@ -159,7 +159,7 @@ fn a_killed_recorder_loses_at_most_half_a_second_and_the_next_goes_on_beside() {
     let mut last_ns = [0; 2];
     for record in Reader::open(&whole).expect("whole") {
         let record = record.expect("whole");
-        last_ns[usize::from(matches!(record, Record::Depth { .. }))] = record.time_ns();
+        last_ns[usize::from(matches!(record, Record::DepthFrame(_)))] = record.time_ns();
     }
     for last_ns in last_ns {
         assert!(last_ns as f64 / 1e9 >= now_s - 0.5, "recorded to {last_ns} ns, killed after {now_s} s");

@@ -61,7 +61,8 @@ impl Sources {
             sources.streams.entry(topic).or_default().take(header, &format!("{what}, {topic:?}"));
         };
         match record {
-            Record::Scan { header, ranges_m } => {
+            Record::LidarScan(scan) => {
+                let (header, ranges_m) = (scan.header, scan.data);
                 stream(self, TopicId::LidarScan, header.header);
                 let layout = (ranges_m.len(), header.angle_increment_rad);
                 assert_eq!(*self.scan.get_or_insert(layout), layout, "{what}: the layout changes");
@@ -70,7 +71,8 @@ impl Sources {
                 let known = ranges_m.iter().filter(|range_m| f64::from(**range_m) >= header.range_min_m).count();
                 assert!(2 * known > ranges_m.len(), "{what}: most of a corridor is seen: {known}");
             }
-            Record::Depth { header, pixels_mm } => {
+            Record::DepthFrame(frame) => {
+                let (header, pixels_mm) = (frame.header, frame.data);
                 stream(self, TopicId::DepthFrame, header.header);
                 assert_eq!(pixels_mm.len(), (header.width * header.height) as usize, "{what}");
                 let lens = [header.fx_px, header.fy_px, header.cx_px, header.cy_px];
@@ -79,9 +81,9 @@ impl Sources {
             }
             Record::Odometry(pose) => {
                 stream(self, TopicId::Odometry, pose.header);
-                self.take_pose(pose, what);
+                self.take_pose(*pose, what);
             }
-            Record::Locomotion(state) => {
+            Record::LocomotionState(state) => {
                 stream(self, TopicId::LocomotionState, state.header);
                 self.take_state(&state, what);
             }

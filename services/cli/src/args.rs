@@ -188,7 +188,7 @@ Examples:
 /// The table of faults as `guidedog inject --help` tells it.
 fn inject_help() -> String {
     let names = |topics: &[messages::TopicId]| topics.iter().map(|topic| topic.name()).collect::<Vec<_>>().join(", ");
-    let streams = names(&messages::fault::STREAMS);
+    let streams = names(&messages::fault::streams().collect::<Vec<_>>());
     let mut help = format!("Streams: {streams}, health/SERVICE\n");
     help += "Processes: a service's name, or service/NAME where a stream is called so too\nFaults:\n";
     for row in messages::fault::FAULTS {

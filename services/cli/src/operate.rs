@@ -44,12 +44,12 @@ pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 pub fn reasons(as_json: bool) -> Result<(), Failure> {
     if as_json {
         let row = |stop: &StopInfo| {
-            let (name, class) = (stop.kind.name(), stop.class);
+            let (name, class) = (stop.name, stop.class.name());
             json!({ "reason": name, "class": class, "meaning": stop.meaning, "advice": stop.advice })
         };
         return out::json(&json!({ "reasons": STOPS.iter().map(row).collect::<Vec<Value>>() }));
     }
-    let row = |stop: &StopInfo| [stop.kind.name(), stop.class, stop.meaning, stop.advice].map(str::to_owned).to_vec();
+    let row = |stop: &StopInfo| [stop.name, stop.class.name(), stop.meaning, stop.advice].map(str::to_owned).to_vec();
     let rows: Vec<Vec<String>> = STOPS.iter().map(row).collect();
     table(&["reason", "class", "what happened", "what to do"], &rows).iter().for_each(say);
     Ok(())

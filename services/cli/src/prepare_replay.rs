@@ -35,8 +35,8 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     let mut pixels = 0;
     // All of it, so that a damaged recording is told now and not in the middle of the run.
     for record in reader {
-        if let Record::Depth { pixels_mm, .. } = record.map_err(Failure::of_input)? {
-            pixels = pixels.max(pixels_mm.len());
+        if let Record::DepthFrame(frame) = record.map_err(Failure::of_input)? {
+            pixels = pixels.max(frame.data.len());
         }
     }
     let mut settings = base(args, recorded.as_deref())?;

@@ -10,13 +10,10 @@ mod show;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use messages::{
-    Cue, CueAnswer, CueHeard, CueRequest, DepthFrame, EmergencyStop, Health, LidarScan, LocomotionState, Mode,
-    Odometry, Permit, PolicyAction, PortRole, SpeechSaid, TopicId, WorldTruth,
-};
-use recording::{About, Part, Record, RunAbout, Writer, life_path};
+use messages::{Frame, Health, Message, PortRole, for_each_recorded_topic};
+use recording::{About, Part, Record, RunAbout, Slice, Writer, life_path};
 use settings::{LinkKind, Settings, Source};
-use transport::{FrameSubscriber, FromChild, Io, Service, Subscriber, TransportError, unix_time_s};
+use transport::{FrameSubscriber, FromChild, Io, Service, Subscriber, TransportError, ZeroCopySend, unix_time_s};
 
 use queue::{Queue, chain};
 use show::Show;
@@ -30,20 +27,8 @@ const DEPTH_ROOM: usize = 16;
 
 /// The service.
 pub struct Recorder {
-    scans: FrameSubscriber<LidarScan>,
-    frames: Option<FrameSubscriber<DepthFrame>>,
-    odometry: Subscriber<Odometry>,
-    cues: Subscriber<Cue>,
-    requests: Subscriber<CueRequest>,
-    actions: Subscriber<PolicyAction>,
-    permits: Subscriber<Permit>,
-    modes: Subscriber<Mode>,
-    states: Subscriber<LocomotionState>,
-    estop: Subscriber<EmergencyStop>,
-    answers: Subscriber<CueAnswer>,
-    heard: Subscriber<CueHeard>,
-    said: Subscriber<SpeechSaid>,
-    truths: Subscriber<WorldTruth>,
+    /// One for each recorded topic, in the order of the topic table.
+    taps: Vec<Box<dyn Tap>>,
     small: Option<Queue>,
     depth: Option<Queue>,
     about: About,
@@ -62,6 +47,46 @@ enum Take {
     Seen,
     /// All, whatever the step: time stands still.
     All,
+}
+
+/// A reader of one topic, whatever it carries.
+trait Tap {
+    /// Takes the next message, if there is one.
+    fn take(&mut self, take: Take) -> Result<Option<Record>, TransportError>;
+}
+
+impl<M: Message + ZeroCopySend + Into<Record>> Tap for Subscriber<M> {
+    fn take(&mut self, take: Take) -> Result<Option<Record>, TransportError> {
+        let message = if take == Take::All { self.take_at_once() } else { Self::take(self) };
+        Ok(message?.map(Into::into))
+    }
+}
+
+impl<F: Frame<Element: ZeroCopySend, Meta: ZeroCopySend>> Tap for FrameSubscriber<F>
+where
+    Slice<F>: Into<Record>,
+{
+    fn take(&mut self, take: Take) -> Result<Option<Record>, TransportError> {
+        let frame = if take == Take::All { self.take_at_once() } else { Self::take(self) };
+        Ok(frame?.map(|frame| Slice::<F> { header: *frame.meta(), data: frame.data().to_vec() }.into()))
+    }
+}
+
+/// Opens a tap on every recorded topic of these files.
+fn open_taps(io: &mut Io, with_depth: bool) -> Result<Vec<Box<dyn Tap>>, TransportError> {
+    let mut taps: Vec<Box<dyn Tap>> = Vec::new();
+    macro_rules! open {
+        ($($kind:ident $id:ident $type:ident in $part:ident as $form:ident;)+) => {$(
+            if with_depth || Part::$part != Part::Depth {
+                taps.push(open!($kind $type));
+            }
+        )+};
+        // The recorder wakes by its timer: events of the topics would wake it for each message.
+        (message $type:ident) => { Box::new(io.quiet_subscriber::<messages::$type>()?) };
+        (frame $type:ident) => { Box::new(io.frame_subscriber::<messages::$type>()?) };
+    }
+    for_each_recorded_topic!(open);
+    Ok(taps)
 }
 
 impl Recorder {
@@ -86,20 +111,7 @@ impl Recorder {
         Ok(Self {
             small: Some(begin(Part::Small, SMALL_ROOM, io)?),
             depth: if with_depth { Some(begin(Part::Depth, DEPTH_ROOM, io)?) } else { None },
-            scans: io.frame_subscriber()?,
-            frames: if with_depth { Some(io.frame_subscriber()?) } else { None },
-            odometry: io.quiet_subscriber()?,
-            cues: io.quiet_subscriber()?,
-            requests: io.quiet_subscriber()?,
-            actions: io.quiet_subscriber()?,
-            permits: io.quiet_subscriber()?,
-            modes: io.quiet_subscriber()?,
-            states: io.quiet_subscriber()?,
-            estop: io.quiet_subscriber()?,
-            answers: io.quiet_subscriber()?,
-            heard: io.quiet_subscriber()?,
-            said: io.quiet_subscriber()?,
-            truths: io.quiet_subscriber()?,
+            taps: open_taps(io, with_depth)?,
             about,
             first_step: 0,
             next_ns: 0,
@@ -107,50 +119,18 @@ impl Recorder {
         })
     }
 
-    fn keep(&mut self, record: Record) {
-        let queue = match Part::of(record.topic()) {
-            Part::Small => &mut self.small,
-            Part::Depth => &mut self.depth,
-        };
-        if let Some(queue) = queue {
-            queue.keep(record);
-        }
-    }
-
-    fn take_frames(&mut self, take: Take) -> Result<(), TransportError> {
-        while let Some(scan) = if take == Take::All { self.scans.take_at_once() } else { self.scans.take() }? {
-            self.keep(Record::Scan { header: *scan.meta(), ranges_m: scan.data().to_vec() });
-        }
-        while let Some(frames) = &mut self.frames
-            && let Some(frame) = if take == Take::All { frames.take_at_once() } else { frames.take() }?
-        {
-            self.keep(Record::Depth { header: *frame.meta(), pixels_mm: frame.data().to_vec() });
-        }
-        Ok(())
-    }
-
-    fn take_messages(&mut self, take: Take) -> Result<(), TransportError> {
-        /// Takes from a port what is there.
-        macro_rules! take {
-            ($port:ident, $record:expr) => {
-                while let Some(message) = if take == Take::All { self.$port.take_at_once() } else { self.$port.take() }?
-                {
-                    self.keep($record(message));
+    fn take(&mut self, take: Take) -> Result<(), TransportError> {
+        for tap in &mut self.taps {
+            while let Some(record) = tap.take(take)? {
+                let queue = match Part::of(record.topic()) {
+                    Part::Small => &mut self.small,
+                    Part::Depth => &mut self.depth,
+                };
+                if let Some(queue) = queue {
+                    queue.keep(record);
                 }
-            };
+            }
         }
-        take!(odometry, Record::Odometry);
-        take!(cues, Record::Cue);
-        take!(requests, Record::CueRequest);
-        take!(actions, |action| Record::Action(Box::new(action)));
-        take!(permits, |permit| Record::Permit(Box::new(permit)));
-        take!(modes, |mode| Record::Mode(Box::new(mode)));
-        take!(states, |state| Record::Locomotion(Box::new(state)));
-        take!(estop, Record::Estop);
-        take!(answers, |answer| Record::CueAnswer(Box::new(answer)));
-        take!(heard, Record::Heard);
-        take!(said, |said| Record::Said(Box::new(said)));
-        take!(truths, |truth| Record::Truth(Box::new(truth)));
         Ok(())
     }
 
@@ -200,7 +180,7 @@ fn gaps(io: &Io, part: Part) -> BTreeMap<String, u64> {
     let counters = io.port_counters();
     let ports = counters.iter().filter(|port| port.role == PortRole::Subscriber && port.lost > 0);
     // Its clock is not recorded.
-    let recorded = ports.filter(|port| part.topics().contains(&port.topic) && port.topic != TopicId::None);
+    let recorded = ports.filter(|port| part.topics().any(|topic| topic == port.topic));
     recorded.map(|port| (port.topic.name().to_owned(), port.lost)).collect()
 }
 
@@ -210,8 +190,7 @@ impl Service for Recorder {
             self.first_step = io.domain.clock.step();
         }
         self.next_ns = io.now_ns() + PERIOD_NS;
-        self.take_frames(Take::Seen)?;
-        self.take_messages(Take::Seen)?;
+        self.take(Take::Seen)?;
         if io.disk_is_full() {
             [&self.small, &self.depth].into_iter().flatten().for_each(Queue::fill_disk);
         }
@@ -226,8 +205,7 @@ impl Service for Recorder {
 
     fn on_leave(&mut self, io: &mut Io) -> Result<(), TransportError> {
         // What was published in the last step is seen in no later one.
-        self.take_frames(Take::All)?;
-        self.take_messages(Take::All)?;
+        self.take(Take::All)?;
         self.tell_failures(io);
         self.count_losses();
         let (first_step, last_step) = (self.first_step, io.domain.clock.step());

@@ -177,7 +177,7 @@ mod tests {
 
     fn odometry(seq: u64) -> Record {
         let header = Header { stamp_ns: seq * 20_000_000, seq, incarnation: 1, ..Header::default() };
-        Record::Odometry(Odometry { header, ..Odometry::default() })
+        Record::from(Odometry { header, ..Odometry::default() })
     }
 
     fn about() -> About {

@@ -40,8 +40,8 @@ impl Show {
     pub fn of(&mut self, record: &Record) -> Option<(Viewer, Value)> {
         match record {
             Record::Mode(mode) => self.mode_line(mode).map(|line| (Viewer::Log, line)),
-            Record::Locomotion(state) => self.hold_line(state).map(|line| (Viewer::Log, line)),
-            Record::Permit(permit) => Some((Viewer::Scene, self.scene(permit))),
+            Record::LocomotionState(state) => self.hold_line(state).map(|line| (Viewer::Log, line)),
+            Record::ShieldPermit(permit) => Some((Viewer::Scene, self.scene(permit))),
             _ => None,
         }
     }
@@ -65,7 +65,7 @@ impl Show {
     /// A line where the robot begins or ceases to be held within run.
     fn hold_line(&mut self, state: &LocomotionState) -> Option<Value> {
         let kind = state.limited_by.kind;
-        if std::mem::replace(&mut self.held_by, kind) == kind || (kind != StopKind::None && !kind.is_hold()) {
+        if std::mem::replace(&mut self.held_by, kind) == kind || (kind != StopKind::None && !kind.holds_a_cue()) {
             return None;
         }
         let (level, words) = match kind {
@@ -176,7 +176,7 @@ mod tests {
         assert!((reach(|point| point.x) - 0.55 - margin_m).abs() < 1e-9, "{hull:?}");
         let behind_m = reach(|point| -point.x) - margin_m;
         assert!(behind_m > 0.85 && behind_m <= 1.0 + 1e-9, "{hull:?}");
-        let shown = show.of(&Record::Permit(Box::new(permit)));
+        let shown = show.of(&Record::from(permit));
         assert!(shown.is_some_and(|(viewer, value)| {
             viewer == Viewer::Scene
                 && value["entities"][2]["lines"][0]["points"].as_array().is_some_and(|p| p.len() == 72)
@@ -191,7 +191,7 @@ mod tests {
         let run = Mode { class: ModeClass::Run, cue: CueInForce { valid: true, ..CueInForce::default() }, ..fault };
         let said: Vec<String> = [fault, fault, run, run]
             .into_iter()
-            .filter_map(|mode| show.of(&Record::Mode(Box::new(mode))))
+            .filter_map(|mode| show.of(&Record::from(mode)))
             .map(|(_, line)| line["message"].as_str().unwrap_or_default().to_owned())
             .collect();
         assert_eq!(said, ["fault: boot (epoch 1)", "run: cue stop"]);

@@ -77,7 +77,7 @@ impl Compare {
     }
 
     fn hold_permits(&mut self, then: &Permit, now: &Permit) {
-        if Record::Permit(Box::new(*then)).is_same(&Record::Permit(Box::new(*now))) {
+        if Record::from(*then).is_same(&Record::from(*now)) {
             self.of_permits.equal += 1;
             return;
         }
@@ -112,7 +112,7 @@ impl Compare {
         slot[side as usize] = Some(*action);
         if let [Some(then), Some(now)] = *slot {
             self.actions.remove(&question);
-            let equal = Record::Action(Box::new(then)).is_same(&Record::Action(Box::new(now)));
+            let equal = Record::from(then).is_same(&Record::from(now));
             self.of_actions.equal += u64::from(equal);
             self.of_actions.different += u64::from(!equal);
             if !equal {

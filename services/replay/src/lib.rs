@@ -12,11 +12,13 @@ mod prompter;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
-use messages::{Cue, DepthFrame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId};
-use recording::Record;
+use messages::{
+    Cue, DepthFrame, Frame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId,
+};
+use recording::{Record, Slice};
 use serde_json::json;
 use settings::Settings;
-use transport::{FramePublisher, FromChild, Io, Publisher, Service, Subscriber, ToChild, TransportError};
+use transport::{FramePublisher, FromChild, Io, Publisher, Service, Subscriber, ToChild, TransportError, ZeroCopySend};
 
 use compare::{Compare, Side};
 use playlist::Playlist;
@@ -102,21 +104,15 @@ impl Replay {
 
     fn publish(&mut self, record: &Record, now_ns: u64) -> Result<(), TransportError> {
         match record {
-            Record::Scan { header, ranges_m } => {
+            Record::LidarScan(scan) => {
                 if let Some(scans) = &mut self.ports.scans {
-                    let mut loan = scans.loan(ranges_m.len())?;
-                    *loan.meta_mut() = *header;
-                    loan.data_mut().copy_from_slice(ranges_m);
-                    scans.republish(loan)?;
+                    republish(scans, scan)?;
                     self.scan_count += 1;
                 }
             }
-            Record::Depth { header, pixels_mm } => {
+            Record::DepthFrame(frame) => {
                 if let Some(frames) = &mut self.ports.frames {
-                    let mut loan = frames.loan(pixels_mm.len())?;
-                    *loan.meta_mut() = *header;
-                    loan.data_mut().copy_from_slice(pixels_mm);
-                    frames.republish(loan)?;
+                    republish(frames, frame)?;
                     self.frame_count += 1;
                 }
             }
@@ -125,18 +121,21 @@ impl Replay {
                 if let Some(last) = self.last_pose.replace(pose) {
                     self.distance_m += (pose.x_m - last.x_m).hypot(pose.y_m - last.y_m);
                 }
-                self.ports.odometry.as_mut().map_or(Ok(()), |port| port.republish(*odometry).map(drop))?;
+                self.ports.odometry.as_mut().map_or(Ok(()), |port| port.republish(**odometry).map(drop))?;
             }
             Record::Cue(cue) => {
                 self.prompter.iter_mut().for_each(|(prompter, _)| prompter.given(now_ns));
-                self.ports.cues.as_mut().map_or(Ok(()), |port| port.republish(*cue).map(drop))?;
+                self.ports.cues.as_mut().map_or(Ok(()), |port| port.republish(**cue).map(drop))?;
             }
             Record::Mode(mode) => self.prompter.iter_mut().for_each(|(prompter, _)| prompter.recorded(mode)),
-            Record::Permit(permit) => self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit)),
-            Record::Action(action) => self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action)),
-            // The run's own, told anew.
-            Record::CueRequest(_) | Record::CueAnswer(_) | Record::Heard(_) | Record::Said(_) => {}
-            Record::Locomotion(_) | Record::Estop(_) | Record::Truth(_) => {}
+            Record::ShieldPermit(permit) => {
+                self.judge.iter_mut().for_each(|j| j.compare.permit(Side::Recorded, permit))
+            }
+            Record::PolicyAction(action) => {
+                self.judge.iter_mut().for_each(|j| j.compare.action(Side::Recorded, action))
+            }
+            // The run has its own.
+            _ => {}
         }
         Ok(())
     }
@@ -213,6 +212,17 @@ impl Replay {
             Err(TransportError::service("the replay's figures could not be told"))
         }
     }
+}
+
+/// Publishes a recorded frame again.
+fn republish<F: Frame<Element: ZeroCopySend, Meta: ZeroCopySend>>(
+    port: &mut FramePublisher<F>,
+    frame: &Slice<F>,
+) -> Result<(), TransportError> {
+    let mut loan = port.loan(frame.data.len())?;
+    *loan.meta_mut() = frame.header;
+    loan.data_mut().copy_from_slice(&frame.data);
+    port.republish(loan).map(drop)
 }
 
 impl Ports {

@@ -241,8 +241,8 @@ impl Playlist {
 /// Gives what is played its new header.
 fn set_header(record: &mut Record, header: Header, lives_before: u32) {
     match record {
-        Record::Scan { header: scan, .. } => scan.header = header,
-        Record::Depth { header: frame, .. } => frame.header = header,
+        Record::LidarScan(scan) => scan.header.header = header,
+        Record::DepthFrame(frame) => frame.header.header = header,
         Record::Odometry(odometry) => odometry.header = header,
         Record::Cue(cue) => {
             cue.header = header;

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use crate::machine::PolicySpec;
-use messages::ServiceId;
+use messages::{DeathSignal, ServiceId};
 use nix::libc;
 use rustix::event::{PollFd, PollFlags};
 use rustix::process::{Pid, PidfdFlags, Resource, Rlimit, Signal};
@@ -282,13 +282,10 @@ const POLICY_FILE_BYTES: u64 = 16 << 20;
 
 /// What has to be done in the child between fork and exec.
 fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
-    // What stops the robot, and the world itself, outlive the supervisor. Who stops the robot is woken by a signal as
-    // well: it comes before that of all who die with the supervisor, whose ends keep the processor busy for long.
-    let at_our_death = match service {
-        service if service.stops_robot() => Some(Signal::HUP),
-        // The voice hears of it by its line, and has a last word.
-        ServiceId::Simulator | ServiceId::Emulator | ServiceId::Speak => None,
-        _ => Some(Signal::KILL),
+    let at_our_death = match service.spec().map_or(DeathSignal::Kill, |spec| spec.at_supervisor_death) {
+        DeathSignal::HangUp => Some(Signal::HUP),
+        DeathSignal::Nothing => None,
+        DeathSignal::Kill => Some(Signal::KILL),
     };
     let parent = rustix::process::getpid();
     let before_exec = move || {

@@ -1,6 +1,6 @@
 //! Which services a run has, in which order they start, and what each is held to.
 
-use messages::{NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
+use messages::{ClockRole, MemoryClass, NS_PER_S, QUANTUM_NS, ServiceId, TopicId};
 use settings::{CueOrigin, EstopSource, Settings, Source, VoiceSource};
 use transport::ClockKind;
 
@@ -94,7 +94,7 @@ pub struct Limits {
     pub budget_window_ns: u64,
     /// Stepped time: joins this long after the death.
     pub restart_time_ns: u64,
-    /// What a critical service may use, and what depth and policy may.
+    /// What a service of the class `Small` may use, and one of the class `Large`.
     pub allowances: [Allowance; 2],
     /// Locomotion stands without a younger mode.
     pub mode_max_age_ns: u64,
@@ -106,6 +106,17 @@ pub struct Limits {
     pub charge_percent: [u8; 2],
     /// What a policy has to show to be swapped in.
     pub swap: SwapLimits,
+}
+
+impl Limits {
+    /// What a service of that class may use.
+    fn allowance(&self, memory: MemoryClass) -> Allowance {
+        match memory {
+            MemoryClass::Small => self.allowances[0],
+            MemoryClass::Large => self.allowances[1],
+            MemoryClass::Any => Allowance::ANY,
+        }
+    }
 }
 
 /// A run's services and limits.
@@ -121,13 +132,6 @@ pub struct Plan {
 const WORLD_HZ: f64 = (NS_PER_S / QUANTUM_NS) as f64;
 /// Beats every 20 ms, read every 20 ms.
 const BEAT_LAG_NS: u64 = 40_000_000;
-/// What stands for the world is not restarted, so it is judged late.
-const WORLD_BEAT_LIMIT_NS: u64 = 1_000_000_000;
-/// A voice that is silent for so long will say nothing any more; it beats at 10 Hz.
-const SPEAK_BEAT_LIMIT_NS: u64 = 2_000_000_000;
-/// The recorder beats at 10 Hz, and a disk may take its time.
-const RECORDER_BEAT_LIMIT_NS: u64 = 5_000_000_000;
-
 impl Plan {
     /// The plan of a run with these settings.
     #[must_use]
@@ -152,29 +156,29 @@ impl Plan {
             swap: swap_limits(settings),
         };
         let mut services = vec![
-            plan(ServiceId::Locomotion, 0, &limits, vec![state_stream(settings)]),
-            plan(ServiceId::Brake, 0, &limits, vec![]),
+            plan(ServiceId::Locomotion, &limits, vec![state_stream(settings)]),
+            plan(ServiceId::Brake, &limits, vec![]),
         ];
         if settings.locomotion.link.is_dds() {
-            services.push(plan(ServiceId::Bridge, 0, &limits, vec![]));
-            services.push(plan(ServiceId::Backstop, 0, &limits, vec![]));
+            services.push(plan(ServiceId::Bridge, &limits, vec![]));
+            services.push(plan(ServiceId::Backstop, &limits, vec![]));
         }
         if settings.has_world() {
-            services.push(world(ServiceId::Simulator, vec![]));
+            services.push(plan(ServiceId::Simulator, &limits, vec![]));
         }
         if settings.simulation.emulated.on {
-            services.push(ServicePlan { clock_master: false, ..world(ServiceId::Emulator, vec![]) });
+            services.push(plan(ServiceId::Emulator, &limits, vec![]));
         }
         if settings.estop.source != EstopSource::Absent {
-            services.push(plan(ServiceId::Estop, 2, &limits, vec![estop_stream(settings)]));
+            services.push(plan(ServiceId::Estop, &limits, vec![estop_stream(settings)]));
         }
         if let driven @ (Source::Simulated | Source::Device) = settings.odometry.source {
             let stream = odometry_stream(settings, driven == Source::Simulated);
-            services.push(plan(ServiceId::Odometry, 2, &limits, vec![stream]));
+            services.push(plan(ServiceId::Odometry, &limits, vec![stream]));
         }
         if let driven @ (Source::Simulated | Source::Device) = settings.lidar.source {
             let stream = scan_stream(settings, driven == Source::Simulated);
-            services.push(plan(ServiceId::Lidar, 2, &limits, vec![stream]));
+            services.push(plan(ServiceId::Lidar, &limits, vec![stream]));
         }
         if let driven @ (Source::Simulated | Source::Device) = settings.depth.source {
             services.push(depth(settings, &limits, driven == Source::Simulated));
@@ -183,18 +187,15 @@ impl Plan {
             services.push(replay(settings, &limits));
         }
         if settings.cue.source == CueOrigin::Own {
-            // Who hears has networks to do it with.
-            let hears = settings.cue.voice.source != VoiceSource::Absent;
-            let allowance = limits.allowances[usize::from(hears)];
-            services.push(ServicePlan { allowance, ..plan(ServiceId::Cue, 2, &limits, vec![]) });
+            services.push(cue(settings, &limits));
         }
-        services.push(plan(ServiceId::Policy, 3, &limits, vec![action_stream(settings)]));
-        services.push(plan(ServiceId::Shield, 3, &limits, vec![permit_stream(settings)]));
+        services.push(plan(ServiceId::Policy, &limits, vec![action_stream(settings)]));
+        services.push(plan(ServiceId::Shield, &limits, vec![permit_stream(settings)]));
         // In stepped time a run goes as fast as the machine lets it, and a sentence takes as long as it takes.
         if settings.speak.on && !limits.stepped {
-            services.push(speak(&limits));
+            services.push(plan(ServiceId::Speak, &limits, vec![]));
         }
-        services.push(recorder(&limits));
+        services.push(plan(ServiceId::Recorder, &limits, vec![]));
         Self { services, limits }
     }
 }
@@ -211,74 +212,42 @@ fn swap_limits(settings: &Settings) -> SwapLimits {
     }
 }
 
-fn plan(service: ServiceId, stage: u8, limits: &Limits, streams: Vec<StreamRule>) -> ServicePlan {
-    let is_large = matches!(service, ServiceId::Depth | ServiceId::Policy);
+/// A service as its row of the table has it.
+fn plan(service: ServiceId, limits: &Limits, streams: Vec<StreamRule>) -> ServicePlan {
+    let spec = service.spec().expect("every service but `None`, which no plan names, has a row");
     ServicePlan {
         service,
-        stage,
-        critical: true,
-        restartable: true,
-        on_demand: false,
-        waited_for: true,
-        has_line: true,
-        clock_master: false,
-        beat_limit_ns: limits.beat_ns,
-        allowance: limits.allowances[usize::from(is_large)],
+        stage: spec.stage,
+        critical: spec.critical,
+        restartable: spec.restartable,
+        on_demand: spec.on_demand,
+        waited_for: spec.waited_for,
+        has_line: spec.watched_by.is_some(),
+        // Replay beside a simulated world is a driver: the simulator is the master then.
+        clock_master: spec.clock == ClockRole::Master && service != ServiceId::Replay,
+        beat_limit_ns: spec.beat_limit_ms.map_or(limits.beat_ns, |ms| u64::from(ms) * 1_000_000),
+        allowance: limits.allowance(spec.memory),
         streams,
     }
 }
 
-/// What stands for the physical world: it is not restarted, and its end ends the run.
-fn world(service: ServiceId, streams: Vec<StreamRule>) -> ServicePlan {
-    ServicePlan {
-        service,
-        stage: 1,
-        critical: service == ServiceId::Replay,
-        restartable: false,
-        on_demand: false,
-        waited_for: true,
-        has_line: service == ServiceId::Replay,
-        clock_master: true,
-        beat_limit_ns: WORLD_BEAT_LIMIT_NS,
-        allowance: Allowance::ANY,
-        streams,
-    }
-}
-
-/// Motion does not need it, and it starts last: what it records from the beginning waits for it.
-fn recorder(limits: &Limits) -> ServicePlan {
-    ServicePlan {
-        critical: false,
-        on_demand: true,
-        has_line: false,
-        beat_limit_ns: RECORDER_BEAT_LIMIT_NS,
-        allowance: Allowance::ANY,
-        ..plan(ServiceId::Recorder, 4, limits, vec![])
-    }
-}
-
-/// Motion does not need it, and nobody waits for it: it starts beside what stops the robot, and comes back whatever
-/// else is down.
-fn speak(limits: &Limits) -> ServicePlan {
-    ServicePlan {
-        critical: false,
-        waited_for: false,
-        has_line: false,
-        beat_limit_ns: SPEAK_BEAT_LIMIT_NS,
-        allowance: limits.allowances[1],
-        ..plan(ServiceId::Speak, 0, limits, vec![])
-    }
+/// Cues: a recogniser that listens has networks to do it with.
+fn cue(settings: &Settings, limits: &Limits) -> ServicePlan {
+    let hears = settings.cue.voice.source != VoiceSource::Absent;
+    let memory = if hears { MemoryClass::Large } else { MemoryClass::Small };
+    ServicePlan { allowance: limits.allowance(memory), ..plan(ServiceId::Cue, limits, vec![]) }
 }
 
 fn depth(settings: &Settings, limits: &Limits, driven: bool) -> ServicePlan {
     ServicePlan {
         critical: settings.depth.needed,
         has_line: settings.depth.needed,
-        ..plan(ServiceId::Depth, 2, limits, vec![depth_stream(settings, driven)])
+        ..plan(ServiceId::Depth, limits, vec![depth_stream(settings, driven)])
     }
 }
 
-/// Recorded frames: in the place of the whole world, or of single drivers beside a simulated one.
+/// Recorded frames: in the place of single drivers beside a simulated world, or of the whole world. It is then what the
+/// simulator is in other runs, and motion needs it besides.
 fn replay(settings: &Settings, limits: &Limits) -> ServicePlan {
     let sources = [
         (settings.lidar.source, scan_stream as fn(&Settings, bool) -> StreamRule),
@@ -287,7 +256,12 @@ fn replay(settings: &Settings, limits: &Limits) -> ServicePlan {
     ];
     let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed);
     let streams = replayed.map(|(_, stream)| stream(settings, false)).collect();
-    if settings.has_world() { plan(ServiceId::Replay, 2, limits, streams) } else { world(ServiceId::Replay, streams) }
+    let driver = plan(ServiceId::Replay, limits, streams);
+    if settings.has_world() {
+        return driver;
+    }
+    let ServicePlan { service, critical, has_line, streams, .. } = driver;
+    ServicePlan { service, critical, has_line, streams, ..plan(ServiceId::Simulator, limits, vec![]) }
 }
 
 /// The rate of a driver, driven by the simulated world or not.

@@ -108,7 +108,7 @@ impl StopLog {
             self.end(hold, now_ns);
         }
         // A state that was on its way when run began still tells of the stop before.
-        if stands && self.hold.is_none() && kind.is_hold() {
+        if stands && self.hold.is_none() && kind.holds_a_cue() {
             self.hold = self.begin("hold", state.limited_by, now_ns);
         }
         if stands {

@@ -1,6 +1,5 @@
 //! Stepped time: the master's steps and the members' acknowledgements.
 
-use crate::header::message;
 use crate::{Header, ServiceId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -71,8 +70,3 @@ impl ClockAck {
         &self.roster[..(self.roster_count as usize).min(MAX_MEMBERS)]
     }
 }
-
-message!(
-    ClockStep => ClockStep { member_count <= MAX_MEMBERS },
-    ClockAck => ClockAck { roster_count <= MAX_MEMBERS },
-);

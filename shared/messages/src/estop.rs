@@ -1,8 +1,7 @@
 //! The emergency stop's word.
 
 use crate::Header;
-use crate::fault::Corrupt;
-use crate::header::message;
+use crate::json::mirrored;
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -45,19 +44,16 @@ impl StopInput {
     }
 }
 
-/// Whether the emergency stop lets the robot move: something that has to keep arriving.
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/EmergencyStop/1"))]
-#[repr(C)]
-pub struct EmergencyStop {
-    /// Stamp, seq, incarnation.
-    pub header: Header,
-    /// What is known of it.
-    pub input: StopInput,
+mirrored! {
+    /// Whether the emergency stop lets the robot move: something that has to keep arriving.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/EmergencyStop/1"))]
+    #[repr(C)]
+    pub struct EmergencyStop {
+        /// Stamp, seq, incarnation.
+        pub header: Header,
+        /// What is known of it.
+        pub input: StopInput,
+    }
 }
-
-/// It is broken at its line, where it is emulated, and nowhere else.
-impl Corrupt for EmergencyStop {}
-
-message!(EmergencyStop => Estop);

@@ -1,13 +1,13 @@
 //! The faults that can be injected: what each does, in numbers, and why these numbers. One table for the command line,
 //! the supervisor, the publishers that apply them and the matrix that tests them.
 
-mod corrupt;
+mod dice;
 
 use serde::{Deserialize, Serialize};
 
-pub use corrupt::{Corrupt, Dice};
-pub(crate) use corrupt::{falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
+pub use dice::Dice;
 
+use crate::topic::TOPICS;
 use crate::{ServiceId, TopicId};
 
 /// A slow stream lets one message of so many through: every stream of the table is then over its max age between two
@@ -191,19 +191,11 @@ pub const FAULTS: [FaultSpec; 24] = [
     row(Fault::Pressed, "pressed", "line/estop: somebody presses the emergency stop, and releases it at the end"),
 ];
 
-/// The streams that a fault can be injected into, health apart, which each service has one of. Those of the simulated
-/// world and of the clock are none: they stand for what is outside.
-pub const STREAMS: [TopicId; 9] = [
-    TopicId::LidarScan,
-    TopicId::DepthFrame,
-    TopicId::Odometry,
-    TopicId::Cue,
-    TopicId::CueRequest,
-    TopicId::PolicyAction,
-    TopicId::ShieldPermit,
-    TopicId::Mode,
-    TopicId::LocomotionState,
-];
+/// The streams that a fault can be injected into by their names, as the topic table says; each service's health besides.
+/// Those of the simulated world and of the clock are none: they stand for what is outside.
+pub fn streams() -> impl Iterator<Item = TopicId> {
+    TOPICS.iter().filter(|spec| spec.injectable).map(|spec| spec.id)
+}
 
 impl Fault {
     /// Every fault that a stream can have.
@@ -288,7 +280,7 @@ impl Target {
         if let Some(service) = name.strip_prefix("service/") {
             return ServiceId::from_name(service).map(Self::Service);
         }
-        let stream = STREAMS.into_iter().find(|topic| topic.name() == name);
+        let stream = streams().find(|topic| topic.name() == name);
         let stream = stream.map(|topic| Self::Stream(topic, ServiceId::None));
         let service = ServiceId::from_name(name).map(Self::Service);
         let fits = |target: &Self| fault.is_none_or(|fault| target.faults().contains(&fault));
@@ -365,7 +357,7 @@ impl Injection {
 
 #[cfg(test)]
 mod tests {
-    use super::{Device, FAULTS, Fault, STREAMS, Target};
+    use super::{Device, FAULTS, Fault, Target, streams};
     use crate::{ServiceId, TopicId};
 
     #[test]
@@ -381,7 +373,7 @@ mod tests {
 
     #[test]
     fn every_target_comes_back_by_its_name_and_somebody_publishes_every_stream() {
-        let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
+        let streams = streams().map(|topic| Target::Stream(topic, ServiceId::None));
         let health = ServiceId::ALL.into_iter().map(|of| Target::Stream(TopicId::Health, of));
         let services = ServiceId::ALL.into_iter().map(Target::Service);
         let lines = Device::ALL.into_iter().map(Target::Line);

@@ -1,6 +1,6 @@
 //! Cue, action, permit: the way from the handler's wish to a motion that is allowed.
 
-use crate::header::message;
+use crate::json::mirrored;
 use crate::{Header, Pose2, StopReason, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -73,31 +73,33 @@ pub enum CueSource {
     Voice,
 }
 
-/// A cue as recognised. The supervisor alone accepts it.
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Cue/2"))]
-#[repr(C)]
-pub struct Cue {
-    /// Stamp, seq, incarnation.
-    pub header: Header,
-    /// What is asked for.
-    pub kind: CueKind,
-    /// Where it came from.
-    pub source: CueSource,
-    /// In [0, 1]; of a voice the head's score.
-    pub confidence: f32,
-    /// Of a voice: how far it stood out from what is always there, decibels.
-    pub signal_db: f32,
-    /// Of a voice: share of samples that were cut off in the last second.
-    pub clipped: f32,
-    /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel direction.
-    pub odom_from_start: Pose2,
-    /// The odometry incarnation in whose frame `odom_from_start` is.
-    pub odometry_incarnation: u32,
-    /// For an operator's cue the seq of the request that it answers, for one that goes on from a done turn the seq of
-    /// that turn's cue; otherwise 0.
-    pub request_seq: u64,
+mirrored! {
+    /// A cue as recognised. The supervisor alone accepts it.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Cue/2"))]
+    #[repr(C)]
+    pub struct Cue {
+        /// Stamp, seq, incarnation.
+        pub header: Header,
+        /// What is asked for.
+        pub kind: CueKind,
+        /// Where it came from.
+        pub source: CueSource,
+        /// In [0, 1]; of a voice the head's score.
+        pub confidence: f32,
+        /// Of a voice: how far it stood out from what is always there, decibels.
+        pub signal_db: f32 = default,
+        /// Of a voice: share of samples that were cut off in the last second.
+        pub clipped: f32 = default,
+        /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel direction.
+        pub odom_from_start: Pose2,
+        /// The odometry incarnation in whose frame `odom_from_start` is.
+        pub odometry_incarnation: u32,
+        /// For an operator's cue the seq of the request that it answers, for one that goes on from a done turn the seq of
+        /// that turn's cue; otherwise 0.
+        pub request_seq: u64,
+    }
 }
 
 impl Cue {
@@ -110,16 +112,18 @@ impl Cue {
     }
 }
 
-/// An operator's cue on its way to the cue service.
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/CueRequest/1"))]
-#[repr(C)]
-pub struct CueRequest {
-    /// Stamp, seq, incarnation.
-    pub header: Header,
-    /// What is asked for.
-    pub kind: CueKind,
+mirrored! {
+    /// An operator's cue on its way to the cue service.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/CueRequest/1"))]
+    #[repr(C)]
+    pub struct CueRequest {
+        /// Stamp, seq, incarnation.
+        pub header: Header,
+        /// What is asked for.
+        pub kind: CueKind,
+    }
 }
 
 /// Why a cue was refused.
@@ -192,75 +196,81 @@ impl CueRefusal {
     }
 }
 
-/// The supervisor's answer to a cue: accepted or refused, and why.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/CueAnswer/1"))]
-#[repr(C)]
-pub struct CueAnswer {
-    /// Stamp, seq, incarnation.
-    pub header: Header,
-    /// What was asked for.
-    pub kind: CueKind,
-    /// Where it came from.
-    pub source: CueSource,
-    /// The cue's incarnation and seq; 0 where an operator's cue was refused before it became one.
-    pub cue_incarnation: u32,
-    /// See `cue_incarnation`.
-    pub cue_seq: u64,
-    /// Why it was refused; [`CueRefusal::None`]: it is accepted.
-    pub refusal: CueRefusal,
-    /// The service or stream that is lacking, or the stop that locks the run.
-    pub reason: StopReason,
+mirrored! {
+    /// The supervisor's answer to a cue: accepted or refused, and why.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/CueAnswer/1"))]
+    #[repr(C)]
+    pub struct CueAnswer {
+        /// Stamp, seq, incarnation.
+        pub header: Header,
+        /// What was asked for.
+        pub kind: CueKind,
+        /// Where it came from.
+        pub source: CueSource,
+        /// The cue's incarnation and seq; 0 where an operator's cue was refused before it became one.
+        pub cue_incarnation: u32,
+        /// See `cue_incarnation`.
+        pub cue_seq: u64,
+        /// Why it was refused; [`CueRefusal::None`]: it is accepted.
+        pub refusal: CueRefusal,
+        /// The service or stream that is lacking, or the stop that locks the run.
+        pub reason: StopReason,
+    }
 }
 
-/// A cue that the recogniser has heard and does not give before a tone was heard: *forward*, where the robot stands by
-/// a stop. The stamp is when it was said.
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/CueHeard/1"))]
-#[repr(C)]
-pub struct CueHeard {
-    /// Stamp, seq, incarnation.
-    pub header: Header,
-    /// Which cue.
-    pub kind: CueKind,
-    /// The recogniser's score.
-    pub confidence: f32,
+mirrored! {
+    /// A cue that the recogniser has heard and does not give before a tone was heard: *forward*, where the robot stands by
+    /// a stop. The stamp is when it was said.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/CueHeard/1"))]
+    #[repr(C)]
+    pub struct CueHeard {
+        /// Stamp, seq, incarnation.
+        pub header: Header,
+        /// Which cue.
+        pub kind: CueKind,
+        /// The recogniser's score.
+        pub confidence: f32,
+    }
 }
 
-/// Decision `n` of a policy.
-#[derive(Debug, Clone, Copy, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/1"))]
-#[repr(C)]
-pub struct PolicyAction {
-    /// Stamp (of the decision, `n dt`), seq, incarnation.
-    pub header: Header,
-    /// Number of the decision: it was due at `n dt`.
-    pub decision: u64,
-    /// Digest of the action table that the probabilities are over.
-    pub action_table_id: u64,
-    /// How many of `probabilities` are meant.
-    pub action_count: u32,
-    /// Probability of each action, in the order of the table; they sum to 1.
-    pub probabilities: [f32; MAX_ACTIONS],
-    /// The cue that the decision is for: incarnation and seq, 0 where none is in force.
-    pub cue_incarnation: u32,
-    /// See `cue_incarnation`.
-    pub cue_seq: u64,
-    /// Stamp and seq of the scan used; 0 where none was.
-    pub scan_stamp_ns: u64,
-    /// See `scan_stamp_ns`.
-    pub scan_seq: u64,
-    /// Stamp and seq of the depth frame used; 0 where none was.
-    pub depth_stamp_ns: u64,
-    /// See `depth_stamp_ns`.
-    pub depth_seq: u64,
-    /// Stamp and seq of the odometry used; 0 where none was.
-    pub odometry_stamp_ns: u64,
-    /// See `odometry_stamp_ns`.
-    pub odometry_seq: u64,
+mirrored! {
+    /// Decision `n` of a policy.
+    #[derive(Debug, Clone, Copy, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/1"))]
+    #[repr(C)]
+    pub struct PolicyAction {
+        /// Stamp (of the decision, `n dt`), seq, incarnation.
+        pub header: Header,
+        /// Number of the decision: it was due at `n dt`.
+        pub decision: u64,
+        /// Digest of the action table that the probabilities are over.
+        pub action_table_id: u64,
+        /// How many of `probabilities` are meant.
+        pub action_count: u32,
+        /// Probability of each action, in the order of the table; they sum to 1.
+        pub probabilities: [f32; MAX_ACTIONS],
+        /// The cue that the decision is for: incarnation and seq, 0 where none is in force.
+        pub cue_incarnation: u32,
+        /// See `cue_incarnation`.
+        pub cue_seq: u64,
+        /// Stamp and seq of the scan used; 0 where none was.
+        pub scan_stamp_ns: u64,
+        /// See `scan_stamp_ns`.
+        pub scan_seq: u64,
+        /// Stamp and seq of the depth frame used; 0 where none was.
+        pub depth_stamp_ns: u64,
+        /// See `depth_stamp_ns`.
+        pub depth_seq: u64,
+        /// Stamp and seq of the odometry used; 0 where none was.
+        pub odometry_stamp_ns: u64,
+        /// See `odometry_stamp_ns`.
+        pub odometry_seq: u64,
+    }
 }
 
 impl Default for PolicyAction {
@@ -421,80 +431,73 @@ pub enum UnsafeCause {
 /// No beam: what a verdict names where it judged none.
 pub const NO_BEAM: u32 = u32::MAX;
 
-/// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Permit/1"))]
-#[repr(C)]
-pub struct Permit {
-    /// Stamp (run time of the verdict), seq, incarnation.
-    pub header: Header,
-    /// What was found.
-    pub outcome: Outcome,
-    /// What the verdict answers.
-    pub cause: PermitCause,
-    /// Whether every action of the decision was unsafe.
-    pub all_unsafe: bool,
-    /// Streams that the run declares absent: bit `TopicId as u8`.
-    pub absent_streams: u32,
-    /// The decision judged.
-    pub decision: u64,
-    /// Index of the action in the table.
-    pub action: u32,
-    /// Bit *i*: action *i* was unsafe when the decision was drawn.
-    pub unsafe_mask: u32,
-    /// Velocity allowed, robot frame.
-    pub velocity: Twist2,
-    /// Run time at which the action is due to end.
-    pub action_end_ns: u64,
-    /// Run time after which the permit is worth nothing.
-    pub expiry_ns: u64,
-    /// The mode epoch that the shield read.
-    pub epoch: u64,
-    /// The policy incarnation whose decision was drawn.
-    pub policy_incarnation: u32,
-    /// The odometry incarnation used.
-    pub odometry_incarnation: u32,
-    /// The lidar incarnation used.
-    pub lidar_incarnation: u32,
-    /// The cue that the decision was for.
-    pub cue_incarnation: u32,
-    /// The cue that the decision was for.
-    pub cue_seq: u64,
-    /// Part of the swept hull that no beam sees, square metres.
-    pub unseen_area_m2: f64,
-    /// Smallest reading minus threshold over the judged beams, metres; negative means unsafe. Where every action is
-    /// unsafe, this and what follows is of the most probable one.
-    pub margin_m: f64,
-    /// The beam with that margin, by the lidar's own number, or [`NO_BEAM`].
-    pub beam: u32,
-    /// Why the motion is unsafe.
-    pub unsafe_cause: UnsafeCause,
-    /// The beam's reading, metres.
-    pub reading_m: f64,
-    /// The beam's threshold: from the lidar to where it leaves the hull, metres.
-    pub threshold_m: f64,
-    /// Seq and stamp of the scan judged.
-    pub scan_seq: u64,
-    /// See `scan_seq`.
-    pub scan_stamp_ns: u64,
-    /// Seq and stamp of the depth frame used; 0 where none was.
-    pub depth_seq: u64,
-    /// See `depth_seq`.
-    pub depth_stamp_ns: u64,
-    /// Seq and stamp of the odometry used.
-    pub odometry_seq: u64,
-    /// See `odometry_seq`.
-    pub odometry_stamp_ns: u64,
-    /// The shield's estimate of the handler, robot frame.
-    pub robot_from_handler: Pose2,
+mirrored! {
+    /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/1"))]
+    #[repr(C)]
+    pub struct Permit {
+        /// Stamp (run time of the verdict), seq, incarnation.
+        pub header: Header,
+        /// What was found.
+        pub outcome: Outcome,
+        /// What the verdict answers.
+        pub cause: PermitCause,
+        /// Whether every action of the decision was unsafe.
+        pub all_unsafe: bool,
+        /// Streams that the run declares absent: bit `TopicId as u8`.
+        pub absent_streams: u32,
+        /// The decision judged.
+        pub decision: u64,
+        /// Index of the action in the table.
+        pub action: u32,
+        /// Bit *i*: action *i* was unsafe when the decision was drawn.
+        pub unsafe_mask: u32,
+        /// Velocity allowed, robot frame.
+        pub velocity: Twist2,
+        /// Run time at which the action is due to end.
+        pub action_end_ns: u64,
+        /// Run time after which the permit is worth nothing.
+        pub expiry_ns: u64,
+        /// The mode epoch that the shield read.
+        pub epoch: u64,
+        /// The policy incarnation whose decision was drawn.
+        pub policy_incarnation: u32,
+        /// The odometry incarnation used.
+        pub odometry_incarnation: u32,
+        /// The lidar incarnation used.
+        pub lidar_incarnation: u32,
+        /// The cue that the decision was for.
+        pub cue_incarnation: u32,
+        /// The cue that the decision was for.
+        pub cue_seq: u64,
+        /// Part of the swept hull that no beam sees, square metres.
+        pub unseen_area_m2: f64,
+        /// Smallest reading minus threshold over the judged beams, metres; negative means unsafe. Where every action is
+        /// unsafe, this and what follows is of the most probable one.
+        pub margin_m: f64,
+        /// The beam with that margin, by the lidar's own number, or [`NO_BEAM`].
+        pub beam: u32,
+        /// Why the motion is unsafe.
+        pub unsafe_cause: UnsafeCause,
+        /// The beam's reading, metres.
+        pub reading_m: f64,
+        /// The beam's threshold: from the lidar to where it leaves the hull, metres.
+        pub threshold_m: f64,
+        /// Seq and stamp of the scan judged.
+        pub scan_seq: u64,
+        /// See `scan_seq`.
+        pub scan_stamp_ns: u64,
+        /// Seq and stamp of the depth frame used; 0 where none was.
+        pub depth_seq: u64,
+        /// See `depth_seq`.
+        pub depth_stamp_ns: u64,
+        /// Seq and stamp of the odometry used.
+        pub odometry_seq: u64,
+        /// See `odometry_seq`.
+        pub odometry_stamp_ns: u64,
+        /// The shield's estimate of the handler, robot frame.
+        pub robot_from_handler: Pose2,
+    }
 }
-
-message!(
-    Cue => Cue,
-    CueRequest => CueRequest,
-    CueAnswer => CueAnswer,
-    CueHeard => CueHeard,
-    PolicyAction => PolicyAction { action_count <= MAX_ACTIONS },
-    Permit => ShieldPermit,
-);

@@ -2,9 +2,7 @@
 
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
-use zerocopy::{FromBytes, TryFromBytes};
-
-use crate::fault::{Corrupt, Dice};
+use zerocopy::{FromBytes, IntoBytes, TryFromBytes};
 
 /// The first field of every message.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, FromBytes)]
@@ -47,7 +45,7 @@ pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
 }
 
 /// A message of fixed size. What lies in shared memory becomes one only where its bytes are a value of it.
-pub trait Message: Copy + Corrupt + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
+pub trait Message: Copy + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
     const TOPIC: crate::TopicId;
     /// Whether every count in it is within the room that it counts; a message for which it is not is none.
@@ -63,32 +61,14 @@ pub trait Message: Copy + Corrupt + core::fmt::Debug + Send + Sync + TryFromByte
 /// A message whose payload is a slice in shared memory, written in place.
 pub trait Frame: 'static {
     /// One element of the slice. Any bytes are one: it is read as other processes left it.
-    type Element: Copy + core::fmt::Debug + Default + Send + Sync + FromBytes + 'static;
+    type Element: Copy + PartialEq + core::fmt::Debug + Default + Send + Sync + FromBytes + IntoBytes + 'static;
     /// What stands beside the slice; any bytes are one.
-    type Meta: Message + Default + FromBytes;
+    type Meta: Message + PartialEq + Default + FromBytes;
+    /// The most elements of the slice; `None` where the configuration says how many.
+    const LEN_MAX: Option<usize>;
     /// Whether a slice of `len` elements is what `meta` says it is.
     fn fits(meta: &Self::Meta, len: usize) -> bool;
-
-    /// Fault injection: random numbers, beside the slice and in it.
-    fn garble(meta: &mut Self::Meta, data: &mut [Self::Element], dice: &mut Dice);
-
-    /// Fault injection: a plausible wrong slice.
-    fn falsify(data: &mut [Self::Element]);
 }
-
-/// Implements [`Message`] for types with a field `header`, names the topic of each, and says which fields are counts
-/// and how great each may be.
-macro_rules! message {
-    ($($name:ty => $topic:ident $({ $($count:ident <= $max:expr),+ })?),+ $(,)?) => {$(
-        impl $crate::Message for $name {
-            const TOPIC: $crate::TopicId = $crate::TopicId::$topic;
-            $(fn counts_fit(&self) -> bool { $(self.$count as usize <= $max)&&+ })?
-            fn header(&self) -> &$crate::Header { &self.header }
-            fn header_mut(&mut self) -> &mut $crate::Header { &mut self.header }
-        }
-    )+};
-}
-pub(crate) use message;
 
 #[cfg(test)]
 mod tests {

@@ -1,6 +1,5 @@
 //! What every service says of itself, from the loop that does its work.
 
-use crate::header::message;
 use crate::{Header, Outcome, ServiceId, TopicId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -271,8 +270,6 @@ impl Health {
         }
     }
 }
-
-message!(Health => Health { port_count <= MAX_PORTS });
 
 #[cfg(test)]
 mod tests {

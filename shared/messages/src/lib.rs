@@ -10,6 +10,7 @@ pub mod fault;
 mod guidance;
 mod header;
 mod health;
+pub mod json;
 mod mode;
 mod pose;
 mod sensors;
@@ -19,25 +20,20 @@ pub mod stops;
 pub mod topic;
 mod world;
 
-pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
-pub use estop::{EmergencyStop, StopInput};
+pub use clock::*;
+pub use estop::*;
 pub use fault::{Device, Fault, Injection, Target};
-pub use guidance::{
-    Cue, CueAnswer, CueHeard, CueKind, CueRefusal, CueRequest, CueSource, MAX_ACTIONS, NO_BEAM, Outcome, Permit,
-    PermitCause, PolicyAction, UnsafeCause,
-};
-pub use header::{AHEAD_NS, Frame, Header, Message, age_ns};
-pub use health::{
-    Health, LATENCY_BUCKETS, Latency, LatencyHistogram, MAX_PORTS, Microphone, MicrophoneState, PortCounters, PortRole,
-    ServiceState,
-};
-pub use mode::{CueInForce, LocomotionState, Mode, ModeClass, StopKind, StopReason};
-pub use pose::{Pose2, Twist2};
-pub use sensors::{DepthFrame, DepthHeader, LidarScan, MAX_BEAMS, Odometry, Pose3, ScanHeader};
-pub use service::ServiceId;
-pub use speech::{SpeechPhase, SpeechSaid, SpeechText, Urgency};
+pub use guidance::*;
+pub use header::*;
+pub use health::*;
+pub use mode::*;
+pub use pose::*;
+pub use sensors::*;
+pub use service::*;
+pub use speech::*;
+pub use stops::{StopClass, StopKind};
 pub use topic::TopicId;
-pub use world::{MAX_WALKERS, RobotCommand, Walker, WorldTruth};
+pub use world::*;
 
 /// Nanoseconds in a second, for conversions between run time and SI seconds.
 pub const NS_PER_S: u64 = 1_000_000_000;

@@ -1,37 +1,42 @@
 //! Planar poses and velocities as plain numbers. The mathematics on them is in `guidance`.
 
+use crate::json::mirrored;
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 use zerocopy::FromBytes;
 
-/// A planar pose: where frame B is in frame A, for a value named `a_from_b`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Pose2/1"))]
-#[serde(deny_unknown_fields)]
-#[repr(C)]
-pub struct Pose2 {
-    /// Forward, metres.
-    pub x_m: f64,
-    /// Left, metres.
-    pub y_m: f64,
-    /// Counter-clockwise, radians, in (-pi, pi].
-    pub yaw_rad: f64,
+mirrored! {
+    /// A planar pose: where frame B is in frame A, for a value named `a_from_b`.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Pose2/1"))]
+    #[serde(deny_unknown_fields)]
+    #[repr(C)]
+    pub struct Pose2 {
+        /// Forward, metres.
+        pub x_m: f64,
+        /// Left, metres.
+        pub y_m: f64,
+        /// Counter-clockwise, radians, in (-pi, pi].
+        pub yaw_rad: f64,
+    }
 }
 
-/// A planar velocity in the body frame.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Twist2/1"))]
-#[repr(C)]
-pub struct Twist2 {
-    /// Forward, metres per second.
-    pub vx_mps: f64,
-    /// To the left, metres per second.
-    pub vy_mps: f64,
-    /// Counter-clockwise, radians per second.
-    pub wz_radps: f64,
+mirrored! {
+    /// A planar velocity in the body frame.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Twist2/1"))]
+    #[repr(C)]
+    pub struct Twist2 {
+        /// Forward, metres per second.
+        pub vx_mps: f64,
+        /// To the left, metres per second.
+        pub vy_mps: f64,
+        /// Counter-clockwise, radians per second.
+        pub wz_radps: f64,
+    }
 }
 
 impl Pose2 {

@@ -1,7 +1,6 @@
 //! What the drivers publish.
 
-use crate::fault::{Corrupt, Dice, falsify_pixels, falsify_ranges, garble_pixels, garble_ranges};
-use crate::header::message;
+use crate::json::mirrored;
 use crate::{Frame, Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -21,20 +20,9 @@ pub struct LidarScan;
 impl Frame for LidarScan {
     type Element = f32;
     type Meta = ScanHeader;
+    const LEN_MAX: Option<usize> = Some(MAX_BEAMS);
     fn fits(_: &ScanHeader, len: usize) -> bool {
         len <= MAX_BEAMS
-    }
-
-    fn garble(meta: &mut ScanHeader, ranges_m: &mut [f32], dice: &mut Dice) {
-        // Every other header stays as it is, so that what lies behind its checks is met too.
-        if dice.bits().is_multiple_of(2) {
-            meta.garble(dice);
-        }
-        garble_ranges(ranges_m, dice);
-    }
-
-    fn falsify(ranges_m: &mut [f32]) {
-        falsify_ranges(ranges_m);
     }
 }
 
@@ -68,40 +56,32 @@ pub struct DepthFrame;
 impl Frame for DepthFrame {
     type Element = u16;
     type Meta = DepthHeader;
+    const LEN_MAX: Option<usize> = None;
     fn fits(meta: &DepthHeader, len: usize) -> bool {
         u64::from(meta.width) * u64::from(meta.height) == len as u64
     }
-
-    fn garble(meta: &mut DepthHeader, pixels_mm: &mut [u16], dice: &mut Dice) {
-        if dice.bits().is_multiple_of(2) {
-            meta.garble(dice);
-        }
-        garble_pixels(pixels_mm, dice);
-    }
-
-    fn falsify(pixels_mm: &mut [u16]) {
-        falsify_pixels(pixels_mm);
-    }
 }
 
-/// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and
-/// then tilted down by `pitch_rad`.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Pose3/1"))]
-#[serde(deny_unknown_fields)]
-#[repr(C)]
-pub struct Pose3 {
-    /// Forward, metres.
-    pub x_m: f64,
-    /// Left, metres.
-    pub y_m: f64,
-    /// Above the floor, metres.
-    pub z_m: f64,
-    /// Counter-clockwise, radians.
-    pub yaw_rad: f64,
-    /// Down, radians.
-    pub pitch_rad: f64,
+mirrored! {
+    /// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and
+    /// then tilted down by `pitch_rad`.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Pose3/1"))]
+    #[serde(deny_unknown_fields)]
+    #[repr(C)]
+    pub struct Pose3 {
+        /// Forward, metres.
+        pub x_m: f64,
+        /// Left, metres.
+        pub y_m: f64,
+        /// Above the floor, metres.
+        pub z_m: f64,
+        /// Counter-clockwise, radians.
+        pub yaw_rad: f64,
+        /// Down, radians.
+        pub pitch_rad: f64,
+    }
 }
 
 /// Stands beside the pixels of a depth frame.
@@ -144,5 +124,3 @@ pub struct Odometry {
     /// Standard deviations of x (m), y (m) and yaw (rad) gained since the frame began.
     pub sigma: [f64; 3],
 }
-
-message!(ScanHeader => LidarScan, DepthHeader => DepthFrame, Odometry => Odometry);

@@ -1,7 +1,6 @@
 //! What the robot says aloud.
 
-use crate::fault::Corrupt;
-use crate::header::message;
+use crate::json::mirrored;
 use crate::{Header, StopReason};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -92,37 +91,34 @@ impl core::fmt::Debug for SpeechText {
     }
 }
 
-/// A sentence that the robot says: once as it begins, and once at its end.
-#[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/SpeechSaid/1"))]
-#[repr(C)]
-pub struct SpeechSaid {
-    /// Stamp (run time of the phase), seq, incarnation.
-    pub header: Header,
-    /// How far it is.
-    pub phase: SpeechPhase,
-    /// How urgent it is.
-    pub urgency: Urgency,
-    /// Which sentence of this incarnation, from 1.
-    pub number: u64,
-    /// Run time of what it tells of: of the stop, of the answer to a cue, nanoseconds.
-    pub about_ns: u64,
-    /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was. A player has been
-    /// started then, and what it takes to open its device comes on top.
-    pub first_sample_ns: u64,
-    /// How long it takes, nanoseconds; 0 where there is no sound of it.
-    pub duration_ns: u64,
-    /// The stop that it tells of, if any.
-    pub reason: StopReason,
-    /// What is said.
-    pub text: SpeechText,
+mirrored! {
+    /// A sentence that the robot says: once as it begins, and once at its end.
+    #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/SpeechSaid/1"))]
+    #[repr(C)]
+    pub struct SpeechSaid {
+        /// Stamp (run time of the phase), seq, incarnation.
+        pub header: Header,
+        /// How far it is.
+        pub phase: SpeechPhase,
+        /// How urgent it is.
+        pub urgency: Urgency,
+        /// Which sentence of this incarnation, from 1.
+        pub number: u64,
+        /// Run time of what it tells of: of the stop, of the answer to a cue, nanoseconds.
+        pub about_ns: u64,
+        /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was. A player has been
+        /// started then, and what it takes to open its device comes on top.
+        pub first_sample_ns: u64,
+        /// How long it takes, nanoseconds; 0 where there is no sound of it.
+        pub duration_ns: u64,
+        /// The stop that it tells of, if any.
+        pub reason: StopReason,
+        /// What is said.
+        pub text: SpeechText,
+    }
 }
-
-/// It is for the handler's ears and stops nothing: there is no fault of it to try.
-impl Corrupt for SpeechSaid {}
-
-message!(SpeechSaid => SpeechSaid);
 
 #[cfg(test)]
 mod tests {

@@ -1,138 +1,329 @@
-//! The stops that an operator may read of: each with its class, whose doing it is, and what to do about it.
+//! The stops: one row for each, from which the type, its name, its class and its texts for an operator follow.
 
-use crate::StopKind;
+#[cfg(feature = "ipc")]
+use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
+use zerocopy::TryFromBytes;
 
-/// What is to be known of a kind of stop.
+/// How a stop ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StopClass {
+    /// A stop within run. It ends by itself as soon as a permit comes.
+    Hold,
+    /// A stop within run that locomotion keeps until the epoch is greater. The supervisor makes a fault of it, which an
+    /// accepted cue ends.
+    Latched,
+    /// A mode. An accepted cue ends it.
+    Fault,
+    /// A mode. `resume` ends it, and then a cue starts the robot.
+    Lock,
+}
+
+impl StopClass {
+    /// The name, as in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Hold => "hold",
+            Self::Latched => "latched",
+            Self::Fault => "fault",
+            Self::Lock => "lock",
+        }
+    }
+}
+
+/// One row of the table: a kind of stop as an operator reads of it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct StopInfo {
     /// Which.
     pub kind: StopKind,
-    /// "hold" ends by itself, "fault" by an accepted cue, "lock" by `resume` and then a cue.
-    pub class: &'static str,
+    /// Its name, as in reports: snake case.
+    pub name: &'static str,
+    /// How it ends.
+    pub class: StopClass,
     /// What happened.
     pub meaning: &'static str,
     /// What to do about it.
     pub advice: &'static str,
 }
 
-const fn row(kind: StopKind, class: &'static str, meaning: &'static str, advice: &'static str) -> StopInfo {
-    StopInfo { kind, class, meaning, advice }
+/// Declares the kinds of stop: `Kind = "name" { class: .., meaning: .., advice: .. }`, in the order of their numbers.
+macro_rules! stops {
+    ($($kind:ident = $name:literal { class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)? })+) => {
+        /// What kind of stop it is. Its row in [`STOPS`] says what happened and what to do.
+        #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
+        #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+        #[cfg_attr(feature = "ipc", type_name("guidedog/StopKind/1"))]
+        #[repr(C)]
+        pub enum StopKind {
+            /// No stop.
+            #[default]
+            #[serde(rename = "none")]
+            None = 0,
+            $(#[doc = concat!(stringify!($class), ": ", $meaning, ".")]
+            #[serde(rename = $name)]
+            $kind,)+
+        }
+
+        /// Every kind of stop, in the order of its number, from 1.
+        pub const STOPS: &[StopInfo] = &[$(StopInfo {
+            kind: StopKind::$kind,
+            name: $name,
+            class: StopClass::$class,
+            meaning: $meaning,
+            advice: $advice,
+        },)+];
+    };
+}
+
+impl StopKind {
+    /// Its row; `None` for [`StopKind::None`].
+    #[must_use]
+    pub const fn info(self) -> Option<&'static StopInfo> {
+        // The rows follow one another from 1.
+        match (self as usize).checked_sub(1) {
+            Some(row) => Some(&STOPS[row]),
+            None => None,
+        }
+    }
+
+    /// The name, as in reports: snake case.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self.info() {
+            Some(info) => info.name,
+            None => "none",
+        }
+    }
+
+    /// Whether the robot waits within run for it, with a cue in force. Without a cue there is nothing to wait for.
+    #[must_use]
+    pub const fn holds_a_cue(self) -> bool {
+        match self.info() {
+            Some(info) => matches!(info.class, StopClass::Hold | StopClass::Latched) && !matches!(self, Self::NoCue),
+            None => false,
+        }
+    }
+
+    /// Whether locomotion keeps it until the epoch is greater, so that only a fault and a new cue let it go on.
+    /// Locomotion keeps two modes in this way as well: it boots in one, and reads the emergency stop itself.
+    #[must_use]
+    pub const fn is_latched(self) -> bool {
+        match self.info() {
+            Some(info) => matches!(info.class, StopClass::Latched) || matches!(self, Self::Boot | Self::EmergencyStop),
+            None => false,
+        }
+    }
 }
 
 const CUE: &str = "give a cue once the robot is ready";
 const LOG: &str = "its log in the run directory says why; it is restarted: give a cue once the robot is ready";
 
-/// Every kind of stop.
-pub const STOPS: [StopInfo; 36] = [
-    row(StopKind::Boot, "fault", "the run has just begun", CUE),
-    row(StopKind::ServiceDied, "fault", "a process that motion needs is dead", LOG),
-    row(StopKind::ServiceHung, "fault", "a process takes input and gives nothing back, or no longer takes part", LOG),
-    row(StopKind::BeatsMissed, "fault", "a process fell silent: stopped, stuck, or starved of the CPU", LOG),
-    row(StopKind::MemoryExhausted, "fault", "a process has more memory of its own than it may: it leaks", LOG),
-    row(StopKind::FilesExhausted, "fault", "a process has more descriptors open than it may: it leaks them", LOG),
-    row(StopKind::StreamSlow, "fault", "a stream comes too seldom, though its process has all its input", LOG),
-    row(
-        StopKind::StreamStale,
-        "fault",
-        "a stream is over twice its max age",
-        "look at its driver or device; then a cue",
-    ),
-    row(
-        StopKind::SupervisorStalled,
-        "fault",
-        "the supervisor itself did not run for too long",
-        "free the CPU; then a cue",
-    ),
-    row(StopKind::BrakeEngaged, "fault", "locomotion was gone or silent, and the brake stopped the robot", LOG),
-    row(
-        StopKind::PoseJump,
-        "fault",
-        "the odometry pose jumped further than the robot can walk",
-        "look at odometry; then a cue",
-    ),
-    row(StopKind::Resumed, "fault", "the operator ended a lock", CUE),
-    row(StopKind::OperatorStop, "lock", "the operator's stop", "guidedog resume, then a cue"),
-    row(StopKind::RestartBudgetSpent, "lock", "a service died too often", "mend it, guidedog resume, then a cue"),
-    row(StopKind::ShuttingDown, "lock", "the run is ending", "none"),
-    row(StopKind::NoCue, "hold", "no cue is in force", "give a cue"),
-    row(StopKind::StopCue, "hold", "the handler's stop cue", "give a cue"),
-    row(StopKind::PolicyStop, "hold", "the policy chose to stand: the way has ended, or there is none", "another cue"),
-    row(StopKind::NoPermit, "hold", "the shield has given no permit for this run, cue and policy yet", "wait"),
-    row(
-        StopKind::PermitExpired,
-        "hold",
-        "no permit came in time",
-        "ages and loads of shield and sensors: guidedog status",
-    ),
-    row(
-        StopKind::PermitInvalid,
-        "hold",
-        "a permit that no shield of ours would give",
-        "report it: a process does not do as it should",
-    ),
-    row(
-        StopKind::AllUnsafe,
-        "hold",
-        "every action would hit something",
-        "make way, or take robot and handler out by hand",
-    ),
-    row(StopKind::RemainderUnsafe, "hold", "something came into the way of the running action", "wait"),
-    row(StopKind::HandlerNotSeen, "hold", "nobody is where the handler should be", "take the handle again"),
-    row(
-        StopKind::InputUnusable,
-        "hold",
-        "a stream cannot be judged on: too old, or no measurement",
-        "look at its driver or device",
-    ),
-    row(StopKind::OdometryStale, "hold", "odometry is over its max age at locomotion", "look at its driver or device"),
-    row(StopKind::ModeStale, "hold", "nothing was heard of the supervisor for too long", "free the CPU; then a cue"),
-    row(StopKind::LifelineClosed, "hold", "a process that motion needs has just died", CUE),
-    row(StopKind::SupervisorLost, "fault", "the supervisor is gone, and the run ends", "start another run"),
-    row(StopKind::StreamStuck, "hold", "a sensor sends the same again while the robot moves", "look at its device"),
-    row(
-        StopKind::ScanContradicts,
-        "hold",
-        "a scan contradicts the last one wholesale",
-        "look at the lidar; where the robot was carried elsewhere, start another run",
-    ),
-    row(
-        StopKind::OdometryContradicts,
-        "hold",
-        "odometry contradicts what the robot was commanded",
-        "look which is wrong: odometry, or a robot that is blocked or slips; then a cue",
-    ),
-    row(
-        StopKind::RemoteStop,
-        "lock",
-        "somebody stopped the robot by its hand remote",
-        "make it stand by the remote and let go of it; guidedog resume, then a cue",
-    ),
-    row(
-        StopKind::BatteryLow,
-        "fault",
-        "the robot's battery is nearly empty: it may lie down where it is",
-        "charge it; where it has to go on, lower locomotion.charge_stop_percent",
-    ),
-    row(
-        StopKind::EmergencyStop,
-        "lock",
-        "the emergency stop was pressed, unplugged, or fell silent",
-        "look why; release it, or plug it in; guidedog resume, then a cue",
-    ),
-    row(StopKind::Arrived, "lock", "the walk has come to its goal, and the run is ending", "none"),
-];
+stops! {
+    Boot = "boot" {
+        class: Fault,
+        meaning: "the run has just begun",
+        advice: CUE,
+    }
+    ServiceDied = "service_died" {
+        class: Fault,
+        meaning: "a process that motion needs is dead",
+        advice: LOG,
+    }
+    ServiceHung = "service_hung" {
+        class: Fault,
+        meaning: "a process takes input and gives nothing back, or no longer takes part",
+        advice: LOG,
+    }
+    BeatsMissed = "beats_missed" {
+        class: Fault,
+        meaning: "a process fell silent: stopped, stuck, or starved of the CPU",
+        advice: LOG,
+    }
+    MemoryExhausted = "memory_exhausted" {
+        class: Fault,
+        meaning: "a process has more memory of its own than it may: it leaks",
+        advice: LOG,
+    }
+    FilesExhausted = "files_exhausted" {
+        class: Fault,
+        meaning: "a process has more descriptors open than it may: it leaks them",
+        advice: LOG,
+    }
+    StreamSlow = "stream_slow" {
+        class: Fault,
+        meaning: "a stream comes too seldom, though its process has all its input",
+        advice: LOG,
+    }
+    StreamStale = "stream_stale" {
+        class: Fault,
+        meaning: "a stream is over twice its max age",
+        advice: "look at its driver or device; then a cue",
+    }
+    SupervisorStalled = "supervisor_stalled" {
+        class: Fault,
+        meaning: "the supervisor itself did not run for too long",
+        advice: "free the CPU; then a cue",
+    }
+    BrakeEngaged = "brake_engaged" {
+        class: Fault,
+        meaning: "locomotion was gone or silent, and the brake stopped the robot",
+        advice: LOG,
+    }
+    PoseJump = "pose_jump" {
+        class: Fault,
+        meaning: "the odometry pose jumped further than the robot can walk",
+        advice: "look at odometry; then a cue",
+    }
+    Resumed = "resumed" {
+        class: Fault,
+        meaning: "the operator ended a lock",
+        advice: CUE,
+    }
+    OperatorStop = "operator_stop" {
+        class: Lock,
+        meaning: "the operator's stop",
+        advice: "guidedog resume, then a cue",
+    }
+    RestartBudgetSpent = "restart_budget_spent" {
+        class: Lock,
+        meaning: "a service died too often",
+        advice: "mend it, guidedog resume, then a cue",
+    }
+    ShuttingDown = "shutting_down" {
+        class: Lock,
+        meaning: "the run is ending",
+        advice: "none",
+    }
+    NoCue = "no_cue" {
+        class: Hold,
+        meaning: "no cue is in force",
+        advice: "give a cue",
+    }
+    StopCue = "stop_cue" {
+        class: Hold,
+        meaning: "the handler's stop cue",
+        advice: "give a cue",
+    }
+    PolicyStop = "policy_stop" {
+        class: Hold,
+        meaning: "the policy chose to stand: the way has ended, or there is none",
+        advice: "another cue",
+    }
+    NoPermit = "no_permit" {
+        class: Hold,
+        meaning: "the shield has given no permit for this run, cue and policy yet",
+        advice: "wait",
+    }
+    PermitExpired = "permit_expired" {
+        class: Hold,
+        meaning: "no permit came in time",
+        advice: "ages and loads of shield and sensors: guidedog status",
+    }
+    PermitInvalid = "permit_invalid" {
+        class: Hold,
+        meaning: "a permit that no shield of ours would give",
+        advice: "report it: a process does not do as it should",
+    }
+    AllUnsafe = "all_unsafe" {
+        class: Hold,
+        meaning: "every action would hit something",
+        advice: "make way, or take robot and handler out by hand",
+    }
+    RemainderUnsafe = "remainder_unsafe" {
+        class: Hold,
+        meaning: "something came into the way of the running action",
+        advice: "wait",
+    }
+    HandlerNotSeen = "handler_not_seen" {
+        class: Hold,
+        meaning: "nobody is where the handler should be",
+        advice: "take the handle again",
+    }
+    InputUnusable = "input_unusable" {
+        class: Hold,
+        meaning: "a stream cannot be judged on: too old, or no measurement",
+        advice: "look at its driver or device",
+    }
+    OdometryStale = "odometry_stale" {
+        class: Hold,
+        meaning: "odometry is over its max age at locomotion",
+        advice: "look at its driver or device",
+    }
+    ModeStale = "mode_stale" {
+        class: Latched,
+        meaning: "nothing was heard of the supervisor for too long",
+        advice: "free the CPU; then a cue",
+    }
+    LifelineClosed = "lifeline_closed" {
+        class: Latched,
+        meaning: "a process that motion needs has just died",
+        advice: CUE,
+    }
+    SupervisorLost = "supervisor_lost" {
+        class: Fault,
+        meaning: "the supervisor is gone, and the run ends",
+        advice: "start another run",
+    }
+    StreamStuck = "stream_stuck" {
+        class: Hold,
+        meaning: "a sensor sends the same again while the robot moves",
+        advice: "look at its device",
+    }
+    ScanContradicts = "scan_contradicts" {
+        class: Hold,
+        meaning: "a scan contradicts the last one wholesale",
+        advice: "look at the lidar; where the robot was carried elsewhere, start another run",
+    }
+    OdometryContradicts = "odometry_contradicts" {
+        class: Latched,
+        meaning: "odometry contradicts what the robot was commanded",
+        advice: "look which is wrong: odometry, or a robot that is blocked or slips; then a cue",
+    }
+    RemoteStop = "remote_stop" {
+        class: Lock,
+        meaning: "somebody stopped the robot by its hand remote",
+        advice: "make it stand by the remote and let go of it; guidedog resume, then a cue",
+    }
+    BatteryLow = "battery_low" {
+        class: Fault,
+        meaning: "the robot's battery is nearly empty: it may lie down where it is",
+        advice: "charge it; where it has to go on, lower locomotion.charge_stop_percent",
+    }
+    EmergencyStop = "emergency_stop" {
+        class: Lock,
+        meaning: "the emergency stop was pressed, unplugged, or fell silent",
+        advice: "look why; release it, or plug it in; guidedog resume, then a cue",
+    }
+    Arrived = "arrived" {
+        class: Lock,
+        meaning: "the walk has come to its goal, and the run is ending",
+        advice: "none",
+    }
+}
 
 #[cfg(test)]
 mod tests {
-    use super::STOPS;
-    use crate::StopKind;
+    use super::{STOPS, StopClass, StopKind};
 
     #[test]
-    fn every_kind_of_stop_has_one_row_in_the_order_of_its_number() {
-        for (i, info) in STOPS.iter().enumerate() {
-            assert_eq!(info.kind as usize, i + 1, "{}", info.kind.name());
-            assert!(["hold", "fault", "lock"].contains(&info.class) && !info.advice.is_empty());
+    fn every_kind_of_stop_finds_its_row() {
+        for info in STOPS {
+            assert_eq!(info.kind.info(), Some(info));
+            assert_eq!(STOPS.iter().filter(|other| other.name == info.name).count(), 1, "{}", info.name);
+            assert!(!info.meaning.is_empty() && !info.advice.is_empty(), "{}", info.name);
         }
-        assert_eq!(STOPS.last().map(|info| info.kind), Some(StopKind::Arrived), "the last kind there is");
+        assert_eq!((StopKind::None.info(), StopKind::None.name()), (None, "none"));
+    }
+
+    #[test]
+    fn locomotion_keeps_every_latched_stop_and_a_hold_ends_by_itself() {
+        for info in STOPS {
+            let within_run = matches!(info.class, StopClass::Hold | StopClass::Latched);
+            assert_eq!(info.kind.holds_a_cue(), within_run && info.kind != StopKind::NoCue, "{}", info.name);
+            assert!(info.kind.is_latched() || info.class != StopClass::Latched, "{}", info.name);
+            assert!(!info.kind.is_latched() || info.class != StopClass::Hold, "{}", info.name);
+        }
     }
 }

@@ -1,5 +1,8 @@
 //! The topic table: who may talk to whom, how deep, and why. Every process opens its ports from here, so that two
 //! processes cannot disagree about a topic.
+//!
+//! A row is all that a topic needs beside its type: the pools, the topics that the supervisor creates, what the recorder
+//! takes, the files of a recording and docs/topics.md follow from it.
 
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -7,68 +10,68 @@ use serde::{Deserialize, Serialize};
 
 use crate::ServiceId;
 use crate::ServiceId::{
-    Brake, Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator,
-    Speak, Supervisor,
+    Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Speak,
+    Supervisor,
 };
+use crate::service::{ClockRole, SERVICES};
 use zerocopy::TryFromBytes;
 
-/// A topic of the table.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/TopicId/1"))]
-#[repr(C)]
-#[serde(rename_all = "snake_case")]
-pub enum TopicId {
-    /// No topic: where a message has none to name.
-    #[default]
-    None = 0,
-    /// `lidar/scan`
-    LidarScan,
-    /// `depth/frame`
-    DepthFrame,
-    /// `odometry`
-    Odometry,
-    /// `cue`
-    Cue,
-    /// `cue/request`
-    CueRequest,
-    /// `policy/action`
-    PolicyAction,
-    /// `shield/permit`
-    ShieldPermit,
-    /// `mode`
-    Mode,
-    /// `locomotion/state`
-    LocomotionState,
-    /// `health/<service>`
-    Health,
-    /// `world/truth`
-    WorldTruth,
-    /// `world/command`
-    WorldCommand,
-    /// `clock/step`
-    ClockStep,
-    /// `clock/ack`
-    ClockAck,
-    /// `estop`
-    Estop,
-    /// `cue/answer`
-    CueAnswer,
-    /// `speech/said`
-    SpeechSaid,
-    /// `cue/heard`
-    CueHeard,
+/// How old the newest message of a topic may be for motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AgeLimit {
+    /// Motion does not ask for its age: an event, or what is only looked at.
+    Unlimited,
+    /// A key of `[max_age]`, with its default, milliseconds.
+    Configured {
+        /// The key.
+        key: &'static str,
+        /// Its default, milliseconds.
+        default_ms: u64,
+    },
+    /// One and a half decision periods.
+    Decision,
+    /// The message names its own end.
+    Expiry,
+    /// `supervision.beat_limit`, or a limit of the service's own (see the table of services).
+    Beat,
 }
 
-/// How a topic is laid out in shared memory.
+/// What a topic carries, in bytes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Payload {
+    /// A message of fixed size.
+    Message {
+        /// Its size.
+        bytes: usize,
+    },
+    /// A slice with a header beside it.
+    Frame {
+        /// The header's size.
+        header_bytes: usize,
+        /// The size of one element.
+        element_bytes: usize,
+        /// The most elements; `None` where the configuration says how many.
+        elements_max: Option<usize>,
+    },
+}
+
+/// A row of the table: how a topic is laid out in shared memory, and who takes part.
 #[derive(Debug, Clone, Copy)]
 pub struct TopicSpec {
     /// Which topic.
     pub id: TopicId,
+    /// What it carries, in a sentence.
+    pub doc: &'static str,
     /// Its name; a health topic's is followed by `/<service>`.
     pub name: &'static str,
+    /// The type that it carries.
+    pub type_name: &'static str,
+    /// What it carries, in bytes.
+    pub payload: Payload,
     /// Services that may write. One is *the* writer at a time, told by its incarnation.
     pub publishers: &'static [ServiceId],
+    /// Writers that may be alive at once in one run: drivers and replay exclude each other, a policy has one shadow.
+    pub live_publishers: usize,
     /// Services that may read.
     pub subscribers: &'static [ServiceId],
     /// Messages that wait for a reader; the oldest gives way.
@@ -79,7 +82,13 @@ pub struct TopicSpec {
     pub loans: usize,
     /// Whether a message wakes its readers.
     pub wakes: bool,
-    /// The reason for these numbers.
+    /// How old the newest message may be for motion.
+    pub max_age: AgeLimit,
+    /// Whether faults can be injected into it by its name.
+    pub injectable: bool,
+    /// Whether it is recorded.
+    pub recorded: bool,
+    /// The reason for the numbers.
     pub why: &'static str,
 }
 
@@ -87,16 +96,10 @@ pub struct TopicSpec {
 pub const DEAD_SLOTS: usize = 2;
 
 impl TopicSpec {
-    /// Writers that may be alive at once in one run, and room for dead ones: drivers and replay exclude each other, a
-    /// policy has one shadow, and everything else has one writer.
+    /// Writers that may be alive at once in one run, and room for dead ones.
     #[must_use]
-    pub fn max_publishers(&self) -> usize {
-        let live = match self.id {
-            TopicId::ClockAck => self.publishers.len() + 1,
-            TopicId::PolicyAction | TopicId::Health | TopicId::WorldCommand => 2,
-            _ => 1,
-        };
-        live + DEAD_SLOTS
+    pub const fn max_publishers(&self) -> usize {
+        self.live_publishers + DEAD_SLOTS
     }
 
     /// Readers that may be alive at once, and room for dead ones.
@@ -111,213 +114,391 @@ impl TopicSpec {
     pub fn pool_len(&self) -> usize {
         self.max_subscribers() * (self.buffer + self.borrowed) + self.loans
     }
+
+    /// Bytes of one message at its largest, header included, where a configured frame has that many elements.
+    #[must_use]
+    pub const fn message_bytes(&self, configured_elements: usize) -> usize {
+        match self.payload {
+            Payload::Message { bytes } => bytes,
+            Payload::Frame { header_bytes, element_bytes, elements_max } => {
+                let elements = match elements_max {
+                    Some(most) => most,
+                    None => configured_elements,
+                };
+                header_bytes + element_bytes * elements
+            }
+        }
+    }
 }
 
-const EVERYBODY: &[ServiceId] = &ServiceId::ALL;
-const MEMBERS: &[ServiceId] =
-    &[Supervisor, Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Brake, Recorder, Simulator, Replay];
+const EVERY_SERVICE: &[ServiceId] = &ServiceId::ALL;
 
-/// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes nothing.
-pub const TOPICS: [TopicSpec; 18] = [
-    TopicSpec {
-        id: TopicId::LidarScan,
+/// The services that take part in stepped time.
+const MEMBERS: &[ServiceId] = &{
+    let mut members = [ServiceId::None; member_count()];
+    let (mut row, mut member) = (0, 0);
+    while row < SERVICES.len() {
+        if !matches!(SERVICES[row].clock, ClockRole::Outside) {
+            members[member] = SERVICES[row].id;
+            member += 1;
+        }
+        row += 1;
+    }
+    members
+};
+
+const fn member_count() -> usize {
+    let (mut row, mut count) = (0, 0);
+    while row < SERVICES.len() {
+        count += !matches!(SERVICES[row].clock, ClockRole::Outside) as usize;
+        row += 1;
+    }
+    count
+}
+
+/// What a row says of the type that the topic carries.
+macro_rules! payload {
+    (message $type:ident) => {
+        Payload::Message { bytes: size_of::<crate::$type>() }
+    };
+    (frame $type:ident $header:ident) => {
+        Payload::Frame {
+            header_bytes: size_of::<crate::$header>(),
+            element_bytes: size_of::<<crate::$type as crate::Frame>::Element>(),
+            elements_max: <crate::$type as crate::Frame>::LEN_MAX,
+        }
+    };
+}
+
+/// The type of a row becomes a message of its topic; a frame's header does.
+macro_rules! on_topic {
+    ($id:ident message $type:ident $({ $count:ident <= $max:ident })?) => {
+        impl crate::Message for crate::$type {
+            const TOPIC: TopicId = TopicId::$id;
+            $(fn counts_fit(&self) -> bool { self.$count as usize <= crate::$max })?
+            fn header(&self) -> &crate::Header { &self.header }
+            fn header_mut(&mut self) -> &mut crate::Header { &mut self.header }
+        }
+    };
+    ($id:ident frame $type:ident $header:ident) => {
+        on_topic! { $id message $header }
+    };
+}
+
+/// Declares the topics in the order in which they are recorded:
+///
+/// `Id = number, message Type [count <= MAX], recorded in Part as Form { .. }`, or `frame Marker Header` in the place of
+/// `message Type`. The number is the one in shared memory: it never changes. `[count <= MAX]` names the field that
+/// counts, and its limit: a message that is over it is none. What follows `recorded in` is the file of a recording that
+/// has the topic, and whether it stands there field by field (`Mirrored`) or in a form of its own that viewers draw
+/// (`Viewed`); without it, the topic is not recorded.
+///
+/// The first argument is a `$`, for the macro that it defines.
+macro_rules! topics {
+    (($d:tt) $(
+        $(#[doc = $doc:literal])+
+        $id:ident = $number:literal, $kind:ident $type:ident $($header:ident)? $([$count:ident <= $max:ident])?
+        $(, recorded in $part:ident as $form:ident)?
+        { $($field:ident: $value:expr),+ $(,)? }
+    )+) => {
+        /// A topic of the table.
+        #[derive(
+            Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize, TryFromBytes,
+        )]
+        #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+        #[cfg_attr(feature = "ipc", type_name("guidedog/TopicId/1"))]
+        #[repr(C)]
+        #[serde(rename_all = "snake_case")]
+        pub enum TopicId {
+            /// No topic: where a message has none to name.
+            #[default]
+            None = 0,
+            $($(#[doc = $doc])+ $id = $number,)+
+        }
+
+        /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes
+        /// nothing.
+        pub const TOPICS: &[TopicSpec] = &[$(TopicSpec {
+            id: TopicId::$id,
+            doc: concat!($($doc),+),
+            type_name: stringify!($type),
+            payload: payload!($kind $type $($header)?),
+            recorded: { const PARTS: &[&str] = &[$(stringify!($part))?]; !PARTS.is_empty() },
+            $($field: $value),+
+        }),+];
+
+        $(on_topic! { $id $kind $type $($header)? $({ $count <= $max })? })+
+
+        /// Calls a macro with every topic, in the order of the table: `message Id Type;`, or `frame Id Marker;`.
+        #[macro_export]
+        macro_rules! for_each_topic {
+            ($d callback:ident) => { $d callback! { $($kind $id $type;)+ } };
+        }
+
+        /// Calls a macro with every recorded topic, in the order of the table, and the file that has it:
+        /// `message Id Type in Part as Form;`, or `frame Id Marker in Part as Form;`.
+        #[macro_export]
+        macro_rules! for_each_recorded_topic {
+            ($d callback:ident) => { $d callback! { $($($kind $id $type in $part as $form;)?)+ } };
+        }
+    };
+}
+
+topics! {
+    ($)
+    /// One turn of the lidar: ranges in metres.
+    LidarScan = 1, frame LidarScan ScanHeader, recorded in Small as Viewed {
         name: "lidar/scan",
         publishers: &[Lidar, Replay],
+        live_publishers: 1,
         subscribers: &[Odometry, Policy, Shield, Recorder],
         buffer: 2,
         borrowed: 3,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "scan", default_ms: 200 },
+        injectable: true,
         why: "the newest scan and, in stepped time, the one of the step before; one held while the next is looked at",
-    },
-    TopicSpec {
-        id: TopicId::DepthFrame,
+    }
+    /// One image of the depth camera: millimetres.
+    DepthFrame = 2, frame DepthFrame DepthHeader, recorded in Depth as Viewed {
         name: "depth/frame",
         publishers: &[Depth, Replay],
+        live_publishers: 1,
         subscribers: &[Policy, Shield, Recorder],
         buffer: 2,
         borrowed: 3,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "depth", default_ms: 200 },
+        injectable: true,
         why: "as lidar/scan; megabytes a frame, so no deeper",
-    },
-    TopicSpec {
-        id: TopicId::Odometry,
+    }
+    /// Pose and velocity of the robot in the odometry frame.
+    Odometry = 3, message Odometry, recorded in Small as Viewed {
         name: "odometry",
         publishers: &[Odometry, Replay],
+        live_publishers: 1,
         subscribers: &[Lidar, Policy, Shield, Locomotion, Cue, Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "odometry", default_ms: 100 },
+        injectable: true,
         why: "up to 100 Hz: one a step, of two steps, and room for a reader that is late by 60 ms",
-    },
-    TopicSpec {
-        id: TopicId::Cue,
+    }
+    /// A cue as recognised. The supervisor alone accepts it.
+    Cue = 4, message Cue, recorded in Small as Mirrored {
         name: "cue",
         publishers: &[Cue, Replay],
+        live_publishers: 1,
         subscribers: &[Policy, Shield, Locomotion, Supervisor, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "cue", default_ms: 1000 },
+        injectable: true,
         why: "events that must not be lost, a stop among them",
-    },
-    TopicSpec {
-        id: TopicId::CueRequest,
+    }
+    /// An operator's cue on its way to the cue service.
+    CueRequest = 5, message CueRequest, recorded in Small as Mirrored {
         name: "cue/request",
         publishers: &[Supervisor],
+        live_publishers: 1,
         subscribers: &[Cue, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: true,
         why: "events that must not be lost",
-    },
-    TopicSpec {
-        id: TopicId::PolicyAction,
+    }
+    /// One decision of a policy: how probable each action is.
+    PolicyAction = 6, message PolicyAction [action_count <= MAX_ACTIONS], recorded in Small as Mirrored {
         name: "policy/action",
         publishers: &[Policy],
+        live_publishers: 2,
         subscribers: &[Shield, Supervisor, Replay, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Decision,
+        injectable: true,
         why: "one a decision from the active policy and from a shadow",
-    },
-    TopicSpec {
-        id: TopicId::ShieldPermit,
+    }
+    /// The shield's verdict on a scan or a decision, and the permit.
+    ShieldPermit = 7, message Permit, recorded in Small as Mirrored {
         name: "shield/permit",
         publishers: &[Shield],
+        live_publishers: 1,
         subscribers: &[Locomotion, Supervisor, Replay, Speak, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Expiry,
+        injectable: true,
         why: "a scan and a decision may each give one in the same step, of two steps; only the newest counts",
-    },
-    TopicSpec {
-        id: TopicId::Mode,
+    }
+    /// Run, fault or lock, and why; the cue and the policy in force.
+    Mode = 8, message Mode, recorded in Small as Mirrored {
         name: "mode",
         publishers: &[Supervisor],
+        live_publishers: 1,
         subscribers: &[Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Simulator, Replay, Speak, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "mode", default_ms: 200 },
+        injectable: true,
         why: "only the newest counts; at most one a step, and as much again for a reader that is late",
-    },
-    TopicSpec {
-        id: TopicId::LocomotionState,
+    }
+    /// The velocity that is applied, and what limits it.
+    LocomotionState = 9, message LocomotionState, recorded in Small as Mirrored {
         name: "locomotion/state",
         publishers: &[Locomotion],
+        live_publishers: 1,
         subscribers: &[Supervisor, Odometry, Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: false,
+        max_age: AgeLimit::Unlimited,
+        injectable: true,
         why: "50 Hz, read when the supervisor wakes for something else, at the latest every 50 ms",
-    },
-    TopicSpec {
-        id: TopicId::Health,
-        name: "health",
-        publishers: EVERYBODY,
-        subscribers: &[Supervisor, Recorder],
-        buffer: 8,
-        borrowed: 2,
-        loans: 2,
-        wakes: false,
-        why: "50 Hz, drained at 50 Hz: two on the way, and four times that for a supervisor that overslept",
-    },
-    TopicSpec {
-        id: TopicId::WorldTruth,
-        name: "world/truth",
-        publishers: &[Simulator],
-        subscribers: &[Lidar, Depth, Odometry, Emulator, Cue, Locomotion, Supervisor, Recorder],
-        buffer: 4,
-        borrowed: 2,
-        loans: 2,
-        wakes: true,
-        why: "one a step of 10 ms, of two steps, and as much again for a reader that is late",
-    },
-    TopicSpec {
-        id: TopicId::WorldCommand,
-        name: "world/command",
-        publishers: &[Locomotion, Emulator],
-        subscribers: &[Simulator, Recorder],
-        buffer: 4,
-        borrowed: 2,
-        loans: 2,
-        wakes: true,
-        why: "the newest command counts",
-    },
-    TopicSpec {
-        id: TopicId::ClockStep,
-        name: "clock/step",
-        publishers: &[Simulator, Replay],
-        subscribers: MEMBERS,
-        buffer: 4,
-        borrowed: 2,
-        loans: 2,
-        wakes: true,
-        why: "the next step comes only when all members took this one; a starting process may be steps behind",
-    },
-    TopicSpec {
-        id: TopicId::ClockAck,
-        name: "clock/ack",
-        publishers: MEMBERS,
-        subscribers: &[Simulator, Replay, Supervisor],
-        buffer: 8,
-        borrowed: 2,
-        loans: 2,
-        wakes: true,
-        why: "one a step and member, and rosters between",
-    },
-    TopicSpec {
-        id: TopicId::Estop,
+    }
+    /// Whether the emergency stop lets the robot move.
+    Estop = 15, message EmergencyStop, recorded in Small as Mirrored {
         name: "estop",
         publishers: &[Estop],
+        live_publishers: 1,
         subscribers: &[Locomotion, Supervisor, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Configured { key: "estop", default_ms: 100 },
+        injectable: false,
         why: "a press and a release may come at once, and neither may be lost; 50 Hz besides",
-    },
-    TopicSpec {
-        id: TopicId::CueAnswer,
+    }
+    /// Whether a cue was accepted, and why not.
+    CueAnswer = 16, message CueAnswer, recorded in Small as Mirrored {
         name: "cue/answer",
         publishers: &[Supervisor],
+        live_publishers: 1,
         subscribers: &[Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
         why: "events that must not be lost",
-    },
-    TopicSpec {
-        id: TopicId::SpeechSaid,
-        name: "speech/said",
-        publishers: &[Speak],
-        subscribers: &[Cue, Supervisor, Recorder],
-        buffer: 8,
-        borrowed: 2,
-        loans: 2,
-        wakes: true,
-        why: "events that must not be lost: a sentence that is cut and the next one come at once",
-    },
-    TopicSpec {
-        id: TopicId::CueHeard,
+    }
+    /// A cue that was heard and waits for the tone before motion.
+    CueHeard = 18, message CueHeard, recorded in Small as Mirrored {
         name: "cue/heard",
         publishers: &[Cue],
+        live_publishers: 1,
         subscribers: &[Speak, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,
         wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
         why: "events; only the newest waits for its tone",
-    },
-];
+    }
+    /// A sentence that the robot says: its beginning and its end.
+    SpeechSaid = 17, message SpeechSaid, recorded in Small as Mirrored {
+        name: "speech/said",
+        publishers: &[Speak],
+        live_publishers: 1,
+        subscribers: &[Cue, Supervisor, Recorder],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
+        why: "events that must not be lost: a sentence that is cut and the next one come at once",
+    }
+    /// The true state of the simulated world.
+    WorldTruth = 11, message WorldTruth [walker_count <= MAX_WALKERS], recorded in Small as Mirrored {
+        name: "world/truth",
+        publishers: &[Simulator],
+        live_publishers: 1,
+        subscribers: &[Lidar, Depth, Odometry, Emulator, Cue, Locomotion, Supervisor, Recorder],
+        buffer: 4,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
+        why: "one a step of 10 ms, of two steps, and as much again for a reader that is late",
+    }
+    /// The velocity that the simulated robot is commanded.
+    WorldCommand = 12, message RobotCommand {
+        name: "world/command",
+        publishers: &[Locomotion, Emulator],
+        live_publishers: 2,
+        subscribers: &[Simulator, Recorder],
+        buffer: 4,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
+        why: "the newest command counts",
+    }
+    /// The beat of a service, with its counters.
+    Health = 10, message Health [port_count <= MAX_PORTS] {
+        name: "health",
+        publishers: EVERY_SERVICE,
+        live_publishers: 2,
+        subscribers: &[Supervisor, Recorder],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: false,
+        max_age: AgeLimit::Beat,
+        injectable: false,
+        why: "50 Hz, drained at 50 Hz: two on the way, and four times that for a supervisor that overslept",
+    }
+    /// The next step of stepped time.
+    ClockStep = 13, message ClockStep [member_count <= MAX_MEMBERS] {
+        name: "clock/step",
+        publishers: &[Simulator, Replay],
+        live_publishers: 1,
+        subscribers: MEMBERS,
+        buffer: 4,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
+        why: "the next step comes only when all members took this one; a starting process may be steps behind",
+    }
+    /// A member has done its step.
+    ClockAck = 14, message ClockAck [roster_count <= MAX_MEMBERS] {
+        name: "clock/ack",
+        publishers: MEMBERS,
+        live_publishers: MEMBERS.len() + 1,
+        subscribers: &[Simulator, Replay, Supervisor],
+        buffer: 8,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        injectable: false,
+        why: "one a step and member, and rosters between",
+    }
+}
 
 impl TopicId {
     /// The topic's row of the table; `None` for [`TopicId::None`].
@@ -331,6 +512,21 @@ impl TopicId {
     pub fn name(self) -> &'static str {
         self.spec().map_or("none", |spec| spec.name)
     }
+
+    /// The services that have a topic of their own of this name; [`ServiceId::None`] alone where all share one.
+    #[must_use]
+    pub const fn owners(self) -> &'static [ServiceId] {
+        if matches!(self, Self::Health) { EVERY_SERVICE } else { &[ServiceId::None] }
+    }
+
+    /// The default of its key in `[max_age]`, milliseconds; 0 where it has none.
+    #[must_use]
+    pub fn default_max_age_ms(self) -> u64 {
+        match self.spec().map(|spec| spec.max_age) {
+            Some(AgeLimit::Configured { default_ms, .. }) => default_ms,
+            _ => 0,
+        }
+    }
 }
 
 impl core::fmt::Display for TopicId {
@@ -341,15 +537,31 @@ impl core::fmt::Display for TopicId {
 
 #[cfg(test)]
 mod tests {
-    use super::{TOPICS, TopicId};
+    use super::{AgeLimit, TOPICS, TopicId};
+    use crate::ServiceId;
 
     #[test]
-    fn every_topic_has_one_row_and_a_reason() {
-        for (i, spec) in TOPICS.iter().enumerate() {
-            assert_eq!(spec.id as usize, i + 1, "{} stands where its number says", spec.name);
-            assert!(!spec.why.is_empty() && spec.buffer >= 2, "{}", spec.name);
+    fn every_topic_has_a_number_and_a_name_of_its_own_and_a_reason() {
+        for spec in TOPICS {
+            assert!((1..=TOPICS.len()).contains(&(spec.id as usize)), "{}: numbers leave no gap", spec.name);
+            assert_eq!(TOPICS.iter().filter(|other| other.name == spec.name).count(), 1, "{}", spec.name);
+            assert!(!spec.why.is_empty() && spec.buffer >= 2 && !spec.publishers.is_empty(), "{}", spec.name);
         }
         assert_eq!(TopicId::LidarScan.name(), "lidar/scan");
         assert!(TopicId::None.spec().is_none());
+    }
+
+    #[test]
+    fn the_tap_has_a_slot_on_what_is_recorded() {
+        for spec in TOPICS.iter().filter(|spec| spec.recorded) {
+            assert!(spec.subscribers.contains(&ServiceId::Recorder), "{}", spec.name);
+        }
+    }
+
+    #[test]
+    fn a_configured_age_has_a_default() {
+        for spec in TOPICS.iter().filter(|spec| matches!(spec.max_age, AgeLimit::Configured { .. })) {
+            assert!(spec.id.default_max_age_ms() > 0, "{}", spec.name);
+        }
     }
 }

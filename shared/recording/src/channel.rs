@@ -1,17 +1,15 @@
-//! The channels of a recording: one row for each topic that can be recorded.
+//! The channels of a recording: one for each recorded topic of the topic table.
 
 use std::borrow::Cow;
 
-use messages::{
-    Cue, CueAnswer, CueHeard, CueRequest, EmergencyStop, LocomotionState, MAX_BEAMS, Mode, Odometry, Permit,
-    PolicyAction, Pose2, ScanHeader, SpeechSaid, TopicId, Twist2, WorldTruth,
-};
+use messages::json::{HeaderJson, Mirrored, Reading, Real};
+use messages::{LidarScan, MAX_BEAMS, Odometry, Pose2, ScanHeader, TopicId, Twist2};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
 
-use crate::json::{HeaderJson, Pose, Quaternion, Reading, Real, Time, Vector3};
-use crate::mirror::{Mirrored, PoseJson, TwistJson};
-use crate::{Record, image};
+use crate::Record;
+use crate::json::{Pose, Quaternion, Time, Vector3};
+use crate::record::{Slice, kept};
 
 /// MCAP's name for the encoding of JSON channels.
 pub const JSON: &str = "json";
@@ -19,8 +17,24 @@ pub const JSON: &str = "json";
 /// MCAP's name for the encoding of JSON schemas.
 pub const JSON_SCHEMA: &str = "jsonschema";
 
-/// MCAP's name for the encoding of protobuf channels and schemas.
-const PROTOBUF: &str = "protobuf";
+/// How a type stands in a recording.
+pub trait Recorded: Sized {
+    /// Foxglove's name of the schema, or ours.
+    const SCHEMA_NAME: &'static str;
+    /// MCAP's name for the schema's encoding.
+    const SCHEMA_ENCODING: &'static str = JSON_SCHEMA;
+    /// MCAP's name for the messages' encoding.
+    const ENCODING: &'static str = JSON;
+
+    /// The schema.
+    fn schema() -> Cow<'static, [u8]>;
+
+    /// Writes the message behind `bytes`; the error says what cannot be recorded.
+    fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String>;
+
+    /// Reads the message; the error says what is wrong with its bytes.
+    fn decode(bytes: &[u8]) -> Result<Self, String>;
+}
 
 /// How one topic is recorded.
 #[derive(Debug)]
@@ -39,57 +53,58 @@ pub struct Channel {
     pub decode: fn(&[u8]) -> Result<Record, String>,
 }
 
-/// A channel of our own JSON.
-const fn own(
-    topic: TopicId,
-    schema_name: &'static str,
-    schema: fn() -> Cow<'static, [u8]>,
-    decode: fn(&[u8]) -> Result<Record, String>,
-) -> Channel {
-    Channel { topic, schema_name, schema_encoding: JSON_SCHEMA, schema, encoding: JSON, decode }
+impl Channel {
+    const fn of<T: Recorded + Into<Record>>(topic: TopicId) -> Self {
+        Self {
+            topic,
+            schema_name: T::SCHEMA_NAME,
+            schema_encoding: T::SCHEMA_ENCODING,
+            schema: T::schema,
+            encoding: T::ENCODING,
+            decode: |bytes| T::decode(bytes).map(Into::into),
+        }
+    }
 }
 
-/// Every channel.
-pub const CHANNELS: [Channel; 14] = [
-    own(TopicId::LidarScan, "foxglove.LaserScan", || file(include_str!("../schemas/laser_scan.json")), decode_scan),
-    own(
-        TopicId::Odometry,
-        "foxglove.FrameTransform",
-        || file(include_str!("../schemas/frame_transform.json")),
-        decode_odometry,
-    ),
-    own(TopicId::Cue, "guidedog.Cue", schema::<Cue>, |json| back(json).map(Record::Cue)),
-    own(TopicId::CueRequest, "guidedog.CueRequest", schema::<CueRequest>, |json| back(json).map(Record::CueRequest)),
-    own(TopicId::PolicyAction, "guidedog.PolicyAction", schema::<PolicyAction>, |json| {
-        back(json).map(|action| Record::Action(Box::new(action)))
-    }),
-    own(TopicId::ShieldPermit, "guidedog.Permit", schema::<Permit>, |json| {
-        back(json).map(|permit| Record::Permit(Box::new(permit)))
-    }),
-    own(TopicId::Mode, "guidedog.Mode", schema::<Mode>, |json| back(json).map(|mode| Record::Mode(Box::new(mode)))),
-    own(TopicId::LocomotionState, "guidedog.LocomotionState", schema::<LocomotionState>, |json| {
-        back(json).map(|state| Record::Locomotion(Box::new(state)))
-    }),
-    own(TopicId::Estop, "guidedog.EmergencyStop", schema::<EmergencyStop>, |json| back(json).map(Record::Estop)),
-    own(TopicId::CueAnswer, "guidedog.CueAnswer", schema::<CueAnswer>, |json| {
-        back(json).map(|answer| Record::CueAnswer(Box::new(answer)))
-    }),
-    own(TopicId::CueHeard, "guidedog.CueHeard", schema::<CueHeard>, |json| back(json).map(Record::Heard)),
-    own(TopicId::SpeechSaid, "guidedog.SpeechSaid", schema::<SpeechSaid>, |json| {
-        back(json).map(|said| Record::Said(Box::new(said)))
-    }),
-    own(TopicId::WorldTruth, "guidedog.WorldTruth", schema::<WorldTruth>, |json| {
-        back(json).map(|truth| Record::Truth(Box::new(truth)))
-    }),
-    Channel {
-        topic: TopicId::DepthFrame,
-        schema_name: "foxglove.RawImage",
-        schema_encoding: PROTOBUF,
-        schema: || Cow::Owned(image::schema()),
-        encoding: PROTOBUF,
-        decode: image::decode,
-    },
-];
+/// A message that stands field by field. One that viewers draw has an implementation of its own, below or in `image`.
+macro_rules! recorded {
+    (Mirrored $type:ident) => {
+        impl Recorded for messages::$type {
+            const SCHEMA_NAME: &'static str = concat!("guidedog.", stringify!($type));
+            fn schema() -> Cow<'static, [u8]> {
+                let mut schema = <Self as Mirrored>::schema();
+                schema["title"] = json!(Self::SCHEMA_NAME);
+                Cow::Owned(schema.to_string().into_bytes())
+            }
+            fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
+                to_json(&self.mirror(), bytes)
+            }
+            fn decode(bytes: &[u8]) -> Result<Self, String> {
+                from_json(bytes).map(Self::back)
+            }
+        }
+    };
+    (Viewed $type:ident) => {};
+}
+
+macro_rules! channels {
+    ($($kind:ident $id:ident $type:ident in $part:ident as $form:ident;)+) => {
+        $(recorded!($form $type);)+
+
+        /// Every channel, in the order of the topic table.
+        pub const CHANNELS: &[Channel] = &[$(Channel::of::<kept!($kind $type)>(TopicId::$id)),+];
+
+        /// A record as its channel has it, written over `bytes`; the error says what cannot be recorded.
+        pub fn encode(record: &Record, bytes: &mut Vec<u8>) -> Result<(), String> {
+            bytes.clear();
+            match record {
+                $(Record::$id(message) => message.encode(bytes),)+
+            }
+        }
+    };
+}
+
+messages::for_each_recorded_topic!(channels);
 
 /// The channel of a topic.
 pub fn channel_of(topic: TopicId) -> Option<&'static Channel> {
@@ -100,43 +115,63 @@ fn file(text: &'static str) -> Cow<'static, [u8]> {
     Cow::Borrowed(text.as_bytes())
 }
 
-fn schema<M: Mirrored>() -> Cow<'static, [u8]> {
-    let mut schema = M::schema();
-    let name = std::any::type_name::<M>().rsplit("::").next().unwrap_or_default();
-    schema["title"] = json!(format!("guidedog.{name}"));
-    Cow::Owned(schema.to_string().into_bytes())
+fn to_json(message: &impl Serialize, bytes: &mut Vec<u8>) -> Result<(), String> {
+    serde_json::to_writer(bytes, message).map_err(|error| error.to_string())
 }
 
-fn back<M: Mirrored>(json: &[u8]) -> Result<M, String>
-where
-    M::Json: DeserializeOwned,
-{
-    serde_json::from_slice(json).map(M::back).map_err(|error| error.to_string())
+fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
+    serde_json::from_slice(bytes).map_err(|error| error.to_string())
 }
 
-/// A record as its channel has it, written over `bytes`; the error says what cannot be recorded.
-pub fn encode(record: &Record, bytes: &mut Vec<u8>) -> Result<(), String> {
-    bytes.clear();
-    let written = match record {
-        Record::Scan { ranges_m, .. } if ranges_m.len() > MAX_BEAMS => {
-            return Err(format!("{} ranges, over the most of {MAX_BEAMS}", ranges_m.len()));
-        }
-        Record::Depth { header, pixels_mm } => return image::encode(header, pixels_mm, bytes),
-        Record::Scan { header, ranges_m } => serde_json::to_writer(bytes, &ScanMessage::new(header, ranges_m)),
-        Record::Odometry(odometry) => serde_json::to_writer(bytes, &OdometryMessage::new(odometry)),
-        Record::Cue(cue) => serde_json::to_writer(bytes, &cue.mirror()),
-        Record::CueRequest(request) => serde_json::to_writer(bytes, &request.mirror()),
-        Record::Action(action) => serde_json::to_writer(bytes, &action.mirror()),
-        Record::Permit(permit) => serde_json::to_writer(bytes, &permit.mirror()),
-        Record::Mode(mode) => serde_json::to_writer(bytes, &mode.mirror()),
-        Record::Locomotion(state) => serde_json::to_writer(bytes, &state.mirror()),
-        Record::Estop(stop) => serde_json::to_writer(bytes, &stop.mirror()),
-        Record::CueAnswer(answer) => serde_json::to_writer(bytes, &answer.mirror()),
-        Record::Heard(heard) => serde_json::to_writer(bytes, &heard.mirror()),
-        Record::Said(said) => serde_json::to_writer(bytes, &said.mirror()),
-        Record::Truth(truth) => serde_json::to_writer(bytes, &truth.mirror()),
-    };
-    written.map_err(|error| error.to_string())
+fn check_length(ranges: usize) -> Result<(), String> {
+    if ranges > MAX_BEAMS { Err(format!("{ranges} ranges, over the most of {MAX_BEAMS}")) } else { Ok(()) }
+}
+
+impl Recorded for Slice<LidarScan> {
+    const SCHEMA_NAME: &'static str = "foxglove.LaserScan";
+    fn schema() -> Cow<'static, [u8]> {
+        file(include_str!("../schemas/laser_scan.json"))
+    }
+    fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
+        check_length(self.data.len())?;
+        to_json(&ScanMessage::new(&self.header, &self.data), bytes)
+    }
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let message: ScanMessage = from_json(bytes)?;
+        check_length(message.ranges.len())?;
+        let scan = message.guidedog;
+        Ok(Self {
+            header: ScanHeader {
+                header: Mirrored::back(scan.header),
+                angle_min_rad: scan.angle_min_rad.0,
+                angle_increment_rad: scan.angle_increment_rad.0,
+                range_min_m: scan.range_min_m.0,
+                range_max_m: scan.range_max_m.0,
+                sigma_m: scan.sigma_m.0,
+                robot_from_lidar: Mirrored::back(scan.robot_from_lidar),
+            },
+            data: message.ranges.into_iter().map(|reading| reading.0).collect(),
+        })
+    }
+}
+
+impl Recorded for Odometry {
+    const SCHEMA_NAME: &'static str = "foxglove.FrameTransform";
+    fn schema() -> Cow<'static, [u8]> {
+        file(include_str!("../schemas/frame_transform.json"))
+    }
+    fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
+        to_json(&OdometryMessage::new(self), bytes)
+    }
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let OdometryMessage { guidedog: odometry, .. } = from_json(bytes)?;
+        Ok(Self {
+            header: Mirrored::back(odometry.header),
+            odom_from_robot: Mirrored::back(odometry.odom_from_robot),
+            twist: Mirrored::back(odometry.twist),
+            sigma: Mirrored::back(odometry.sigma),
+        })
+    }
 }
 
 /// The members that viewers read follow from `ranges` and `guidedog`, so they are written and never read back.
@@ -167,7 +202,7 @@ struct ScanJson {
     range_min_m: Real,
     range_max_m: Real,
     sigma_m: Real,
-    robot_from_lidar: PoseJson,
+    robot_from_lidar: <Pose2 as Mirrored>::Json,
 }
 
 impl ScanMessage {
@@ -182,7 +217,7 @@ impl ScanMessage {
             ranges: ranges_m.iter().copied().map(Reading).collect(),
             intensities: [],
             guidedog: ScanJson {
-                header: scan.header.into(),
+                header: scan.header.mirror(),
                 angle_min_rad: Real(scan.angle_min_rad),
                 angle_increment_rad: Real(scan.angle_increment_rad),
                 range_min_m: Real(scan.range_min_m),
@@ -192,26 +227,6 @@ impl ScanMessage {
             },
         }
     }
-}
-
-fn decode_scan(json: &[u8]) -> Result<Record, String> {
-    let message: ScanMessage = serde_json::from_slice(json).map_err(|error| error.to_string())?;
-    if message.ranges.len() > MAX_BEAMS {
-        return Err(format!("{} ranges, over the most of {MAX_BEAMS}", message.ranges.len()));
-    }
-    let scan = message.guidedog;
-    Ok(Record::Scan {
-        header: ScanHeader {
-            header: scan.header.into(),
-            angle_min_rad: scan.angle_min_rad.0,
-            angle_increment_rad: scan.angle_increment_rad.0,
-            range_min_m: scan.range_min_m.0,
-            range_max_m: scan.range_max_m.0,
-            sigma_m: scan.sigma_m.0,
-            robot_from_lidar: Pose2::back(scan.robot_from_lidar),
-        },
-        ranges_m: message.ranges.into_iter().map(|reading| reading.0).collect(),
-    })
 }
 
 /// As [`ScanMessage`]: only `guidedog` is read back.
@@ -234,8 +249,8 @@ struct OdometryMessage {
 struct OdometryJson {
     #[serde(flatten)]
     header: HeaderJson,
-    odom_from_robot: PoseJson,
-    twist: TwistJson,
+    odom_from_robot: <Pose2 as Mirrored>::Json,
+    twist: <Twist2 as Mirrored>::Json,
     sigma: [Real; 3],
 }
 
@@ -248,22 +263,11 @@ impl OdometryMessage {
             translation: odometry.odom_from_robot.into(),
             rotation: odometry.odom_from_robot.into(),
             guidedog: OdometryJson {
-                header: odometry.header.into(),
+                header: odometry.header.mirror(),
                 odom_from_robot: odometry.odom_from_robot.mirror(),
                 twist: odometry.twist.mirror(),
-                sigma: odometry.sigma.map(Real),
+                sigma: odometry.sigma.mirror(),
             },
         }
     }
-}
-
-fn decode_odometry(json: &[u8]) -> Result<Record, String> {
-    let message: OdometryMessage = serde_json::from_slice(json).map_err(|error| error.to_string())?;
-    let odometry = message.guidedog;
-    Ok(Record::Odometry(Odometry {
-        header: odometry.header.into(),
-        odom_from_robot: Pose2::back(odometry.odom_from_robot),
-        twist: Twist2::back(odometry.twist),
-        sigma: odometry.sigma.map(|sigma| sigma.0),
-    }))
 }

@@ -2,15 +2,20 @@
 //!
 //! What the schema has no room for is a field of its own behind the schema's, which viewers pass over.
 
-use messages::{DepthHeader, Header, Pose3};
+use std::borrow::Cow;
+
+use messages::json::{HeaderJson, Mirrored, Real};
+use messages::{DepthFrame, DepthHeader, Pose3};
 use prost::Message as _;
 use prost_types::field_descriptor_proto::{Label, Type};
 use prost_types::{DescriptorProto, FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet};
 use serde::{Deserialize, Serialize};
 
-use crate::Record;
-use crate::json::{HeaderJson, Real};
-use crate::mirror::{Mirrored, Pose3Json};
+use crate::channel::Recorded;
+use crate::record::Slice;
+
+/// MCAP's name for the encoding of protobuf channels and schemas.
+const PROTOBUF: &str = "protobuf";
 
 /// 16 bits a pixel, millimetres.
 const ENCODING: &str = "16UC1";
@@ -56,11 +61,26 @@ struct DepthJson {
     fy_px: Real,
     cx_px: Real,
     cy_px: Real,
-    robot_from_camera: Pose3Json,
+    robot_from_camera: <Pose3 as Mirrored>::Json,
+}
+
+impl Recorded for Slice<DepthFrame> {
+    const SCHEMA_NAME: &'static str = "foxglove.RawImage";
+    const SCHEMA_ENCODING: &'static str = PROTOBUF;
+    const ENCODING: &'static str = PROTOBUF;
+    fn schema() -> Cow<'static, [u8]> {
+        Cow::Owned(schema())
+    }
+    fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
+        encode(&self.header, &self.data, bytes)
+    }
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        decode(bytes)
+    }
 }
 
 /// The schema: protobuf's own description of `foxglove.RawImage`, with our field.
-pub fn schema() -> Vec<u8> {
+fn schema() -> Vec<u8> {
     let field = |name: &str, number: i32, kind: Type, of: Option<&str>| FieldDescriptorProto {
         name: Some(name.to_owned()),
         number: Some(number),
@@ -102,10 +122,10 @@ pub fn schema() -> Vec<u8> {
 }
 
 /// A frame as protobuf, appended to `bytes`; the error says what cannot be recorded.
-pub fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> Result<(), String> {
+fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> Result<(), String> {
     check_size(header, pixels_mm.len())?;
     let own = DepthJson {
-        header: header.header.into(),
+        header: header.header.mirror(),
         fx_px: Real(header.fx_px),
         fy_px: Real(header.fy_px),
         cx_px: Real(header.cx_px),
@@ -131,14 +151,14 @@ pub fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> R
 }
 
 /// A frame from protobuf.
-pub fn decode(bytes: &[u8]) -> Result<Record, String> {
+fn decode(bytes: &[u8]) -> Result<Slice<DepthFrame>, String> {
     let image = RawImage::decode(bytes).map_err(|error| error.to_string())?;
     if image.encoding != ENCODING {
         return Err(format!("its pixels are {:?}, not {ENCODING}", image.encoding));
     }
     let own: DepthJson = serde_json::from_str(&image.guidedog).map_err(|error| error.to_string())?;
     let header = DepthHeader {
-        header: Header::from(own.header),
+        header: Mirrored::back(own.header),
         width: image.width,
         height: image.height,
         fx_px: own.fx_px.0,
@@ -149,7 +169,7 @@ pub fn decode(bytes: &[u8]) -> Result<Record, String> {
     };
     check_size(&header, image.data.len() / 2)?;
     let pixels_mm = image.data.chunks_exact(2).map(|pixel| u16::from_le_bytes([pixel[0], pixel[1]])).collect();
-    Ok(Record::Depth { header, pixels_mm })
+    Ok(Slice { header, data: pixels_mm })
 }
 
 fn check_size(header: &DepthHeader, pixels: usize) -> Result<(), String> {

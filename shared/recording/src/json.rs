@@ -1,40 +1,8 @@
-//! The pieces that the channels' JSON is made of.
+//! The pieces of Foxglove's schemas that the channels' JSON is made of.
 
-use messages::{Header, NS_PER_S, Pose2};
-use serde::{Deserialize, Deserializer, Serialize, Serializer};
-
-/// Makes a number type that keeps NaN and the infinities, which JSON lacks, in the way that the crate's page tells.
-macro_rules! number {
-    ($name:ident, $float:ty, $doc:literal) => {
-        #[doc = $doc]
-        #[derive(Debug, Clone, Copy, Default, PartialEq)]
-        pub struct $name(pub $float);
-
-        impl Serialize for $name {
-            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-                if self.0.is_nan() {
-                    None::<$float>.serialize(serializer)
-                } else {
-                    self.0.clamp(<$float>::MIN, <$float>::MAX).serialize(serializer)
-                }
-            }
-        }
-
-        impl<'de> Deserialize<'de> for $name {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                Ok(Self(match Option::<$float>::deserialize(deserializer)? {
-                    None => <$float>::NAN,
-                    Some(<$float>::MAX) => <$float>::INFINITY,
-                    Some(<$float>::MIN) => <$float>::NEG_INFINITY,
-                    Some(number) => number,
-                }))
-            }
-        }
-    };
-}
-
-number!(Real, f64, "A number of a header.");
-number!(Reading, f32, "One range of a scan, metres; written in the shortest form that reads back to the same `f32`.");
+use messages::json::Real;
+use messages::{NS_PER_S, Pose2};
+use serde::Serialize;
 
 /// Foxglove's time.
 #[derive(Debug, Default, Serialize)]
@@ -90,42 +58,5 @@ impl From<Pose2> for Quaternion {
 impl From<Pose2> for Pose {
     fn from(pose: Pose2) -> Self {
         Self { position: pose.into(), orientation: pose.into() }
-    }
-}
-
-/// [`Header`] as members of `guidedog`.
-#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
-pub struct HeaderJson {
-    stamp_ns: u64,
-    seq: u64,
-    step: u64,
-    /// Imports have none.
-    #[serde(default)]
-    published_ns: u64,
-    incarnation: u32,
-}
-
-impl From<Header> for HeaderJson {
-    fn from(h: Header) -> Self {
-        Self {
-            stamp_ns: h.stamp_ns,
-            seq: h.seq,
-            step: h.step,
-            published_ns: h.published_ns,
-            incarnation: h.incarnation,
-        }
-    }
-}
-
-impl From<HeaderJson> for Header {
-    fn from(h: HeaderJson) -> Self {
-        Self {
-            stamp_ns: h.stamp_ns,
-            seq: h.seq,
-            step: h.step,
-            published_ns: h.published_ns,
-            incarnation: h.incarnation,
-            ..Self::default()
-        }
     }
 }

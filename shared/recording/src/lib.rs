@@ -26,7 +26,7 @@
 //! footer with it, and [`Reader`] refuses it. A live recording begins with `guidedog.begun`, what was known about it by
 //! then, and `guidedog.settings`, the settings of the run: with them [`recover`] makes a whole recording of a torn one.
 //!
-//! To record one more topic: a variant of [`Record`], a row of the table in `channel.rs`, and a place in [`Part`].
+//! What is recorded, in which file and in which form, stands in the topic table (`messages::topic`).
 
 pub mod carmen;
 mod channel;
@@ -37,7 +37,6 @@ mod index;
 mod info;
 mod json;
 mod lengths;
-mod mirror;
 mod reader;
 mod record;
 mod recover;
@@ -47,7 +46,7 @@ mod writer;
 
 pub use info::{About, FORMAT_VERSION, Info, RunAbout};
 pub use reader::{ReadError, Reader};
-pub use record::{Order, Record};
+pub use record::{Order, Record, Slice};
 pub use recover::{RecoverError, Recovered, recover};
 pub use viewer::{Level, Viewer, log_json, time_json};
 pub use writer::{Existing, Part, Sink, WriteError, Writer, later_lives, life_path};

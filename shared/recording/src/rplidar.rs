@@ -15,11 +15,11 @@ use std::collections::BTreeMap;
 use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
-use messages::{Header, MAX_BEAMS, NS_PER_S, ScanHeader, s_from_ns};
+use messages::{Header, LidarScan, MAX_BEAMS, NS_PER_S, ScanHeader, s_from_ns};
 use rplidar::{Beams, Decoder, Descriptor, Fan, Format, Sample, Timing};
 use serde::Serialize;
 
-use crate::{About, Existing, Record, WriteError, Writer};
+use crate::{About, Existing, Slice, WriteError, Writer};
 
 /// From one node to the next in standard mode.
 const NODE_NS: u64 = NS_PER_S / 2000;
@@ -157,7 +157,7 @@ pub fn import(captures: &[PathBuf], out: &Path, options: ImportOptions) -> Resul
         for (from, to) in revolutions(&capture.nodes) {
             let stamp_ns = at_ns + to as u64 * NODE_NS;
             let header = Header { stamp_ns, seq, incarnation: i as u32 + 1, ..Header::default() };
-            writer.write(&scan(header, &capture.nodes[from..to], &beams))?;
+            writer.write(&scan(header, &capture.nodes[from..to], &beams).into())?;
             seq += 1;
         }
         at_ns += capture.nodes.len() as u64 * NODE_NS + GAP_NS;
@@ -227,7 +227,7 @@ fn fan(whole_turn: usize, field_of_view_rad: f64) -> Beams {
     Beams { count, angle_min_rad: first as f64 * angle_increment_rad - PI, angle_increment_rad }
 }
 
-fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Record {
+fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Slice<LidarScan> {
     let mut fan = Fan::new(*beams, SIGMA_M);
     nodes.iter().for_each(|node| fan.enter(node));
     let ranges_m = fan.ranges_m().to_vec();
@@ -240,13 +240,13 @@ fn scan(header: Header, nodes: &[Sample], beams: &Beams) -> Record {
         sigma_m: SIGMA_M,
         ..ScanHeader::default()
     };
-    Record::Scan { header, ranges_m }
+    Slice { header, data: ranges_m }
 }
 
 #[cfg(test)]
 mod tests {
     use super::{decode, fan, revolutions, scan};
-    use crate::Record;
+    use crate::Slice;
     use messages::Header;
     use std::f64::consts::TAU;
 
@@ -284,15 +284,13 @@ mod tests {
     fn a_revolution_turns_the_other_way_and_zero_is_unknown() {
         let nodes = decode(&capture()).expect("a scan").nodes;
         assert_eq!(revolutions(&nodes), [(0, 40), (40, 80)], "the last one is not whole");
-        let Record::Scan { ranges_m, .. } = scan(Header::default(), &nodes[..40], &fan(40, TAU)) else {
-            panic!("a scan")
-        };
+        let ranges_m = scan(Header::default(), &nodes[..40], &fan(40, TAU)).data;
         // 90 degrees clockwise is to the right: a quarter turn before beam 20, which looks ahead.
         assert_eq!((ranges_m[20], ranges_m[10]), (1.0, 1.1));
         assert!(ranges_m[20 - 3].is_nan(), "its distance was 0");
         // Half a turn: from the right over ahead to the left.
         let half = fan(40, std::f64::consts::PI);
-        let Record::Scan { header, ranges_m } = scan(Header::default(), &nodes[..40], &half) else { panic!("a scan") };
+        let Slice { header, data: ranges_m } = scan(Header::default(), &nodes[..40], &half);
         assert!((header.angle_min_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
         assert_eq!((ranges_m.len(), ranges_m[10], ranges_m[0]), (21, 1.0, 1.1));
     }

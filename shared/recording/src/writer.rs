@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use mcap::records::{MessageHeader, Metadata};
 use messages::TopicId;
 
-use crate::channel::{JSON, JSON_SCHEMA, channel_of, encode};
+use crate::channel::{CHANNELS, JSON, JSON_SCHEMA, channel_of, encode};
 use crate::info::{BEGUN_NAME, METADATA_NAME, SETTINGS_KEY, SETTINGS_NAME, check_size};
 use crate::{About, Info, Record, Viewer};
 
@@ -97,7 +97,7 @@ pub enum WriteError {
 }
 
 /// The topics of an import.
-const IMPORTED: &[TopicId] = &[TopicId::LidarScan, TopicId::Odometry];
+const IMPORTED: [TopicId; 2] = [TopicId::LidarScan, TopicId::Odometry];
 
 /// The file that a live recording is in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,33 +109,9 @@ pub enum Part {
 }
 
 impl Part {
-    /// The topics of the file.
-    #[must_use]
-    pub const fn topics(self) -> &'static [TopicId] {
-        match self {
-            Self::Small => &[
-                TopicId::LidarScan,
-                TopicId::Odometry,
-                TopicId::Cue,
-                TopicId::CueRequest,
-                TopicId::PolicyAction,
-                TopicId::ShieldPermit,
-                TopicId::Mode,
-                TopicId::LocomotionState,
-                TopicId::Estop,
-                TopicId::CueAnswer,
-                TopicId::CueHeard,
-                TopicId::SpeechSaid,
-                TopicId::WorldTruth,
-            ],
-            Self::Depth => &[TopicId::DepthFrame],
-        }
-    }
-
-    /// Which file a topic is in.
-    #[must_use]
-    pub fn of(topic: TopicId) -> Self {
-        if topic == TopicId::DepthFrame { Self::Depth } else { Self::Small }
+    /// The topics of the file, in the order of the topic table.
+    pub fn topics(self) -> impl Iterator<Item = TopicId> {
+        CHANNELS.iter().map(|channel| channel.topic).filter(move |topic| Self::of(*topic) == self)
     }
 
     /// The file of this part, for the recording `NAME.mcap`.
@@ -147,6 +123,24 @@ impl Part {
         }
     }
 }
+
+macro_rules! part_of {
+    ($($kind:ident $id:ident $type:ident in $part:ident as $form:ident;)+) => {
+        impl Part {
+            /// Which file a topic is in.
+            #[must_use]
+            pub const fn of(topic: TopicId) -> Self {
+                match topic {
+                    $(TopicId::$id => Self::$part,)+
+                    // Not recorded.
+                    _ => Self::Small,
+                }
+            }
+        }
+    };
+}
+
+messages::for_each_recorded_topic!(part_of);
 
 /// The recording of a recorder's `life`, counted from 1, where `NAME.mcap` was ordered: `NAME.2.mcap` and so on for one
 /// that was restarted. Nothing is ever overwritten.
@@ -208,7 +202,7 @@ impl Writer {
         let failed = |source| WriteError::Io { action: "create", path: partial.0.clone(), source };
         let file = file.map_err(failed)?;
         let same = file.try_clone().map_err(failed)?;
-        let writer = Self::into_sink(path, Box::new(BufWriter::new(file)), IMPORTED)?;
+        let writer = Self::into_sink(path, Box::new(BufWriter::new(file)), IMPORTED.into_iter())?;
         Ok(Self { partial: Some((partial, existing)), file: Some(same), ..writer })
     }
 
@@ -254,14 +248,14 @@ impl Writer {
         Ok(writer)
     }
 
-    fn into_sink(path: &Path, sink: Box<dyn Sink>, topics: &[TopicId]) -> Result<Self, WriteError> {
+    fn into_sink(path: &Path, sink: Box<dyn Sink>, topics: impl Iterator<Item = TopicId>) -> Result<Self, WriteError> {
         let failed = |source| WriteError::Mcap { path: path.to_owned(), source };
         let options = mcap::WriteOptions::new().library(concat!("guidedog ", env!("CARGO_PKG_VERSION")));
         let options = options.chunk_size(Some(CHUNK_BYTES)).compression_level(ZSTD_LEVEL).compression_threads(0);
         // A chunk is written whole: what the file holds is never waiting for its length to be filled in.
         let mut mcap = options.disable_seeking(true).create(sink).map_err(failed)?;
         let mut channels = BTreeMap::new();
-        for channel in topics.iter().filter_map(|topic| channel_of(*topic)) {
+        for channel in topics.filter_map(channel_of) {
             let schema = mcap.add_schema(channel.schema_name, channel.schema_encoding, &(channel.schema)());
             let id = schema
                 .and_then(|schema| mcap.add_channel(schema, channel.topic.name(), channel.encoding, &BTreeMap::new()));

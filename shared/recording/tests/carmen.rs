@@ -58,7 +58,7 @@ fn log_at(times: &[(f64, f64)]) -> String {
 
 fn scans(path: &Path) -> Vec<(ScanHeader, Vec<f32>)> {
     let scan = |record| match record {
-        Record::Scan { header, ranges_m } => Some((header, ranges_m)),
+        Record::LidarScan(scan) => Some((scan.header, scan.data)),
         _ => None,
     };
     read(path).into_iter().filter_map(scan).collect()
@@ -66,7 +66,7 @@ fn scans(path: &Path) -> Vec<(ScanHeader, Vec<f32>)> {
 
 fn odometry(path: &Path) -> Vec<Odometry> {
     let odometry = |record| match record {
-        Record::Odometry(odometry) => Some(odometry),
+        Record::Odometry(odometry) => Some(*odometry),
         _ => None,
     };
     read(path).into_iter().filter_map(odometry).collect()
@@ -94,12 +94,12 @@ fn import_real(name: &str) -> Option<ImportReport> {
     for record in &mut reader {
         let record = record.unwrap();
         let header = *record.header();
-        let kind = usize::from(matches!(record, Record::Scan { .. }));
+        let kind = usize::from(matches!(record, Record::LidarScan(_)));
         assert!(last[kind].1 == 0 || header.stamp_ns > last[kind].0, "stamps rise");
         assert_eq!(header.seq, last[kind].1 + 1);
         last[kind] = (header.stamp_ns, header.seq);
         match record {
-            Record::Scan { .. } => scan_stamp_ns = Some(header.stamp_ns),
+            Record::LidarScan(_) => scan_stamp_ns = Some(header.stamp_ns),
             Record::Odometry(odometry) => {
                 assert!(odometry.twist.speed_mps() < 4.0 && odometry.twist.wz_radps.abs() < 7.0, "{odometry:?}");
                 if scan_stamp_ns.take_if(|_| true).is_some_and(|stamp_ns| stamp_ns != header.stamp_ns) {

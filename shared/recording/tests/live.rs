@@ -8,9 +8,11 @@ use std::fs;
 use std::path::Path;
 
 use common::{chain, scan};
-use guidedog_recording::{About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Writer, life_path, recover};
+use guidedog_recording::{
+    About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Slice, Writer, life_path, recover,
+};
 use messages::{
-    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthHeader, Header,
+    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthFrame, DepthHeader, Header,
     LocomotionState, Mode, ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId,
     SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
@@ -77,33 +79,34 @@ fn every_topic() -> (Vec<Record>, Record) {
     truth.walkers[0] = Walker { x_m: 1.5, y_m: f64::MIN_POSITIVE, radius_m: 0.3 };
     let mut action = PolicyAction { header: header(6), decision: 9, ..PolicyAction::default() };
     action.probabilities[3] = f32::from_bits(0x3EAA_AAAB);
-    let Record::Scan { header: of_scan, ranges_m } = scan(1, 1, vec![0.1, f32::NAN, f32::INFINITY]) else { panic!() };
+    let mut turn = scan(1, 1, vec![0.1, f32::NAN, f32::INFINITY]);
+    *turn.header_mut() = header(1);
     let small = vec![
-        Record::Scan { header: messages::ScanHeader { header: header(1), ..of_scan }, ranges_m },
-        Record::Odometry(Odometry { header: header(3), odom_from_robot: POSE, twist: TWIST, sigma: [0.1; 3] }),
-        Record::Cue(cue(4)),
-        Record::CueRequest(CueRequest { header: header(5), kind: CueKind::Right }),
-        Record::Action(Box::new(action)),
-        Record::Permit(Box::new(permit(7))),
-        Record::Mode(Box::new(mode)),
-        Record::Locomotion(Box::new(state)),
-        Record::Estop(messages::EmergencyStop { header: header(11), input: messages::StopInput::Pressed }),
-        Record::CueAnswer(Box::new(CueAnswer {
+        turn,
+        Record::from(Odometry { header: header(3), odom_from_robot: POSE, twist: TWIST, sigma: [0.1; 3] }),
+        Record::from(cue(4)),
+        Record::from(CueRequest { header: header(5), kind: CueKind::Right }),
+        Record::from(action),
+        Record::from(permit(7)),
+        Record::from(mode),
+        Record::from(state),
+        Record::from(messages::EmergencyStop { header: header(11), input: messages::StopInput::Pressed }),
+        Record::from(CueAnswer {
             header: header(12),
             kind: CueKind::Left,
             refusal: CueRefusal::StreamStale,
             reason: REASON,
             ..CueAnswer::default()
-        })),
-        Record::Heard(CueHeard { header: header(14), kind: CueKind::Forward, confidence: 0.93 }),
-        Record::Said(Box::new(SpeechSaid {
+        }),
+        Record::from(CueHeard { header: header(14), kind: CueKind::Forward, confidence: 0.93 }),
+        Record::from(SpeechSaid {
             header: header(13),
             phase: SpeechPhase::Cut,
             urgency: Urgency::Stop,
             text: "Gestoppt: Lidar-Ausfall, startet für dich neu.".into(),
             ..SpeechSaid::default()
-        })),
-        Record::Truth(Box::new(truth)),
+        }),
+        Record::from(truth),
     ];
     let camera = Pose3 { x_m: 0.1, y_m: 0.2, z_m: 0.3, yaw_rad: -0.0, pitch_rad: 0.7 };
     let depth = DepthHeader {
@@ -116,7 +119,7 @@ fn every_topic() -> (Vec<Record>, Record) {
         cy_px: 2.0,
         robot_from_camera: camera,
     };
-    (small, Record::Depth { header: depth, pixels_mm: vec![0, 1, 256, 65_535, 7, 8] })
+    (small, Slice::<DepthFrame> { header: depth, data: vec![0, 1, 256, 65_535, 7, 8] }.into())
 }
 
 fn about(depth_file: Option<&str>) -> About {
@@ -207,7 +210,7 @@ fn a_file_that_was_cut_anywhere_is_recovered_to_its_last_flush() {
     let mut writer = Writer::live(&path, Part::Small, &about, "x = 1\n").unwrap();
     let mut flushed = Vec::new();
     for seq in 1..=60 {
-        writer.write(&Record::Permit(Box::new(permit(seq)))).unwrap();
+        writer.write(&Record::from(permit(seq))).unwrap();
         if seq % 10 == 0 {
             writer.flush().unwrap();
             flushed.push((path.metadata().unwrap().len(), seq));
@@ -246,7 +249,7 @@ fn a_file_that_was_cut_anywhere_is_recovered_to_its_last_flush() {
 fn a_flipped_bit_ends_a_recovery_there_and_never_panics() {
     let folder = tempdir().unwrap();
     let (path, torn) = (folder.path().join("a.mcap"), folder.path().join("torn.mcap"));
-    let records: Vec<Record> = (1..=40).map(|seq| Record::Permit(Box::new(permit(seq)))).collect();
+    let records: Vec<Record> = (1..=40).map(|seq| Record::from(permit(seq))).collect();
     record(&path, Part::Small, &records);
     let whole = fs::read(&path).unwrap();
     let mut fewer = 0;
@@ -282,7 +285,7 @@ fn a_recording_leads_to_no_other_folder_and_nothing_is_overwritten() {
 fn a_changed_byte_anywhere_is_found_by_the_checksums() {
     let folder = tempdir().unwrap();
     let (path, changed_path) = (folder.path().join("a.mcap"), folder.path().join("changed.mcap"));
-    let records: Vec<Record> = (1..=20).map(|seq| Record::Permit(Box::new(permit(seq)))).collect();
+    let records: Vec<Record> = (1..=20).map(|seq| Record::from(permit(seq))).collect();
     record(&path, Part::Small, &records);
     let whole = fs::read(&path).unwrap();
     Reader::open(&path).unwrap().check_bytes().unwrap();
@@ -320,7 +323,7 @@ fn zeros_at_the_end_are_no_records() {
     let (path, torn, out) =
         (folder.path().join("a.mcap"), folder.path().join("torn.mcap"), folder.path().join("out.mcap"));
     let mut writer = Writer::live(&path, Part::Small, &about(None), "").unwrap();
-    writer.write(&Record::Permit(Box::new(permit(1)))).unwrap();
+    writer.write(&Record::from(permit(1))).unwrap();
     writer.flush().unwrap();
     let mut bytes = fs::read(&path).unwrap();
     let written = bytes.len() as u64;
@@ -341,7 +344,7 @@ fn a_recovery_that_fails_leaves_nothing() {
         let _ = fs::remove_file(&path);
         let long = About { source: "s".repeat(bytes), ..about(Some("a.depth.mcap")) };
         let mut writer = Writer::live(&path, Part::Small, &long, "").unwrap();
-        writer.write(&Record::Permit(Box::new(permit(1)))).unwrap();
+        writer.write(&Record::from(permit(1))).unwrap();
         writer.flush().unwrap();
         let recovered = recover(&path, &out);
         matches!(recovered, Err(RecoverError::Write(_)))

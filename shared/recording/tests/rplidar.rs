@@ -53,7 +53,8 @@ fn captures_become_a_recording_of_whole_revolutions() {
     assert_eq!(report.scans, 1 + 32);
     let mut scans = 0;
     for record in Reader::open(&recording).expect("a recording") {
-        let Record::Scan { header, ranges_m } = record.expect("readable") else { panic!("only scans") };
+        let Record::LidarScan(scan) = record.expect("readable") else { panic!("only scans") };
+        let (header, ranges_m) = (scan.header, scan.data);
         assert_eq!((ranges_m.len(), header.header.seq), (report.beams, scans));
         let known = ranges_m.iter().filter(|range| range.is_finite()).count();
         assert!(known * 4 > ranges_m.len(), "scan {scans}: {known} known beams");

@@ -335,15 +335,20 @@ pub struct MaxAge {
     pub estop: Millis,
 }
 
+/// The limit that the topic table has.
+fn default_age(topic: TopicId) -> Millis {
+    Millis::of_ms(topic.default_max_age_ms())
+}
+
 impl Default for MaxAge {
     fn default() -> Self {
         Self {
-            scan: Millis::of_ms(200),
-            depth: Millis::of_ms(200),
-            odometry: Millis::of_ms(100),
-            cue: Millis::of_ms(1000),
-            mode: Millis::of_ms(200),
-            estop: Millis::of_ms(100),
+            scan: default_age(TopicId::LidarScan),
+            depth: default_age(TopicId::DepthFrame),
+            odometry: default_age(TopicId::Odometry),
+            cue: default_age(TopicId::Cue),
+            mode: default_age(TopicId::Mode),
+            estop: default_age(TopicId::Estop),
         }
     }
 }

@@ -211,7 +211,7 @@ mod tests {
     fn every_reason_has_a_short_text_in_every_language() {
         for (name, text) in BUILT_IN {
             let language = Language::parse(name, text).expect("complete");
-            for info in &STOPS {
+            for info in STOPS {
                 let reason = StopReason::service(info.kind, ServiceId::Lidar, 1);
                 assert!(!language.text(&Sentence::stop(&reason)).is_empty(), "{name}: {}", info.kind.name());
             }

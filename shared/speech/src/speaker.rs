@@ -271,7 +271,7 @@ impl Speaker {
         let Some(mode) = self.mode else { return };
         let asked = mode.class == ModeClass::Run && mode.cue.valid && state.epoch == mode.epoch;
         let (stands, kind) = (state.applied.is_zero(), state.limited_by.kind);
-        if !(asked && stands && kind.is_hold() && kind != StopKind::StopCue) {
+        if !(asked && stands && kind.holds_a_cue() && kind != StopKind::StopCue) {
             let told = self.hold.take().is_some_and(|hold| hold.told.is_some());
             self.drop_urgency(Urgency::Hold);
             if told && asked && !stands {

@@ -6,7 +6,7 @@ use std::rc::Rc;
 use iceoryx2::prelude::*;
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::topic::{TOPICS, TopicSpec};
-use messages::{DepthFrame, Frame, LidarScan, MAX_BEAMS, Message, ServiceId, TopicId};
+use messages::{Frame, Message, ServiceId, TopicId, for_each_topic};
 
 use crate::checked::Wire;
 use crate::run_dir::{RunDir, RunInfo};
@@ -98,43 +98,25 @@ impl Domain {
     /// Where shared memory is full or not ours.
     pub fn create_all(&self) -> Result<Holder, TransportError> {
         let mut topics: Vec<Box<dyn Any>> = Vec::new();
-        for spec in &TOPICS {
-            match spec.id {
-                TopicId::LidarScan => topics.push(Box::new(self.frames::<LidarScan>(true)?)),
-                TopicId::DepthFrame => topics.push(Box::new(self.frames::<DepthFrame>(true)?)),
-                TopicId::Odometry => self.create::<messages::Odometry>(&mut topics)?,
-                TopicId::Cue => self.create::<messages::Cue>(&mut topics)?,
-                TopicId::CueRequest => self.create::<messages::CueRequest>(&mut topics)?,
-                TopicId::PolicyAction => self.create::<messages::PolicyAction>(&mut topics)?,
-                TopicId::ShieldPermit => self.create::<messages::Permit>(&mut topics)?,
-                TopicId::Mode => self.create::<messages::Mode>(&mut topics)?,
-                TopicId::LocomotionState => self.create::<messages::LocomotionState>(&mut topics)?,
-                TopicId::WorldTruth => self.create::<messages::WorldTruth>(&mut topics)?,
-                TopicId::WorldCommand => self.create::<messages::RobotCommand>(&mut topics)?,
-                TopicId::ClockStep => self.create::<messages::ClockStep>(&mut topics)?,
-                TopicId::ClockAck => self.create::<messages::ClockAck>(&mut topics)?,
-                TopicId::Estop => self.create::<messages::EmergencyStop>(&mut topics)?,
-                TopicId::CueAnswer => self.create::<messages::CueAnswer>(&mut topics)?,
-                TopicId::SpeechSaid => self.create::<messages::SpeechSaid>(&mut topics)?,
-                TopicId::CueHeard => self.create::<messages::CueHeard>(&mut topics)?,
-                TopicId::Health => {
-                    for of in ServiceId::ALL {
-                        topics.push(Box::new(self.messages::<messages::Health>(of, true)?));
-                    }
+        /// Creates every topic of the table.
+        macro_rules! create {
+            ($($kind:ident $id:ident $type:ident;)+) => {$(
+                for of in TopicId::$id.owners() {
+                    topics.push(create!($kind $type, *of));
                 }
-                TopicId::None => {}
-            }
-            if spec.wakes {
-                topics.push(Box::new(self.event(spec.id, true)?));
-            }
+                if spec_of(TopicId::$id)?.wakes {
+                    topics.push(Box::new(self.event(TopicId::$id, true)?));
+                }
+            )+};
+            (message $type:ident, $of:expr) => { Box::new(self.messages::<messages::$type>($of, true)?) };
+            (frame $type:ident, $of:expr) => {{
+                let _ = $of;
+                Box::new(self.frames::<messages::$type>(true)?)
+            }};
         }
+        for_each_topic!(create);
         self.dir.close_shared_memory();
         Ok(Holder { _topics: topics })
-    }
-
-    fn create<M: Message + ZeroCopySend>(&self, topics: &mut Vec<Box<dyn Any>>) -> Result<(), TransportError> {
-        topics.push(Box::new(self.messages::<M>(ServiceId::None, true)?));
-        Ok(())
     }
 
     /// The topic of a message of fixed size.
@@ -241,29 +223,12 @@ impl PoolSize {
 /// The pools of all topics for a depth frame of that many pixels, computed from the topic table.
 #[must_use]
 pub fn pool_sizes(depth_pixels: usize) -> Vec<PoolSize> {
-    let bytes_of = |topic| match topic {
-        TopicId::LidarScan => MAX_BEAMS * size_of::<f32>() + size_of::<messages::ScanHeader>(),
-        TopicId::DepthFrame => depth_pixels * size_of::<u16>() + size_of::<messages::DepthHeader>(),
-        TopicId::Odometry => size_of::<messages::Odometry>(),
-        TopicId::Cue => size_of::<messages::Cue>(),
-        TopicId::CueRequest => size_of::<messages::CueRequest>(),
-        TopicId::PolicyAction => size_of::<messages::PolicyAction>(),
-        TopicId::ShieldPermit => size_of::<messages::Permit>(),
-        TopicId::Mode => size_of::<messages::Mode>(),
-        TopicId::LocomotionState => size_of::<messages::LocomotionState>(),
-        TopicId::Health => size_of::<messages::Health>(),
-        TopicId::WorldTruth => size_of::<messages::WorldTruth>(),
-        TopicId::WorldCommand => size_of::<messages::RobotCommand>(),
-        TopicId::ClockStep => size_of::<messages::ClockStep>(),
-        TopicId::ClockAck => size_of::<messages::ClockAck>(),
-        TopicId::Estop => size_of::<messages::EmergencyStop>(),
-        TopicId::CueAnswer => size_of::<messages::CueAnswer>(),
-        TopicId::SpeechSaid => size_of::<messages::SpeechSaid>(),
-        TopicId::CueHeard => size_of::<messages::CueHeard>(),
-        TopicId::None => 0,
+    let size = |spec: &TopicSpec| PoolSize {
+        topic: spec.id,
+        messages: spec.pool_len(),
+        message_bytes: spec.message_bytes(depth_pixels),
     };
-    TOPICS
-        .iter()
-        .map(|spec| PoolSize { topic: spec.id, messages: spec.pool_len(), message_bytes: bytes_of(spec.id) })
-        .collect()
+    let mut sizes: Vec<PoolSize> = TOPICS.iter().map(size).collect();
+    sizes.sort_by_key(|size| size.topic);
+    sizes
 }

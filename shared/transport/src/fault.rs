@@ -1,6 +1,8 @@
 //! Injected faults, applied where messages leave a process and in its wait loop. Nothing here is reached in a run that
 //! was not started with faults allowed.
 
+mod corrupt;
+
 use std::cell::{Cell, RefCell};
 
 use messages::fault::{
@@ -11,6 +13,8 @@ use messages::{Header, ServiceId, TopicId};
 use rustix::event::{Timespec, poll};
 
 use crate::TransportError;
+
+pub(crate) use corrupt::{falsify, falsify_frame, garble, garble_frame};
 
 /// A message that waits for its time.
 type Send = Box<dyn FnOnce() -> Result<(), TransportError>>;

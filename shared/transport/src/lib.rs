@@ -29,6 +29,8 @@ pub use clock::{Clock, ClockKind, monotonic_ns, unix_time_s};
 pub use domain::{Domain, Holder, PoolSize, pool_sizes};
 pub use error::TransportError;
 pub use helper::Helper;
+/// What may lie in shared memory.
+pub use iceoryx2::prelude::ZeroCopySend;
 pub use io::Io;
 pub use janitor::Janitor;
 pub use line::{FromChild, Line, LineListener, Received, ToChild, inherited_fd};

@@ -17,7 +17,7 @@ use messages::{Header, MAX_PORTS, Message, PortCounters, PortRole, ServiceId, To
 
 use crate::checked::{Mapped, Wire};
 use crate::domain::{Domain, spec_of};
-use crate::fault::{Faults, Filter, Passage, StreamFault};
+use crate::fault::{Faults, Filter, Passage, StreamFault, falsify, garble};
 use crate::{Clock, Identity, TransportError};
 
 pub use frames::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber};
@@ -253,8 +253,8 @@ impl<M: Message + ZeroCopySend> Publisher<M> {
         let (header, first) = (*message.header(), *self.filter.first.get_or_insert(message));
         match fault.fault {
             Fault::StuckBytes => message = first,
-            Fault::Garbage => message.garble(&mut self.filter.dice),
-            Fault::Wrong => message.falsify(&first),
+            Fault::Garbage => garble(&mut message, &mut self.filter.dice),
+            Fault::Wrong => falsify(&mut message, &first),
             _ => {}
         }
         if fault.fault != Fault::Garbage {

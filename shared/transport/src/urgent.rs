@@ -1,7 +1,7 @@
 //! What a service that stops the robot has more than the others: the processor before them, and early word of the
 //! supervisor's death.
 
-use messages::ServiceId;
+use messages::{Priority, ServiceId};
 use nix::libc;
 use nix::sys::signal::{SigSet, Signal};
 use nix::sys::signalfd::{SfdFlags, SignalFd};
@@ -11,24 +11,22 @@ use crate::TransportError;
 /// Real-time priorities, above whatever is not real-time and below the kernel's own threads. The brake is last to act
 /// and first to run; the simulated robot is a machine of its own, which waits for no process of this one.
 const NETWORK_PRIORITY: libc::c_int = 19;
-const LOCOMOTION_PRIORITY: libc::c_int = 20;
+const GATE_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
-/// Whoever talks to a robot at a fixed rate takes microseconds of a tick; were it late, a brake that runs would have
-/// nothing to talk against.
+/// The simulated robot, and a thread that talks to a real one at a fixed rate. That takes microseconds of a tick; were it
+/// late, a brake that runs would have nothing to talk against.
 const ROBOT_PRIORITY: libc::c_int = 22;
-const SIMULATOR_PRIORITY: libc::c_int = 22;
 /// Whoever measures what the machine itself costs waits for none of them.
 const WATCH_PRIORITY: libc::c_int = 23;
 
-/// Runs before all that is not real-time from now on, where the service stops the robot (or is the simulated one) and
-/// the machine lets it: it then stops in time on a processor that is kept busy, by whatever else dies as well.
+/// Gives this process the priority that the table of services names, where the machine lets it: what stops the robot
+/// then does so in time on a processor that is kept busy, by whatever else dies as well.
 pub(crate) fn hurry(service: ServiceId) {
-    let sched_priority = match service {
-        // Whoever presses the emergency stop is not to wait for a busy machine either.
-        ServiceId::Locomotion | ServiceId::Bridge | ServiceId::Estop => LOCOMOTION_PRIORITY,
-        ServiceId::Brake | ServiceId::Backstop => BRAKE_PRIORITY,
-        ServiceId::Simulator | ServiceId::Emulator => SIMULATOR_PRIORITY,
-        _ => return,
+    let sched_priority = match service.spec().map_or(Priority::Ordinary, |spec| spec.priority) {
+        Priority::Ordinary => return,
+        Priority::Gate => GATE_PRIORITY,
+        Priority::Brake => BRAKE_PRIORITY,
+        Priority::Robot => ROBOT_PRIORITY,
     };
     let priority = libc::sched_param { sched_priority };
     // SAFETY: the structure outlives the call, which reads it only. Without the right to it, nothing changes: `guidedog

@@ -2,7 +2,7 @@
 //!
 //! Beats are published from this very loop, so a service that is stuck in its work is silent.
 
-use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, MAX_PORTS, Member, QUANTUM_NS, ServiceId, ServiceState};
+use messages::{ClockAck, ClockStep, Health, MAX_MEMBERS, MAX_PORTS, Member, QUANTUM_NS, ServiceState};
 
 use crate::io::{Io, TOKEN_CONTROL, TOKEN_ORPHANED, TOKEN_OWN};
 use crate::line::{FromChild, Received, ToChild};
@@ -12,10 +12,8 @@ use crate::service::Service;
 use crate::usage::Usage;
 use crate::{ClockKind, TransportError, monotonic_ns};
 
-/// Beats of critical services: 50 Hz.
-const BEAT_CRITICAL_NS: u64 = 20_000_000;
-/// Beats of the others: 10 Hz.
-const BEAT_NS: u64 = 100_000_000;
+/// Beats of a process that is none of the services, milliseconds.
+const BEAT_MS: u32 = 100;
 /// Wall ticks, for who asked for them.
 const WALL_TICK_NS: u64 = 20_000_000;
 /// What is due within this long is done by a loop that is awake anyway.
@@ -53,11 +51,11 @@ impl WaitLoop {
     pub fn open<S: Service>(io: &mut Io, service: &S) -> Result<Self, TransportError> {
         let stepped = io.domain.clock.is_stepped();
         let master = stepped && service.is_clock_master();
-        let critical = !matches!(io.identity().service, ServiceId::Recorder | ServiceId::Speak);
+        let period_ms = io.identity().service.spec().map_or(BEAT_MS, |spec| spec.beat_period_ms);
         Ok(Self {
             health: io.publisher()?,
             usage: Usage::default(),
-            beat_ns: if critical { BEAT_CRITICAL_NS } else { BEAT_NS },
+            beat_ns: u64::from(period_ms) * 1_000_000,
             next_beat_ns: 0,
             next_wall_tick_ns: 0,
             state: ServiceState::Ready,

@@ -78,7 +78,7 @@ pub fn tell(recording: &Path, config: Option<&Path>, as_json: bool) -> Result<()
     let mut study = Study::new(&settings)?;
     for record in Reader::open(recording).map_err(Failure::of_input)? {
         match record.map_err(Failure::of_input)? {
-            Record::Scan { header, ranges_m } => study.take_scan(header, ranges_m),
+            Record::LidarScan(scan) => study.take_scan(scan.header, scan.data),
             Record::Odometry(odometry) => study.take_odometry(&odometry),
             // The question is about the lidar.
             _ => {}

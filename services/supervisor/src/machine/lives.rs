@@ -8,9 +8,9 @@ use super::{Action, Machine, Now};
 /// A service that is no longer wanted has so long to leave, wall time: a recorder ends its file.
 pub(super) const LEAVE_LIMIT_NS: u64 = 5_000_000_000;
 
-/// Who watches a service's line.
+/// The service that watches a service's line.
 fn watcher_of(service: ServiceId) -> ServiceId {
-    if service == ServiceId::Locomotion { ServiceId::Brake } else { ServiceId::Locomotion }
+    service.spec().and_then(|spec| spec.watched_by).unwrap_or(ServiceId::Locomotion)
 }
 
 impl Machine {

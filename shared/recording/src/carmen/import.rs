@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use messages::{Header, NS_PER_S, Odometry, Pose2, ScanHeader, s_from_ns};
+use messages::{Header, LidarScan, NS_PER_S, Odometry, Pose2, ScanHeader, s_from_ns};
 
 use super::input::{Lines, Next};
 use super::line::{Line, geometry, parse};
@@ -10,7 +10,7 @@ use super::motion::odometry;
 use super::report::{Anomaly, Clock, ImportError, ImportReport};
 use super::survey::{Survey, survey};
 use super::timeline::{choose, stamps_ns};
-use crate::{About, Existing, Record, Writer};
+use crate::{About, Existing, Record, Slice, Writer};
 
 /// Less than any laser of these logs sees; it makes 0 unknown.
 const RANGE_MIN_M: f64 = 0.02;
@@ -151,12 +151,12 @@ fn each(
     for (&(stamp_ns, sent_s), seq) in scans.iter().zip(1..) {
         next_scan(log, &mut lines, &mut readings_m)?;
         while let Some(odometry) = odometry.next_if(|odometry| odometry.header.stamp_ns < stamp_ns) {
-            give(Record::Odometry(*odometry), None)?;
+            give(Record::from(*odometry), None)?;
         }
         let header = Header { stamp_ns, seq, step: 0, published_ns: 0, incarnation: 1, reserved: 0 };
         give(scan(survey, header, std::mem::take(&mut readings_m)), Some(sent_s))?;
     }
-    odometry.try_for_each(|odometry| give(Record::Odometry(*odometry), None))
+    odometry.try_for_each(|odometry| give(Record::from(*odometry), None))
 }
 
 fn next_scan(log: &Path, lines: &mut Lines, readings_m: &mut Vec<f32>) -> Result<(), ImportError> {
@@ -196,5 +196,5 @@ fn scan(survey: &mut Survey, header: Header, mut ranges_m: Vec<f32>) -> Record {
         sigma_m: SIGMA_M,
         robot_from_lidar: Pose2::new(survey.laser_offset_m, 0.0, 0.0),
     };
-    Record::Scan { header, ranges_m }
+    Slice::<LidarScan> { header, data: ranges_m }.into()
 }

@@ -4,8 +4,8 @@
 
 use std::path::{Path, PathBuf};
 
-use guidedog_recording::{About, Existing, Reader, Record, Writer};
-use messages::{Header, Odometry, Pose2, ScanHeader, Twist2};
+use guidedog_recording::{About, Existing, Reader, Record, Slice, Writer};
+use messages::{Header, LidarScan, Odometry, Pose2, ScanHeader, Twist2};
 
 pub fn header(stamp_ns: u64, seq: u64) -> Header {
     Header { stamp_ns, seq, step: 3, published_ns: 0, incarnation: 2, reserved: 0 }
@@ -21,11 +21,11 @@ pub fn scan(stamp_ns: u64, seq: u64, ranges_m: Vec<f32>) -> Record {
         sigma_m: 0.025,
         robot_from_lidar: Pose2::new(0.1 + 0.2, -1.0 / 3.0, 1e-17),
     };
-    Record::Scan { header, ranges_m }
+    Slice::<LidarScan> { header, data: ranges_m }.into()
 }
 
 pub fn odometry(stamp_ns: u64, seq: u64) -> Record {
-    Record::Odometry(Odometry {
+    Record::from(Odometry {
         header: header(stamp_ns, seq),
         odom_from_robot: Pose2::new(seq as f64 / 7.0, -0.0, std::f64::consts::PI),
         twist: Twist2 { vx_mps: 5e-324, vy_mps: f64::MIN_POSITIVE, wz_radps: f64::NEG_INFINITY },
@@ -56,10 +56,11 @@ pub fn bits(record: &Record) -> Vec<u64> {
     let h = record.header();
     let mut bits = vec![record.topic() as u64, h.stamp_ns, h.seq, h.step, u64::from(h.incarnation)];
     match record {
-        Record::Scan { header: s, ranges_m } => {
+        Record::LidarScan(scan) => {
+            let s = &scan.header;
             bits.extend([s.angle_min_rad, s.angle_increment_rad, s.range_min_m, s.range_max_m, s.sigma_m].map(real));
             bits.extend(pose(&s.robot_from_lidar));
-            bits.extend(ranges_m.iter().map(|r| if r.is_nan() { u64::MAX } else { u64::from(r.to_bits()) }));
+            bits.extend(scan.data.iter().map(|r| if r.is_nan() { u64::MAX } else { u64::from(r.to_bits()) }));
         }
         Record::Odometry(o) => {
             bits.extend(pose(&o.odom_from_robot));

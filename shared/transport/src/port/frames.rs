@@ -16,7 +16,7 @@ use super::{Inlet, Outlet, Shared, Waker, next_header, publish_error, receive_er
 use crate::TransportError;
 use crate::checked::Mapped;
 use crate::domain::{Domain, spec_of};
-use crate::fault::{Filter, Passage, StreamFault};
+use crate::fault::{Filter, Passage, StreamFault, falsify_frame, garble_frame};
 
 /// The far side of a writer of frames.
 #[derive(Debug)]
@@ -174,10 +174,10 @@ where
         let (meta, data) = (loan.0.user_header().to_owned(), &first.1);
         match fault.fault {
             Fault::StuckBytes if data.len() == loan.data_mut().len() => loan.data_mut().copy_from_slice(data),
-            Fault::Wrong => F::falsify(loan.data_mut()),
+            Fault::Wrong => falsify_frame::<F>(loan.data_mut()),
             Fault::Garbage => {
                 let mut garbled = meta;
-                F::garble(&mut garbled, loan.data_mut(), &mut self.filter.dice);
+                garble_frame::<F>(&mut garbled, loan.data_mut(), &mut self.filter.dice);
                 *loan.meta_mut() = garbled;
             }
             _ => {}

@@ -9,7 +9,7 @@ mod trial;
 use std::time::{Duration, Instant};
 
 use messages::fault::{Device, Dice, Fault, Target};
-use messages::{ServiceId, StopKind, TopicId};
+use messages::{MemoryClass, ServiceId, StopKind, TopicId};
 use serde_json::{Value, json};
 use settings::{LinkKind, PolicyModel};
 
@@ -22,8 +22,10 @@ use table::{Cell, Expect, ON_DDS, cells};
 use trial::Outcome;
 use unitree::Silence;
 
-/// Services whose memory lets them die later than the small ones.
-const LARGE: [ServiceId; 2] = [ServiceId::Depth, ServiceId::Policy];
+/// Whether a service's memory lets it die later than the small ones.
+fn is_large(service: ServiceId) -> bool {
+    service.spec().is_some_and(|spec| spec.memory == MemoryClass::Large)
+}
 
 /// A cell and what came of its trials.
 struct Row {
@@ -216,8 +218,8 @@ fn pooled(rows: &[Row], is_meant: impl Fn(ServiceId) -> bool) -> Value {
 fn report(rows: &[Row]) -> Value {
     json!({
         "cells": rows.iter().map(Row::json).collect::<Vec<Value>>(),
-        "kills": pooled(rows, |service| !LARGE.contains(&service)),
-        "kills_large": pooled(rows, |service| LARGE.contains(&service)),
+        "kills": pooled(rows, |service| !is_large(service)),
+        "kills_large": pooled(rows, is_large),
     })
 }
 

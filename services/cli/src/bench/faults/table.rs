@@ -1,6 +1,6 @@
 //! The fault matrix as it is checked in: what must come of every fault of every target, within what limit, and why.
 
-use messages::fault::{Device, Fault, STREAMS, Target};
+use messages::fault::{Device, Fault, Target, streams};
 use messages::{ServiceId, TopicId};
 use serde::Deserialize;
 
@@ -90,7 +90,7 @@ fn services() -> impl Iterator<Item = ServiceId> {
 /// Everything that a fault can be done to in a simulated walk, with that fault. A supervisor starts only once, and
 /// motion depends on no beat of it or of the world.
 fn all() -> impl Iterator<Item = (Target, Fault)> {
-    let streams = STREAMS.into_iter().map(|topic| Target::Stream(topic, ServiceId::None));
+    let streams = streams().map(|topic| Target::Stream(topic, ServiceId::None));
     let told = RESTARTED.into_iter().chain(ON_DDS);
     let health = told.map(|of| Target::Stream(TopicId::Health, of));
     let services = services().map(Target::Service);

@@ -86,7 +86,7 @@ impl Play {
             match_ns: Vec::new(),
         };
         carmen::read(log, |record, sent_s| match record {
-            Record::Scan { header, ranges_m } => play.take_scan(header, ranges_m, sent_s.unwrap_or_default()),
+            Record::LidarScan(scan) => play.take_scan(scan.header, scan.data, sent_s.unwrap_or_default()),
             Record::Odometry(odometry) => play.take_odometry(&odometry),
             _ => {}
         })

@@ -1,59 +1,82 @@
-//! What garbage and a plausible wrong value are, for each type. Enumerations and booleans stay valid here.
+//! What garbage and a plausible wrong value are, for each type that a fault can be injected into. Enumerations and
+//! booleans stay valid here: what is no value of its type is another matter (`checked`).
 
-use crate::{
-    ClockAck, ClockStep, Cue, CueAnswer, CueHeard, CueKind, CueRequest, DepthHeader, Health, LocomotionState, Mode,
-    Odometry, Outcome, Permit, PolicyAction, Pose2, RobotCommand, ScanHeader, Twist2, WorldTruth,
+use std::any::{Any, TypeId};
+
+use messages::fault::{Dice, WRONG_AGE_NS, WRONG_SCALE};
+use messages::{
+    Cue, CueKind, CueRequest, DepthFrame, DepthHeader, Frame, Health, LidarScan, LocomotionState, Message, Mode,
+    Odometry, Outcome, Permit, PolicyAction, Pose2, ScanHeader, Twist2,
 };
+use zerocopy::{FromBytes, IntoBytes};
 
-use super::{WRONG_AGE_NS, WRONG_SCALE};
+/// Applies a change to a message as its own type, where that is one of the types that can go wrong.
+macro_rules! as_its_type {
+    ($message:expr, |$own:ident| $change:expr, $($type:ty),+) => {{
+        let message: &mut dyn Any = $message;
+        $(if let Some($own) = message.downcast_mut::<$type>() {
+            $change;
+        } else)+ {}
+    }};
+    ($message:expr, |$own:ident| $change:expr) => {
+        as_its_type!(
+            $message, |$own| $change,
+            Odometry, Cue, CueRequest, PolicyAction, Permit, Mode, LocomotionState, Health, ScanHeader, DepthHeader
+        )
+    };
+}
 
-/// Random numbers by seed (SplitMix64): the same seed makes the same fault.
-#[derive(Debug, Clone, Default)]
-pub struct Dice(u64);
+/// Puts random numbers into a message.
+pub(crate) fn garble<M: Message>(message: &mut M, dice: &mut Dice) {
+    as_its_type!(message, |own| own.garble(dice));
+}
 
-impl Dice {
-    /// Dice of that seed.
-    #[must_use]
-    pub const fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Any 64 bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    /// A number from `from` up to, but not including, `to`.
-    pub fn between(&mut self, (from, to): (u64, u64)) -> u64 {
-        from + self.bits() % to.saturating_sub(from).max(1)
-    }
-
-    /// What a broken sensor might say: NaN, an infinity, something absurd, or something ordinary.
-    pub fn number(&mut self) -> f64 {
-        match self.bits() % 8 {
-            0 => f64::NAN,
-            1 => f64::INFINITY,
-            2 => f64::NEG_INFINITY,
-            3 => f64::MAX,
-            4 => -1e-300,
-            5 => f64::from_bits(self.bits()),
-            _ => self.between((0, 20_000)) as f64 / 1000.0 - 10.0,
+/// Puts a plausible wrong value into a message; `first` is the first message that was to be wrong, as it was.
+pub(crate) fn falsify<M: Message>(message: &mut M, first: &M) {
+    let first: &dyn Any = first;
+    as_its_type!(message, |own| {
+        if let Some(first) = first.downcast_ref() {
+            own.falsify(first);
         }
-    }
+    });
+}
 
-    /// A count or a time: absurd, or ordinary.
-    pub fn count(&mut self) -> u64 {
-        match self.bits() % 3 {
-            0 => u64::MAX,
-            1 => self.bits(),
-            _ => self.bits() % 1000,
-        }
+/// Puts random numbers beside a slice and into it. Every other header stays as it is, so that what lies behind its checks
+/// is met too.
+pub(crate) fn garble_frame<F: Frame>(meta: &mut F::Meta, data: &mut [F::Element], dice: &mut Dice) {
+    if dice.bits().is_multiple_of(2) {
+        garble(meta, dice);
     }
+    if let Some(ranges_m) = elements_of::<LidarScan, F>(data) {
+        garble_ranges(ranges_m, dice);
+    } else if let Some(pixels_mm) = elements_of::<DepthFrame, F>(data) {
+        garble_pixels(pixels_mm, dice);
+    }
+}
 
+/// Puts a plausible wrong value into a slice.
+pub(crate) fn falsify_frame<F: Frame>(data: &mut [F::Element]) {
+    if let Some(ranges_m) = elements_of::<LidarScan, F>(data) {
+        falsify_ranges(ranges_m);
+    } else if let Some(pixels_mm) = elements_of::<DepthFrame, F>(data) {
+        falsify_pixels(pixels_mm);
+    }
+}
+
+/// The elements of an `F` as those of a `G`, where they are the same topic.
+fn elements_of<G: Frame<Element: FromBytes + IntoBytes>, F: Frame>(
+    data: &mut [F::Element],
+) -> Option<&mut [G::Element]> {
+    (TypeId::of::<F>() == TypeId::of::<G>()).then(|| <[G::Element]>::mut_from_bytes(data.as_mut_bytes()).ok())?
+}
+
+/// Random values for faults, of the types that messages are made of.
+trait Draw {
+    fn pose(&mut self) -> Pose2;
+    fn twist(&mut self) -> Twist2;
+}
+
+impl Draw for Dice {
     fn pose(&mut self) -> Pose2 {
         Pose2::new(self.number(), self.number(), self.number())
     }
@@ -64,7 +87,7 @@ impl Dice {
 }
 
 /// How a message goes wrong. Seq, incarnation and step are the envelope that transport puts around it, and stay.
-pub trait Corrupt {
+trait Corrupt {
     /// Random numbers.
     fn garble(&mut self, _dice: &mut Dice) {}
 
@@ -235,29 +258,18 @@ impl Corrupt for Health {
     }
 }
 
-// Outside of the runtime, or its clock: no fault is injected there.
-impl Corrupt for WorldTruth {}
-impl Corrupt for RobotCommand {}
-impl Corrupt for ClockStep {}
-impl Corrupt for ClockAck {}
-
-/// It moves nobody: there is no fault of it to try.
-impl Corrupt for CueAnswer {}
-/// It asks for a tone, and moves nothing.
-impl Corrupt for CueHeard {}
-
 /// Random readings.
-pub(crate) fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {
+fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {
     ranges_m.iter_mut().for_each(|range| *range = dice.number() as f32);
 }
 
 /// Readings that are too long, up to where a lidar sees nothing.
-pub(crate) fn falsify_ranges(ranges_m: &mut [f32]) {
+fn falsify_ranges(ranges_m: &mut [f32]) {
     ranges_m.iter_mut().for_each(|range| *range *= WRONG_SCALE as f32);
 }
 
 /// Random pixels.
-pub(crate) fn garble_pixels(pixels_mm: &mut [u16], dice: &mut Dice) {
+fn garble_pixels(pixels_mm: &mut [u16], dice: &mut Dice) {
     for four in pixels_mm.chunks_mut(4) {
         let bits = dice.bits();
         for (i, pixel) in four.iter_mut().enumerate() {
@@ -267,6 +279,49 @@ pub(crate) fn garble_pixels(pixels_mm: &mut [u16], dice: &mut Dice) {
 }
 
 /// Depths that are too long; what was not seen is not seen.
-pub(crate) fn falsify_pixels(pixels_mm: &mut [u16]) {
+fn falsify_pixels(pixels_mm: &mut [u16]) {
     pixels_mm.iter_mut().for_each(|pixel| *pixel = pixel.saturating_mul(WRONG_SCALE as u16));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{falsify, garble, garble_frame};
+    use messages::fault::{Dice, streams};
+    use messages::{DepthFrame, DepthHeader, LidarScan, Message, ScanHeader, TopicId};
+
+    /// A type that the list above forgets would go out unharmed, and a fault that does nothing looks like one survived.
+    #[test]
+    fn every_stream_that_can_be_injected_into_is_garbled() {
+        fn is_garbled<M: Message + Default + PartialEq>() -> bool {
+            let mut message = M::default();
+            garble(&mut message, &mut Dice::new(3));
+            message != M::default()
+        }
+        macro_rules! garbled {
+            ($(message $id:ident $type:ident;)+) => { [$((TopicId::$id, is_garbled::<messages::$type>())),+] };
+            // Frames are looked at below.
+            ($(message $id:ident $type:ident;)* frame $f:ident $g:ident; $($rest:tt)*) => {
+                garbled!($(message $id $type;)* $($rest)*)
+            };
+        }
+        let garbled = messages::for_each_topic!(garbled);
+        let frames = [TopicId::LidarScan, TopicId::DepthFrame];
+        for topic in streams().chain([TopicId::Health]).filter(|topic| !frames.contains(topic)) {
+            assert!(garbled.contains(&(topic, true)), "{topic}");
+        }
+        let (mut scan, mut ranges_m) = (ScanHeader::default(), [1.0; 8]);
+        garble_frame::<LidarScan>(&mut scan, &mut ranges_m, &mut Dice::new(3));
+        let (mut depth, mut pixels_mm) = (DepthHeader::default(), [1; 8]);
+        garble_frame::<DepthFrame>(&mut depth, &mut pixels_mm, &mut Dice::new(3));
+        assert!(ranges_m != [1.0; 8] && pixels_mm != [1; 8]);
+    }
+
+    #[test]
+    fn a_wrong_pose_has_gone_twice_the_way() {
+        let mut pose = messages::Odometry::default();
+        let first = pose;
+        pose.odom_from_robot.x_m = 0.5;
+        falsify(&mut pose, &first);
+        assert!((pose.odom_from_robot.x_m - 1.0).abs() < 1e-12);
+    }
 }

@@ -1,0 +1,187 @@
+//! Messages as JSON, as recordings hold them: every type has a mirror whose numbers come back to the bit, and tells its
+//! JSON schema.
+//!
+//! JSON has neither NaN nor infinities: NaN is written as `null`, and an infinity as the greatest number of its sign.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use serde_json::{Value, json};
+
+use crate::{
+    CueKind, CueRefusal, CueSource, Header, ModeClass, Outcome, PermitCause, ServiceId, SpeechPhase, SpeechText,
+    StopInput, StopKind, TopicId, UnsafeCause, Urgency,
+};
+
+/// A type and its mirror in JSON.
+pub trait Mirrored: Copy {
+    /// The mirror.
+    type Json;
+    /// Into the mirror.
+    fn mirror(self) -> Self::Json;
+    /// Out of it.
+    fn back(json: Self::Json) -> Self;
+    /// JSON schema of the mirror.
+    fn schema() -> Value;
+}
+
+/// Makes a number type that keeps NaN and the infinities, which JSON lacks.
+macro_rules! number {
+    ($name:ident, $float:ty, $doc:literal) => {
+        #[doc = $doc]
+        #[derive(Debug, Clone, Copy, Default, PartialEq)]
+        pub struct $name(pub $float);
+
+        impl Serialize for $name {
+            fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+                if self.0.is_nan() {
+                    None::<$float>.serialize(serializer)
+                } else {
+                    self.0.clamp(<$float>::MIN, <$float>::MAX).serialize(serializer)
+                }
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                Ok(Self(match Option::<$float>::deserialize(deserializer)? {
+                    None => <$float>::NAN,
+                    Some(<$float>::MAX) => <$float>::INFINITY,
+                    Some(<$float>::MIN) => <$float>::NEG_INFINITY,
+                    Some(number) => number,
+                }))
+            }
+        }
+
+        impl Mirrored for $float {
+            type Json = $name;
+            fn mirror(self) -> $name {
+                $name(self)
+            }
+            fn back(json: $name) -> Self {
+                json.0
+            }
+            fn schema() -> Value {
+                json!({ "type": ["number", "null"] })
+            }
+        }
+    };
+}
+
+number!(Real, f64, "An `f64` in JSON.");
+number!(Reading, f32, "An `f32` in JSON, in the shortest form that reads back to the same `f32`.");
+
+/// Types that are their own mirror.
+macro_rules! plain {
+    ($schema:tt: $($name:ty),+ $(,)?) => {$(
+        impl Mirrored for $name {
+            type Json = Self;
+            fn mirror(self) -> Self {
+                self
+            }
+            fn back(json: Self) -> Self {
+                json
+            }
+            fn schema() -> Value {
+                json!($schema)
+            }
+        }
+    )+};
+}
+
+plain!({ "type": "integer", "minimum": 0 }: u32, u64);
+plain!({ "type": "boolean" }: bool);
+plain!({ "type": "string" }: CueKind, CueSource, ModeClass, Outcome, PermitCause, ServiceId, StopKind, TopicId);
+plain!({ "type": "string" }: CueRefusal, SpeechPhase, StopInput, UnsafeCause, Urgency);
+
+impl Mirrored for SpeechText {
+    type Json = String;
+    fn mirror(self) -> String {
+        self.as_str().to_owned()
+    }
+    fn back(json: String) -> Self {
+        json.as_str().into()
+    }
+    fn schema() -> Value {
+        json!({ "type": "string" })
+    }
+}
+
+impl<T: Mirrored, const N: usize> Mirrored for [T; N] {
+    type Json = [T::Json; N];
+    fn mirror(self) -> Self::Json {
+        self.map(T::mirror)
+    }
+    fn back(json: Self::Json) -> Self {
+        json.map(T::back)
+    }
+    fn schema() -> Value {
+        json!({ "type": "array", "items": T::schema(), "minItems": N, "maxItems": N })
+    }
+}
+
+/// [`Header`] in JSON.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub struct HeaderJson {
+    stamp_ns: u64,
+    seq: u64,
+    step: u64,
+    /// Imports have none.
+    #[serde(default)]
+    published_ns: u64,
+    incarnation: u32,
+}
+
+impl Mirrored for Header {
+    type Json = HeaderJson;
+    fn mirror(self) -> HeaderJson {
+        let Self { stamp_ns, seq, step, published_ns, incarnation, .. } = self;
+        HeaderJson { stamp_ns, seq, step, published_ns, incarnation }
+    }
+    fn back(json: HeaderJson) -> Self {
+        let HeaderJson { stamp_ns, seq, step, published_ns, incarnation } = json;
+        Self { stamp_ns, seq, step, published_ns, incarnation, ..Self::default() }
+    }
+    fn schema() -> Value {
+        let members = ["stamp_ns", "seq", "step", "published_ns", "incarnation"];
+        object(members.map(|member| (member, u64::schema())))
+    }
+}
+
+/// The schema of a struct with these members.
+pub(crate) fn object<const N: usize>(members: [(&str, Value); N]) -> Value {
+    let required: Vec<&str> = members.iter().map(|(name, _)| *name).collect();
+    let properties: Value = members.iter().map(|(name, schema)| ((*name).to_owned(), schema.clone())).collect();
+    json!({ "type": "object", "properties": properties, "required": required })
+}
+
+/// Declares a struct together with its mirror in JSON, so that a field is named once.
+/// `field: Type = default` is a field that older recordings lack: its mirror reads back as the default.
+macro_rules! mirrored {
+    ($(
+        $(#[$meta:meta])*
+        pub struct $name:ident { $($(#[$field_meta:meta])* pub $field:ident: $type:ty $(= $default:ident)?),+ $(,)? }
+    )+) => {$(
+        $(#[$meta])*
+        pub struct $name { $($(#[$field_meta])* pub $field: $type,)+ }
+
+        const _: () = {
+            use $crate::json::{Mirrored, object};
+
+            #[derive(Debug, Clone, ::serde::Serialize, ::serde::Deserialize)]
+            pub struct Json { $($(#[serde($default)])? $field: <$type as Mirrored>::Json,)+ }
+
+            impl Mirrored for $name {
+                type Json = Json;
+                fn mirror(self) -> Json {
+                    Json { $($field: self.$field.mirror(),)+ }
+                }
+                fn back(json: Json) -> Self {
+                    Self { $($field: <$type as Mirrored>::back(json.$field),)+ }
+                }
+                fn schema() -> ::serde_json::Value {
+                    object([$((stringify!($field), <$type as Mirrored>::schema()),)+])
+                }
+            }
+        };
+    )+};
+}
+pub(crate) use mirrored;
