@@ -50,12 +50,12 @@ fn only_values<M: Message>(enums_and_counts: &[(usize, u32)], bools: &[usize]) {
 const SERVICES: u32 = ServiceId::ALL.len() as u32 + 1;
 const OUTCOMES: u32 = messages::Outcome::ALL.len() as u32;
 const TOPICS: u32 = messages::topic::TOPICS.len() as u32 + 1;
+const STOPS: u32 = messages::stops::STOPS.len() as u32 + 1;
 
 fn stop_reason(at: usize) -> [(usize, u32); 3] {
     use messages::StopReason;
-    let last = messages::StopKind::Arrived as u32;
     [
-        (at + offset_of!(StopReason, kind), last + 1),
+        (at + offset_of!(StopReason, kind), STOPS),
         (at + offset_of!(StopReason, service), SERVICES),
         (at + offset_of!(StopReason, topic), TOPICS),
     ]
