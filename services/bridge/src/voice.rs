@@ -4,7 +4,7 @@ use dds::bus::{Heard, Robot, Ros2Robot, SportRobot};
 use dds::{Driver, Posture, RobotState};
 use links::STATE_MAX_AGE_NS;
 use messages::NS_PER_S;
-use settings::{LinkKind, Locomotion};
+use settings::{DdsRobot, FarEnd, Locomotion};
 use transport::{FromChild, Io, TransportError, hurry_network_thread, monotonic_ns};
 
 /// A robot that said nothing for so long does not answer, nanoseconds.
@@ -156,12 +156,12 @@ impl Voice {
 }
 
 fn open(settings: &Locomotion) -> Result<Box<dyn Robot>, TransportError> {
+    let FarEnd::DdsRobot(robot) = settings.link.row().far_end else {
+        return Err(TransportError::Service("locomotion.link names no robot on DDS".to_owned()));
+    };
     let dds = &settings.dds;
-    Ok(match settings.link {
-        LinkKind::Go2 => Box::new(SportRobot::open(dds).map_err(TransportError::service)?),
-        LinkKind::Ros2 => Box::new(Ros2Robot::open(dds, &settings.ros2).map_err(TransportError::service)?),
-        LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => {
-            return Err(TransportError::Service("locomotion.link names no robot on DDS".to_owned()));
-        }
+    Ok(match robot {
+        DdsRobot::Go2 => Box::new(SportRobot::open(dds).map_err(TransportError::service)?),
+        DdsRobot::Ros2 => Box::new(Ros2Robot::open(dds, &settings.ros2).map_err(TransportError::service)?),
     })
 }

@@ -6,18 +6,15 @@
 
 mod camera;
 
-use std::net::UdpSocket;
 use std::path::Path;
 
-use emulators::{
-    EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRos2, EmulatedRplidar, EmulatedSport, EmulatedUnitree,
-};
+use emulators::{EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRplidar, open_robot};
 use messages::fault::Device;
 use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
-use settings::{DepthDevice, LinkKind, Settings, Source, UnitreeSettings};
+use settings::{DepthDevice, Settings, Source};
 use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
-use unitree::{Silence, State};
+use unitree::State;
 use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
 
 use crate::camera::CameraThread;
@@ -146,23 +143,10 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
 
 fn robot(settings: &Settings) -> Result<Box<dyn EmulatedRobot>, TransportError> {
     let (locomotion, silence) = (&settings.locomotion, settings.simulation.emulated.silence);
-    let dds = &locomotion.dds;
-    match locomotion.link {
-        LinkKind::Go2 => Ok(Box::new(EmulatedSport::new(dds, silence).map_err(TransportError::service)?)),
-        LinkKind::Ros2 => {
-            let robot = EmulatedRos2::new(dds, &locomotion.ros2, silence);
-            Ok(Box::new(robot.map_err(TransportError::service)?))
-        }
-        LinkKind::Simulated | LinkKind::Unitree | LinkKind::Null => unitree(&locomotion.unitree, silence),
-    }
-}
-
-fn unitree(robot: &UnitreeSettings, silence: Silence) -> Result<Box<dyn EmulatedRobot>, TransportError> {
-    let at = robot.robot();
-    let socket = UdpSocket::bind(at)
-        .map_err(|error| TransportError::service(format!("no emulated robot can listen at {at}: {error}")))?;
-    let robot = EmulatedUnitree::new(socket, robot.profile, silence).map_err(TransportError::service)?;
-    Ok(Box::new(robot))
+    let Some(kind) = locomotion.link.row().emulated else {
+        return Err(TransportError::service("locomotion.link names no robot that is emulated"));
+    };
+    open_robot(kind, locomotion, silence).map_err(TransportError::service)
 }
 
 impl Service for Emulator {

@@ -5,7 +5,7 @@ mod rplidar;
 mod simulated;
 
 use messages::LidarScan;
-use settings::Source;
+use settings::{LidarDevice, Settings, Source};
 use transport::{FramePublisher, Io, Service, TransportError};
 
 pub use rplidar::RplidarSource;
@@ -44,7 +44,7 @@ impl LidarDriver {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn ScanSource> = match settings.lidar.source {
             Source::Simulated => Box::new(SimulatedLidar::open(&settings, io)?),
-            Source::Device => Box::new(RplidarSource::open(&settings.lidar, io)?),
+            Source::Device => device(&settings, io)?,
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));
             }
@@ -52,6 +52,12 @@ impl LidarDriver {
         let scans = io.frame_publisher(source.beams_max())?;
         Ok(Self { source, scans })
     }
+}
+
+fn device(settings: &Settings, io: &mut Io) -> Result<Box<dyn ScanSource>, TransportError> {
+    Ok(match settings.lidar.device {
+        LidarDevice::Rplidar => Box::new(RplidarSource::open(&settings.lidar, io)?),
+    })
 }
 
 impl Service for LidarDriver {

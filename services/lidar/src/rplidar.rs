@@ -31,9 +31,6 @@ const NO_TURN_NS: u64 = 3 * NS_PER_S;
 /// What a line loses is judged by so much time, nanoseconds; now and then a byte is lost on any.
 const LOSS_SPAN_NS: u64 = 10 * NS_PER_S;
 const LOSSES_MAX: u64 = 20;
-/// The speed that worked, kept in the run's folder: after a death of this process, and after replugging, it is tried
-/// first.
-const SPEED_FILE: &str = "rplidar.baud";
 
 /// Scans of an RPLIDAR.
 #[derive(Debug)]
@@ -51,7 +48,8 @@ pub struct RplidarSource {
     reopen_ns: u64,
     /// Ports opened so far without a scan: which speed is tried next.
     tries: usize,
-    /// The speed at which the lidar was found, and where that is kept.
+    /// The speed at which the lidar was found, and where that is kept: after a death of this process, and after
+    /// replugging, it is tried first.
     known_baud: Option<u32>,
     speed_file: PathBuf,
     health: Health,
@@ -92,7 +90,7 @@ impl RplidarSource {
             angle_min_rad: header.angle_min_rad,
             angle_increment_rad: header.angle_increment_rad,
         };
-        let speed_file = io.domain.dir.path().join(SPEED_FILE);
+        let speed_file = io.domain.dir.lidar_kept();
         Ok(Self {
             settings: settings.clone(),
             header,

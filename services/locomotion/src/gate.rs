@@ -4,7 +4,7 @@ use messages::{
     Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopInput, StopKind, StopReason,
     TopicId, Twist2, age_ns,
 };
-use settings::{EstopSource, LinkKind, Settings};
+use settings::{EstopSource, Settings};
 
 use crate::accord::Accord;
 
@@ -41,7 +41,7 @@ impl GateLimits {
         let table = settings.policy.actions.table();
         Self {
             actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
-            obeyed: settings.locomotion.link != LinkKind::Null,
+            obeyed: settings.locomotion.link.is_obeyed(),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             mode_max_age_ns: settings.max_age.mode.ns(),
             estop_max_age_ns: (settings.estop.source != EstopSource::Absent).then(|| settings.max_age.estop.ns()),

@@ -12,7 +12,7 @@ use std::path::Path;
 
 use messages::{Frame, Health, Message, PortRole, for_each_recorded_topic};
 use recording::{About, Part, Record, RunAbout, Slice, Writer, life_path};
-use settings::{LinkKind, Settings, Source};
+use settings::{Settings, Source};
 use transport::{FrameSubscriber, FromChild, Io, Service, Subscriber, TransportError, ZeroCopySend, unix_time_s};
 
 use queue::{Queue, chain};
@@ -153,14 +153,7 @@ fn about(settings: &Settings, path: &Path, with_depth: bool, io: &Io) -> About {
     let depth_file = Part::Depth.path(path).file_name().map(|name| name.to_string_lossy().into_owned());
     About {
         source: format!("run {}", io.domain.info.name),
-        robot: match settings.locomotion.link {
-            LinkKind::Simulated => "simulated",
-            LinkKind::Unitree => settings.locomotion.unitree.profile.name(),
-            LinkKind::Go2 => "go2",
-            LinkKind::Ros2 => "ros2",
-            LinkKind::Null => "none",
-        }
-        .to_owned(),
+        robot: (settings.locomotion.link.row().robot)(&settings.locomotion).to_owned(),
         field_of_view_rad: settings.lidar.field_of_view_deg.get().to_radians(),
         first_wall_clock_s: Some(unix_time_s()),
         anomalies: BTreeMap::new(),

@@ -11,8 +11,9 @@ mod unitree;
 
 use std::os::fd::BorrowedFd;
 
-use ::unitree::State;
+use ::unitree::{Silence, State};
 use messages::{Fault, Twist2};
+use settings::{Locomotion, RobotKind};
 
 pub use self::dds::{EmulatedRos2, EmulatedSport};
 pub use camera::EmulatedCamera;
@@ -48,4 +49,16 @@ pub trait EmulatedRobot {
     fn fd(&self) -> Option<BorrowedFd<'_>> {
         None
     }
+}
+
+/// The robot of that kind, where and how these settings seek it.
+///
+/// # Errors
+/// Where it cannot listen there.
+pub fn open_robot(kind: RobotKind, at: &Locomotion, silence: Silence) -> std::io::Result<Box<dyn EmulatedRobot>> {
+    Ok(match kind {
+        RobotKind::Unitree => Box::new(EmulatedUnitree::open(&at.unitree, silence)?),
+        RobotKind::Go2 => Box::new(EmulatedSport::new(&at.dds, silence).map_err(std::io::Error::other)?),
+        RobotKind::Ros2 => Box::new(EmulatedRos2::new(&at.dds, &at.ros2, silence).map_err(std::io::Error::other)?),
+    })
 }

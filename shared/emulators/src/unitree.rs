@@ -4,6 +4,7 @@ use std::net::{SocketAddr, UdpSocket};
 use std::os::fd::{AsFd, BorrowedFd};
 
 use messages::{Fault, Twist2};
+use settings::UnitreeSettings;
 use unitree::{Button, Mode, Profile, Remote, Silence, State};
 
 use crate::EmulatedRobot;
@@ -28,6 +29,18 @@ pub struct EmulatedUnitree {
 }
 
 impl EmulatedUnitree {
+    /// Switches a robot on where the settings seek one.
+    ///
+    /// # Errors
+    /// Where it cannot listen there.
+    pub fn open(at: &UnitreeSettings, silence: Silence) -> std::io::Result<Self> {
+        let address = at.robot();
+        let socket = UdpSocket::bind(address).map_err(|error| {
+            std::io::Error::new(error.kind(), format!("no emulated robot can listen at {address}: {error}"))
+        })?;
+        Self::new(socket, at.profile, silence)
+    }
+
     /// Switches a robot on, which listens at that socket.
     ///
     /// # Errors

@@ -64,21 +64,42 @@ pub trait BrakePath {
     fn zero(&mut self, fenced: u32);
 }
 
+/// The code of a link: locomotion's way to the robot, and the brake's.
+struct LinkCode {
+    link: fn(&Locomotion, &mut Io) -> Result<Box<dyn Link>, TransportError>,
+    brake: fn(&Locomotion, &Io) -> Result<Box<dyn BrakePath>, TransportError>,
+}
+
+fn code(kind: LinkKind) -> LinkCode {
+    match kind {
+        LinkKind::Simulated => LinkCode {
+            link: |_, io| Ok(Box::new(SimulatedLink::open(io)?)),
+            brake: |_, io| Ok(Box::new(SimulatedBrake::open(io)?)),
+        },
+        LinkKind::Unitree => LinkCode {
+            link: |settings, _| {
+                let link = UnitreeLink::open(&settings.unitree)?;
+                link.speak_on_panic();
+                Ok(Box::new(link))
+            },
+            brake: |settings, _| Ok(Box::new(UnitreeBrake::open(&settings.unitree)?)),
+        },
+        LinkKind::Go2 | LinkKind::Ros2 => LinkCode {
+            link: |_, io| Ok(Box::new(BridgeLink::new(io))),
+            brake: |_, io| Ok(Box::new(BridgeBrake::new(io))),
+        },
+        LinkKind::Null => {
+            LinkCode { link: |_, _| Ok(Box::new(NullLink::default())), brake: |_, _| Ok(Box::new(NullBrake)) }
+        }
+    }
+}
+
 /// The link of these settings.
 ///
 /// # Errors
 /// Where it cannot be opened.
 pub fn open_link(settings: &Locomotion, io: &mut Io) -> Result<Box<dyn Link>, TransportError> {
-    Ok(match settings.link {
-        LinkKind::Simulated => Box::new(SimulatedLink::open(io)?),
-        LinkKind::Unitree => {
-            let link = UnitreeLink::open(&settings.unitree)?;
-            link.speak_on_panic();
-            Box::new(link)
-        }
-        LinkKind::Go2 | LinkKind::Ros2 => Box::new(BridgeLink::new(io)),
-        LinkKind::Null => Box::new(NullLink::default()),
-    })
+    (code(settings.link).link)(settings, io)
 }
 
 /// The brake's path of these settings.
@@ -86,10 +107,5 @@ pub fn open_link(settings: &Locomotion, io: &mut Io) -> Result<Box<dyn Link>, Tr
 /// # Errors
 /// Where it cannot be opened.
 pub fn open_brake_path(settings: &Locomotion, io: &Io) -> Result<Box<dyn BrakePath>, TransportError> {
-    Ok(match settings.link {
-        LinkKind::Simulated => Box::new(SimulatedBrake::open(io)?),
-        LinkKind::Unitree => Box::new(UnitreeBrake::open(&settings.unitree)?),
-        LinkKind::Go2 | LinkKind::Ros2 => Box::new(BridgeBrake::new(io)),
-        LinkKind::Null => Box::new(NullBrake),
-    })
+    (code(settings.link).brake)(settings, io)
 }

@@ -1,8 +1,10 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
+use crate::devices::either;
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    CueSettings, DepthDevice, DepthSettings, EstopSource, LinkKind, OdometryDevice, Settings, Source, VoiceSource,
+    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Settings,
+    Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -44,8 +46,8 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if !(0.0..=0.5).contains(&settings.shield.margin_m) {
         return Err(format!("shield.margin_m = {} is not in 0..0.5", settings.shield.margin_m));
     }
+    check_rows(settings)?;
     check_devices(settings)?;
-    check_serial(settings)?;
     check_depth_device(depth, settings.commands_robot())?;
     check_voice(&settings.cue)?;
     if depth.needed && depth.source == Source::Absent {
@@ -94,34 +96,15 @@ pub fn check_tone(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
-/// What serial lines run at, bits a second.
-const BAUDS: std::ops::RangeInclusive<u32> = 1_200..=4_000_000;
-/// Turns a minute: under 8 a second permits run out between two scans, and none of these lidars turns faster.
-const MOTOR_RPMS: std::ops::RangeInclusive<u16> = 480..=1_200;
-
-/// Devices at serial lines.
-fn check_serial(settings: &Settings) -> Result<(), String> {
-    let (rplidar, estop) = (&settings.lidar.rplidar, &settings.estop.serial);
-    let bauds = [("lidar.rplidar.baud", rplidar.baud), ("estop.serial.baud", Some(estop.baud))];
-    for (key, baud) in bauds.into_iter().filter_map(|(key, baud)| baud.map(|baud| (key, baud))) {
-        if !BAUDS.contains(&baud) {
-            return Err(format!("{key} = {baud} is not in {}..{}", BAUDS.start(), BAUDS.end()));
-        }
-    }
-    if !MOTOR_RPMS.contains(&rplidar.motor_rpm) {
-        let (from, to, rpm) = (MOTOR_RPMS.start(), MOTOR_RPMS.end(), rplidar.motor_rpm);
-        return Err(format!("lidar.rplidar.motor_rpm = {rpm} is not in {from}..{to}"));
-    }
-    if rplidar.mode.as_ref().is_some_and(|mode| mode.trim().is_empty()) {
-        return Err("lidar.rplidar.mode is empty: leave it out for the mode that the lidar advises".to_owned());
-    }
-    Ok(())
+/// What each device and link knows of its own settings, in use or not.
+fn check_rows(settings: &Settings) -> Result<(), String> {
+    let Settings { lidar, depth, odometry, estop, locomotion, .. } = settings;
+    LidarDevice::ALL.into_iter().try_for_each(|device| (device.row().check)(lidar))?;
+    DepthDevice::ALL.into_iter().try_for_each(|device| (device.row().check)(depth))?;
+    OdometryDevice::ALL.into_iter().try_for_each(|device| (device.row().check)(odometry))?;
+    EstopSource::ALL.into_iter().try_for_each(|source| (source.row().check)(estop))?;
+    LinkKind::ALL.into_iter().try_for_each(|link| (link.row().check)(locomotion))
 }
-
-/// The last DDS domain whose ports there are.
-const DDS_DOMAIN_MAX: u16 = 232;
-/// Linux numbers keys under this.
-const EVDEV_KEYS: u16 = 0x300;
 
 /// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
 fn check_devices(settings: &Settings) -> Result<(), String> {
@@ -130,7 +113,7 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     let is_device = settings.locomotion.link.is_device();
     let own = odometry == Source::Device && settings.odometry.device == OdometryDevice::Robot;
     if own && !is_device {
-        let links = "\"unitree\", \"go2\" or \"ros2\"";
+        let links = link_names(|link| link.far_end.is_device());
         return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
     }
     check_matching(settings)?;
@@ -158,32 +141,37 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     if emulated && robot.robot.is_some_and(|robot| !robot.ip().is_loopback()) {
         return Err("locomotion.unitree.robot is no emulated robot's address: it is not this machine".to_owned());
     }
-    if emulated && settings.estop.source == EstopSource::Input {
-        return Err("estop.source = \"input\": only a serial box is emulated".to_owned());
-    }
-    let input = &settings.estop.input;
-    if input.key.is_some_and(|key| key >= EVDEV_KEYS) {
-        return Err(format!(
-            "estop.input.key is not under {EVDEV_KEYS}: no key has such a number, and none would stop"
-        ));
-    }
-    if input.held && input.key.is_none() {
-        return Err("estop.input.held needs estop.input.key: any key would let the robot move".to_owned());
-    }
-    if settings.locomotion.dds.domain > DDS_DOMAIN_MAX {
-        return Err(format!("locomotion.dds.domain is over {DDS_DOMAIN_MAX}: it has no ports"));
-    }
-    for (key, topic) in [("cmd_vel", &settings.locomotion.ros2.cmd_vel), ("odom", &settings.locomotion.ros2.odom)] {
-        let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
-        if !topic.strip_prefix('/').unwrap_or(topic).split('/').all(is_name) {
-            return Err(format!("locomotion.ros2.{key} = {topic:?} is no topic of ROS 2"));
-        }
-    }
+    check_emulated(settings)?;
     let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
     if stop > warn || warn > 100 {
         return Err(format!("locomotion.charge_stop_percent = {stop} is not in 0..charge_warn_percent = {warn}..100"));
     }
     Ok(())
+}
+
+/// Only what is emulated can be a device in the simulated world.
+fn check_emulated(settings: &Settings) -> Result<(), String> {
+    if !settings.simulation.emulated.on {
+        return Ok(());
+    }
+    let (lidar, estop, link) =
+        (settings.lidar.device.row(), settings.estop.source.row(), settings.locomotion.link.row());
+    if !lidar.is_emulated {
+        return Err(format!("lidar.device = \"{}\" is not emulated, and simulation.emulated.on", lidar.name));
+    }
+    if settings.estop.source != EstopSource::Absent && !estop.is_emulated {
+        return Err(format!("estop.source = \"{}\": only a serial box is emulated", estop.name));
+    }
+    if link.emulated.is_none() {
+        let links = link_names(|link| link.emulated.is_some());
+        return Err(format!("locomotion.link = \"{}\": only {links} are emulated", link.name));
+    }
+    Ok(())
+}
+
+/// The links for which that holds, as they stand in the file.
+fn link_names(which: impl Fn(&LinkRow) -> bool) -> String {
+    either(&LinkKind::names(which).map(|name| format!("{name:?}")).collect::<Vec<_>>())
 }
 
 /// A device of which nobody else tells what its frames are.
@@ -193,15 +181,6 @@ fn check_depth_device(depth: &DepthSettings, commands_robot: bool) -> Result<(),
     }
     if depth.source != Source::Device {
         return Ok(());
-    }
-    if depth.device == DepthDevice::Gstreamer {
-        if depth.gstreamer.pipeline.trim().is_empty() {
-            return Err("depth.gstreamer.pipeline is not given, and depth.device is \"gstreamer\"".to_owned());
-        }
-        if depth.intrinsics.is_none() {
-            let why = "a pipeline's frames do not tell their lens";
-            return Err(format!("depth.intrinsics (fx_px, fy_px, cx_px, cy_px) is not given, and {why}"));
-        }
     }
     if depth.device == DepthDevice::Realsense && depth.realsense.file.is_some() && commands_robot {
         return Err("depth.realsense.file is a recording, and locomotion.link commands a real robot".to_owned());
@@ -291,7 +270,7 @@ fn check_rates(settings: &Settings) -> Result<(), String> {
 /// The promise that a stop never waits for longer than this is not the configuration's to give away; recorded logs move
 /// no robot, and may be slower.
 fn check_ages(settings: &Settings) -> Result<(), String> {
-    let null = settings.locomotion.link == LinkKind::Null;
+    let null = !settings.locomotion.link.is_obeyed();
     let (age, supervision) = (&settings.max_age, &settings.supervision);
     for (name, value, most_ms) in [
         ("max_age.scan", age.scan, if null { 2000 } else { 300 }),

@@ -4,6 +4,7 @@
 //! by itself, so an error names the line that caused it.
 
 mod checks;
+mod devices;
 mod layers;
 mod planned;
 mod recorded;
@@ -11,15 +12,9 @@ mod sections;
 mod units;
 
 pub use checks::{check, check_tone};
+pub use devices::{DeviceRow, Reach, either};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
-pub use sections::{
-    Access, ActionTableName, Choice, CueSettings, DdsSettings, DepthDevice, DepthGstreamer, DepthIntrinsics,
-    DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler,
-    HandlerModel, Librealsense, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
-    OdometryDevice, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings,
-    ShieldSettings, Simulation, Source, Speak, Supervision, SwapSettings, UnitreeSettings, Verbosity, VoiceSettings,
-    VoiceSource, Walk, WalkErrors,
-};
+pub use sections::*;
 pub use units::{Millis, Positive, Share};

@@ -29,11 +29,11 @@ use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
 pub use cue::{CueSettings, VoiceSettings, VoiceSource};
-pub use depth::{DepthDevice, DepthGstreamer, DepthIntrinsics, DepthSettings, DepthSocket, Librealsense};
-pub use estop::{Estop, EstopInput, EstopSerial, EstopSource};
-pub use lidar::{LidarSettings, RplidarSettings};
-pub use locomotion::{DdsSettings, Limits, LinkKind, Locomotion, Ros2Settings, UnitreeSettings};
-pub use odometry::{MatchingSettings, OdometryDevice, OdometrySettings};
+pub use depth::*;
+pub use estop::*;
+pub use lidar::*;
+pub use locomotion::*;
+pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 pub(crate) use speak::check as check_speak;
@@ -110,8 +110,8 @@ impl Settings {
     /// beside them.
     pub fn emulate(&mut self) {
         self.simulation.emulated.on = true;
-        (self.lidar.source, self.odometry.source) = (Source::Device, Source::Device);
-        self.odometry.device = OdometryDevice::Robot;
+        (self.lidar.source, self.lidar.device) = (Source::Device, LidarDevice::Rplidar);
+        (self.odometry.source, self.odometry.device) = (Source::Device, OdometryDevice::Robot);
         (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
         if !self.locomotion.link.is_device() {
             self.locomotion.link = LinkKind::Unitree;

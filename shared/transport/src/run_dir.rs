@@ -34,7 +34,7 @@ const OURS: [&str; 18] = [
     "control.sock",
     "robot.sock",
     "rplidar",
-    "rplidar.baud",
+    "lidar.kept",
     "estop",
     "camera.sock",
     "bridge.sock",
@@ -283,6 +283,12 @@ impl RunDir {
     #[must_use]
     pub fn lidar_port(&self) -> PathBuf {
         self.path.join("rplidar")
+    }
+
+    /// What a lidar's driver keeps for its next life.
+    #[must_use]
+    pub fn lidar_kept(&self) -> PathBuf {
+        self.path.join("lidar.kept")
     }
 
     /// The port of an emulated emergency stop.

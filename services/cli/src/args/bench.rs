@@ -128,12 +128,11 @@ pub struct SoakArgs {
 }
 
 fn robot_link(text: &str) -> Result<LinkKind, String> {
-    match text {
-        "unitree" => Ok(LinkKind::Unitree),
-        "go2" => Ok(LinkKind::Go2),
-        "ros2" => Ok(LinkKind::Ros2),
-        _ => Err("it is unitree, go2 or ros2".to_owned()),
-    }
+    let mut emulated = LinkKind::ALL.into_iter().filter(|link| link.row().emulated.is_some());
+    emulated.find(|link| link.row().name == text).ok_or_else(|| {
+        let names = LinkKind::names(|link| link.emulated.is_some()).map(str::to_owned);
+        format!("it is {}", settings::either(&names.collect::<Vec<_>>()))
+    })
 }
 
 fn slack(text: &str) -> Result<f64, String> {

@@ -3,7 +3,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::ErrorKind;
-use std::net::{IpAddr, Ipv4Addr, UdpSocket};
+use std::net::{IpAddr, Ipv4Addr, SocketAddrV4, UdpSocket};
 use std::os::unix::fs::{FileTypeExt, MetadataExt, OpenOptionsExt};
 use std::path::Path;
 
@@ -12,7 +12,7 @@ use grabber::realsense::{self, Kind};
 use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
 use rustix::fs::{Access, OFlags};
 use serial::{SerialError, SerialPort};
-use settings::{DdsSettings, DepthDevice, EstopSource, LinkKind, OdometryDevice, Settings, Source, VoiceSource};
+use settings::{DdsSettings, Reach, Settings, VoiceSource};
 
 use super::Check;
 
@@ -44,35 +44,23 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     if settings.simulation.emulated.on {
         return checks;
     }
-    if settings.lidar.source == Source::Device {
-        let rplidar = &settings.lidar.rplidar;
-        checks.push(port("lidar", &rplidar.port, rplidar.baud.unwrap_or(ANY_BAUD)));
-    }
-    if settings.depth.source == Source::Device {
-        checks.push(match settings.depth.device {
-            DepthDevice::Socket => frame_socket(&settings.depth.socket.path),
-            DepthDevice::Gstreamer => by_library("depth camera", grabber::gstreamer::check(&settings.depth)),
-            DepthDevice::Realsense => {
-                by_library("depth camera", realsense::check(Kind::Depth, &settings.depth.realsense))
-            }
-        });
-    }
-    if (settings.odometry.source, settings.odometry.device) == (Source::Device, OdometryDevice::T265) {
-        checks.push(by_library("tracking camera", realsense::check(Kind::Tracking, &settings.odometry.t265)));
-    }
-    match settings.estop.source {
-        EstopSource::Input => checks.push(input(&settings.estop.input.device)),
-        EstopSource::Serial => {
-            checks.push(port("emergency stop", &settings.estop.serial.port, settings.estop.serial.baud));
-        }
-        EstopSource::Absent => {}
-    }
-    match settings.locomotion.link {
-        LinkKind::Unitree => checks.push(robot(settings)),
-        LinkKind::Go2 | LinkKind::Ros2 => checks.push(dds_networks(&settings.locomotion.dds)),
-        LinkKind::Simulated | LinkKind::Null => {}
-    }
+    checks.extend(settings.devices().into_iter().filter_map(|(name, reach)| look(name, reach)));
     checks
+}
+
+/// Looks at what a device is reached by, where there is anything to look at.
+fn look(name: &'static str, reach: Reach<'_>) -> Option<Check> {
+    Some(match reach {
+        Reach::Nothing => return None,
+        Reach::SerialPort { path, baud } => port(name, path, baud.unwrap_or(ANY_BAUD)),
+        Reach::FrameSocket(path) => frame_socket(name, path),
+        Reach::InputDevice(path) => input(name, path),
+        Reach::Gstreamer(depth) => by_library(name, grabber::gstreamer::check(depth)),
+        Reach::DepthCamera(library) => by_library(name, realsense::check(Kind::Depth, library)),
+        Reach::TrackingCamera(library) => by_library(name, realsense::check(Kind::Tracking, library)),
+        Reach::Udp { device, local } => udp(name, device, local),
+        Reach::Dds(dds) => dds_networks(name, dds),
+    })
 }
 
 /// A program of others, where the shell would find it.
@@ -107,7 +95,7 @@ fn port(name: &'static str, path: &Path, baud: u32) -> Check {
 }
 
 /// The driver makes the socket; the folder has to be there.
-fn frame_socket(path: &Path) -> Check {
+fn frame_socket(name: &'static str, path: &Path) -> Check {
     let folder = path.parent().unwrap_or(Path::new("/"));
     let there = path.symlink_metadata();
     let may = rustix::fs::access(folder, Access::WRITE_OK | Access::EXEC_OK);
@@ -123,7 +111,7 @@ fn frame_socket(path: &Path) -> Check {
         Err(errno) => (false, format!("no socket can be made in {}: {errno}", folder.display())),
     };
     let fix = format!("sudo install -d -o $USER {} (systemd: RuntimeDirectory=)", folder.display());
-    Check { name: "depth socket", ok, found, fix }
+    Check { name, ok, found, fix }
 }
 
 /// Whether the networks that hear are there, and belong together.
@@ -149,7 +137,7 @@ fn by_library(name: &'static str, looked: Result<String, Trouble>) -> Check {
     Check { name, ok, found, fix }
 }
 
-fn input(path: &Path) -> Check {
+fn input(name: &'static str, path: &Path) -> Check {
     // A pipe without a writer would keep whoever opens it.
     let opened = OpenOptions::new().read(true).custom_flags(OFlags::NONBLOCK.bits().cast_signed()).open(path);
     // As in the kernel's list of devices.
@@ -162,30 +150,29 @@ fn input(path: &Path) -> Check {
         Err(error) => (false, format!("{}: {error}", path.display())),
     };
     let fix = "plug it in (`ls /dev/input/by-id`); add the user to its group: sudo usermod -aG input $USER".to_owned();
-    Check { name: "emergency stop", ok, found, fix }
+    Check { name, ok, found, fix }
 }
 
-/// Whether this machine is in the robot's own network, and nobody else listens to the robot.
-fn robot(settings: &Settings) -> Check {
-    let (robot, local) = (settings.locomotion.unitree.robot(), settings.locomotion.unitree.local());
-    let neighbour = |ip: Ipv4Addr| ip.octets()[..3] == robot.ip().octets()[..3];
+/// Whether this machine is in the device's own network, and no other program listens to it.
+fn udp(name: &'static str, device: SocketAddrV4, local: SocketAddrV4) -> Check {
+    let neighbour = |ip: Ipv4Addr| ip.octets()[..3] == device.ip().octets()[..3];
     let address = UdpSocket::bind(local).and_then(|socket| {
-        socket.connect(robot)?;
+        socket.connect(device)?;
         socket.local_addr()
     });
     let (ok, found) = match address.map(|address| address.ip()) {
-        Ok(IpAddr::V4(ip)) if neighbour(ip) => (true, format!("{robot} is reached from {ip}; it is not spoken to")),
-        Ok(ip) => (false, format!("{robot} would be reached from {ip}, which is in another network")),
+        Ok(IpAddr::V4(ip)) if neighbour(ip) => (true, format!("{device} is reached from {ip}; it is not spoken to")),
+        Ok(ip) => (false, format!("{device} would be reached from {ip}, which is in another network")),
         Err(error) if error.kind() == ErrorKind::AddrInUse => (false, format!("another program listens at {local}")),
-        Err(error) => (false, format!("{robot} cannot be reached: {error}")),
+        Err(error) => (false, format!("{device} cannot be reached: {error}")),
     };
-    let [a, b, c, _] = robot.ip().octets();
+    let [a, b, c, _] = device.ip().octets();
     let fix = format!("end what speaks to it; sudo ip address add {a}.{b}.{c}.162/24 dev (the card of its cable)");
-    Check { name: "robot", ok, found, fix }
+    Check { name, ok, found, fix }
 }
 
 /// Whether this machine has the addresses by which it is to take part in the robot's network.
-fn dds_networks(dds: &DdsSettings) -> Check {
+fn dds_networks(name: &'static str, dds: &DdsSettings) -> Check {
     let missing: Vec<String> = dds
         .networks
         .iter()
@@ -198,7 +185,7 @@ fn dds_networks(dds: &DdsSettings) -> Check {
         if ok { format!("DDS domain {} by {by}; the robot is not spoken to", dds.domain) } else { missing.join(", ") };
     let fix = "sudo ip address add (one in the robot's network)/24 dev (the card of its cable), or mend \
                locomotion.dds.networks";
-    Check { name: "robot", ok, found, fix: fix.to_owned() }
+    Check { name, ok, found, fix: fix.to_owned() }
 }
 
 #[cfg(test)]

@@ -7,6 +7,7 @@ use messages::Pose3;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
+use crate::devices::{DeviceRow, Reach};
 use crate::units::{Millis, Positive};
 
 /// What a depth camera's frames come through.
@@ -20,6 +21,45 @@ pub enum DepthDevice {
     /// Intel's library, librealsense.
     Realsense,
 }
+
+impl DepthDevice {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Socket, Self::Gstreamer, Self::Realsense];
+
+    /// What is known of it.
+    #[must_use]
+    pub fn row(self) -> &'static DeviceRow<DepthSettings> {
+        match self {
+            Self::Socket => &SOCKET,
+            Self::Gstreamer => &GSTREAMER,
+            Self::Realsense => &REALSENSE,
+        }
+    }
+}
+
+const SOCKET: DeviceRow<DepthSettings> = DeviceRow {
+    name: "socket",
+    told_as: "depth socket",
+    reach: |depth| Reach::FrameSocket(&depth.socket.path),
+    check: |_| Ok(()),
+    is_emulated: true,
+};
+
+const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
+    name: "gstreamer",
+    told_as: "depth camera",
+    reach: |depth| Reach::Gstreamer(depth),
+    check: DepthSettings::check_gstreamer,
+    is_emulated: false,
+};
+
+const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
+    name: "realsense",
+    told_as: "depth camera",
+    reach: |depth| Reach::DepthCamera(&depth.realsense),
+    check: |_| Ok(()),
+    is_emulated: false,
+};
 
 /// The depth camera and its driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -74,6 +114,23 @@ impl Default for DepthSettings {
             realsense: Librealsense::default(),
             intrinsics: None,
         }
+    }
+}
+
+impl DepthSettings {
+    /// Nothing but the configuration tells what a pipeline's frames are.
+    fn check_gstreamer(&self) -> Result<(), String> {
+        if (self.source, self.device) != (Source::Device, DepthDevice::Gstreamer) {
+            return Ok(());
+        }
+        if self.gstreamer.pipeline.trim().is_empty() {
+            return Err("depth.gstreamer.pipeline is not given, and depth.device is \"gstreamer\"".to_owned());
+        }
+        if self.intrinsics.is_none() {
+            let why = "a pipeline's frames do not tell their lens";
+            return Err(format!("depth.intrinsics (fx_px, fy_px, cx_px, cy_px) is not given, and {why}"));
+        }
+        Ok(())
     }
 }
 

@@ -4,6 +4,11 @@ use std::path::PathBuf;
 
 use serde::{Deserialize, Serialize};
 
+use crate::devices::{DeviceRow, Reach, check_baud};
+
+/// Linux numbers keys under this.
+const EVDEV_KEYS: u16 = 0x300;
+
 /// What the emergency stop is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -16,6 +21,45 @@ pub enum EstopSource {
     /// A box at a serial line, with a heartbeat.
     Serial,
 }
+
+impl EstopSource {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Absent, Self::Input, Self::Serial];
+
+    /// What is known of it.
+    #[must_use]
+    pub fn row(self) -> &'static DeviceRow<Estop> {
+        match self {
+            Self::Absent => &ABSENT,
+            Self::Input => &INPUT,
+            Self::Serial => &SERIAL,
+        }
+    }
+}
+
+const ABSENT: DeviceRow<Estop> = DeviceRow {
+    name: "absent",
+    told_as: "emergency stop",
+    reach: |_| Reach::Nothing,
+    check: |_| Ok(()),
+    is_emulated: false,
+};
+
+const INPUT: DeviceRow<Estop> = DeviceRow {
+    name: "input",
+    told_as: "emergency stop",
+    reach: |estop| Reach::InputDevice(&estop.input.device),
+    check: |estop| estop.input.check(),
+    is_emulated: false,
+};
+
+const SERIAL: DeviceRow<Estop> = DeviceRow {
+    name: "serial",
+    told_as: "emergency stop",
+    reach: |estop| Reach::SerialPort { path: &estop.serial.port, baud: Some(estop.serial.baud) },
+    check: |estop| check_baud("estop.serial.baud", estop.serial.baud),
+    is_emulated: true,
+};
 
 /// The emergency stop.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -45,6 +89,20 @@ pub struct EstopInput {
 impl Default for EstopInput {
     fn default() -> Self {
         Self { device: PathBuf::from("/dev/input/by-id/estop"), key: None, held: false }
+    }
+}
+
+impl EstopInput {
+    fn check(&self) -> Result<(), String> {
+        if self.key.is_some_and(|key| key >= EVDEV_KEYS) {
+            return Err(format!(
+                "estop.input.key is not under {EVDEV_KEYS}: no key has such a number, and none would stop"
+            ));
+        }
+        if self.held && self.key.is_none() {
+            return Err("estop.input.held needs estop.input.key: any key would let the robot move".to_owned());
+        }
+        Ok(())
     }
 }
 

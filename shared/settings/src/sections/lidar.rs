@@ -6,7 +6,38 @@ use messages::Pose2;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
+use crate::devices::{DeviceRow, Reach, check_baud, is_default};
 use crate::units::{Positive, Share};
+
+/// Which lidar gives scans.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LidarDevice {
+    /// An RPLIDAR at a serial line.
+    #[default]
+    Rplidar,
+}
+
+impl LidarDevice {
+    /// All of them.
+    pub const ALL: [Self; 1] = [Self::Rplidar];
+
+    /// What is known of it.
+    #[must_use]
+    pub fn row(self) -> &'static DeviceRow<LidarSettings> {
+        match self {
+            Self::Rplidar => &RPLIDAR,
+        }
+    }
+}
+
+const RPLIDAR: DeviceRow<LidarSettings> = DeviceRow {
+    name: "rplidar",
+    told_as: "lidar",
+    reach: |lidar| Reach::SerialPort { path: &lidar.rplidar.port, baud: lidar.rplidar.baud },
+    check: |lidar| lidar.rplidar.check(),
+    is_emulated: true,
+};
 
 /// The lidar and its driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -14,6 +45,9 @@ use crate::units::{Positive, Share};
 pub struct LidarSettings {
     /// Where scans come from.
     pub source: Source,
+    /// Which device, where they come from one.
+    #[serde(skip_serializing_if = "is_default")]
+    pub device: LidarDevice,
     /// Beams of a scan.
     pub beams: u32,
     /// Field of view, degrees, centred on the lidar's x axis.
@@ -32,7 +66,7 @@ pub struct LidarSettings {
     pub height_m: Positive,
     /// Where the lidar is on the robot.
     pub robot_from_lidar: Pose2,
-    /// The RPLIDAR, where scans come from a device.
+    /// The RPLIDAR, where that is the device.
     pub rplidar: RplidarSettings,
 }
 
@@ -40,6 +74,7 @@ impl Default for LidarSettings {
     fn default() -> Self {
         Self {
             source: Source::Simulated,
+            device: LidarDevice::Rplidar,
             beams: 360,
             field_of_view_deg: Positive::of(360.0),
             rate_hz: Positive::of(10.0),
@@ -73,5 +108,22 @@ pub struct RplidarSettings {
 impl Default for RplidarSettings {
     fn default() -> Self {
         Self { port: PathBuf::from("/dev/rplidar"), baud: None, mode: None, motor_rpm: 600 }
+    }
+}
+
+/// Turns a minute: under 8 a second permits run out between two scans, and none of these lidars turns faster.
+const MOTOR_RPMS: std::ops::RangeInclusive<u16> = 480..=1_200;
+
+impl RplidarSettings {
+    fn check(&self) -> Result<(), String> {
+        self.baud.map_or(Ok(()), |baud| check_baud("lidar.rplidar.baud", baud))?;
+        if !MOTOR_RPMS.contains(&self.motor_rpm) {
+            let (from, to, rpm) = (MOTOR_RPMS.start(), MOTOR_RPMS.end(), self.motor_rpm);
+            return Err(format!("lidar.rplidar.motor_rpm = {rpm} is not in {from}..{to}"));
+        }
+        if self.mode.as_ref().is_some_and(|mode| mode.trim().is_empty()) {
+            return Err("lidar.rplidar.mode is empty: leave it out for the mode that the lidar advises".to_owned());
+        }
+        Ok(())
     }
 }

@@ -5,7 +5,11 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use serde::{Deserialize, Serialize};
 use unitree::Profile;
 
+use crate::devices::Reach;
 use crate::units::{Millis, Positive};
+
+/// The last DDS domain whose ports there are.
+const DDS_DOMAIN_MAX: u16 = 232;
 
 /// The way to the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -22,6 +26,149 @@ pub enum LinkKind {
     /// Nothing: for replayed frames.
     Null,
 }
+
+/// What is known of a link.
+#[derive(Debug)]
+pub struct LinkRow {
+    /// Its name in the configuration.
+    pub name: &'static str,
+    /// What a recording calls its robot.
+    pub robot: fn(&Locomotion) -> &'static str,
+    /// What is at its other end.
+    pub far_end: FarEnd,
+    /// By what the robot is reached.
+    pub reach: for<'a> fn(&'a Locomotion) -> Reach<'a>,
+    /// Whether its own settings are right, in use or not; the reason begins with the key.
+    pub check: fn(&Locomotion) -> Result<(), String>,
+    /// The robot that `--emulated` puts at its other end, where it has one.
+    pub emulated: Option<RobotKind>,
+}
+
+/// What is at the other end of a link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum FarEnd {
+    /// Nothing that obeys: recorded frames move no robot, and may come more slowly.
+    Nothing,
+    /// The robot of the simulated world.
+    SimulatedRobot,
+    /// A robot that is there, or emulated. Locomotion and brake speak to it themselves.
+    Robot,
+    /// Such a robot on a DDS network. `bridge` and `backstop` speak to it in their place.
+    DdsRobot(DdsRobot),
+}
+
+impl FarEnd {
+    /// Whether it is a robot that is there, or emulated: one that tells where it is.
+    #[must_use]
+    pub fn is_device(self) -> bool {
+        matches!(self, Self::Robot | Self::DdsRobot(_))
+    }
+}
+
+/// A robot on a DDS network.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DdsRobot {
+    /// Unitree's Go2 or B2.
+    Go2,
+    /// Any that takes velocities of ROS 2.
+    Ros2,
+}
+
+/// A robot that can be emulated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum RobotKind {
+    /// Unitree's over UDP.
+    Unitree,
+    /// Unitree's Go2 or B2.
+    Go2,
+    /// A robot of ROS 2.
+    Ros2,
+}
+
+impl LinkKind {
+    /// All of them.
+    pub const ALL: [Self; 5] = [Self::Simulated, Self::Unitree, Self::Go2, Self::Ros2, Self::Null];
+
+    /// What is known of it.
+    #[must_use]
+    pub fn row(self) -> &'static LinkRow {
+        match self {
+            Self::Simulated => &SIMULATED,
+            Self::Unitree => &UNITREE,
+            Self::Go2 => &GO2,
+            Self::Ros2 => &ROS2,
+            Self::Null => &NULL,
+        }
+    }
+
+    /// Whether it speaks DDS, by processes of its own.
+    #[must_use]
+    pub fn is_dds(self) -> bool {
+        matches!(self.row().far_end, FarEnd::DdsRobot(_))
+    }
+
+    /// Whether it commands a robot that is there, or emulated: one that tells where it is.
+    #[must_use]
+    pub fn is_device(self) -> bool {
+        self.row().far_end.is_device()
+    }
+
+    /// Whether anything obeys its commands.
+    #[must_use]
+    pub fn is_obeyed(self) -> bool {
+        self.row().far_end != FarEnd::Nothing
+    }
+
+    /// The names of the links whose rows `which` takes.
+    pub fn names(which: impl Fn(&LinkRow) -> bool) -> impl Iterator<Item = &'static str> {
+        Self::ALL.into_iter().map(Self::row).filter(move |row| which(row)).map(|row| row.name)
+    }
+}
+
+const SIMULATED: LinkRow = LinkRow {
+    name: "simulated",
+    robot: |_| "simulated",
+    far_end: FarEnd::SimulatedRobot,
+    reach: |_| Reach::Nothing,
+    check: |_| Ok(()),
+    emulated: None,
+};
+
+const UNITREE: LinkRow = LinkRow {
+    name: "unitree",
+    robot: |locomotion| locomotion.unitree.profile.name(),
+    far_end: FarEnd::Robot,
+    reach: |locomotion| Reach::Udp { device: locomotion.unitree.robot(), local: locomotion.unitree.local() },
+    check: |_| Ok(()),
+    emulated: Some(RobotKind::Unitree),
+};
+
+const GO2: LinkRow = LinkRow {
+    name: "go2",
+    robot: |_| "go2",
+    far_end: FarEnd::DdsRobot(DdsRobot::Go2),
+    reach: |locomotion| Reach::Dds(&locomotion.dds),
+    check: |locomotion| locomotion.dds.check(),
+    emulated: Some(RobotKind::Go2),
+};
+
+const ROS2: LinkRow = LinkRow {
+    name: "ros2",
+    robot: |_| "ros2",
+    far_end: FarEnd::DdsRobot(DdsRobot::Ros2),
+    reach: |locomotion| Reach::Dds(&locomotion.dds),
+    check: |locomotion| locomotion.dds.check().and_then(|()| locomotion.ros2.check()),
+    emulated: Some(RobotKind::Ros2),
+};
+
+const NULL: LinkRow = LinkRow {
+    name: "null",
+    robot: |_| "none",
+    far_end: FarEnd::Nothing,
+    reach: |_| Reach::Nothing,
+    check: |_| Ok(()),
+    emulated: None,
+};
 
 /// Largest velocities.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -72,20 +219,6 @@ pub struct Locomotion {
     pub ros2: Ros2Settings,
 }
 
-impl LinkKind {
-    /// Whether it speaks DDS, by processes of its own.
-    #[must_use]
-    pub fn is_dds(self) -> bool {
-        matches!(self, Self::Go2 | Self::Ros2)
-    }
-
-    /// Whether it commands a robot that is there, or emulated: one that tells where it is.
-    #[must_use]
-    pub fn is_device(self) -> bool {
-        self == Self::Unitree || self.is_dds()
-    }
-}
-
 /// A DDS network.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -95,6 +228,15 @@ pub struct DdsSettings {
     /// This machine's own addresses in the robot's network; every network, where none is told.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub networks: Vec<Ipv4Addr>,
+}
+
+impl DdsSettings {
+    fn check(&self) -> Result<(), String> {
+        if self.domain > DDS_DOMAIN_MAX {
+            return Err(format!("locomotion.dds.domain is over {DDS_DOMAIN_MAX}: it has no ports"));
+        }
+        Ok(())
+    }
 }
 
 /// Topics of a ROS 2 robot.
@@ -107,6 +249,18 @@ pub struct Ros2Settings {
     pub stamped: bool,
     /// Where it gives `nav_msgs/Odometry`.
     pub odom: String,
+}
+
+impl Ros2Settings {
+    fn check(&self) -> Result<(), String> {
+        for (key, topic) in [("cmd_vel", &self.cmd_vel), ("odom", &self.odom)] {
+            let is_name = |part: &str| !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '_');
+            if !topic.strip_prefix('/').unwrap_or(topic).split('/').all(is_name) {
+                return Err(format!("locomotion.ros2.{key} = {topic:?} is no topic of ROS 2"));
+            }
+        }
+        Ok(())
+    }
 }
 
 impl Default for Ros2Settings {

@@ -6,6 +6,7 @@ use messages::Pose3;
 use serde::{Deserialize, Serialize};
 
 use super::{Librealsense, Source};
+use crate::devices::{DeviceRow, Reach};
 use crate::units::Positive;
 
 /// Which device gives poses.
@@ -18,6 +19,32 @@ pub enum OdometryDevice {
     /// Intel's tracking camera T265, by librealsense.
     T265,
 }
+
+impl OdometryDevice {
+    /// All of them.
+    pub const ALL: [Self; 2] = [Self::Robot, Self::T265];
+
+    /// What is known of it.
+    #[must_use]
+    pub fn row(self) -> &'static DeviceRow<OdometrySettings> {
+        match self {
+            Self::Robot => &ROBOT,
+            Self::T265 => &T265,
+        }
+    }
+}
+
+/// Its link is a device by itself.
+const ROBOT: DeviceRow<OdometrySettings> =
+    DeviceRow { name: "robot", told_as: "odometry", reach: |_| Reach::Nothing, check: |_| Ok(()), is_emulated: true };
+
+const T265: DeviceRow<OdometrySettings> = DeviceRow {
+    name: "t265",
+    told_as: "tracking camera",
+    reach: |odometry| Reach::TrackingCamera(&odometry.t265),
+    check: |_| Ok(()),
+    is_emulated: false,
+};
 
 /// The odometry driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
