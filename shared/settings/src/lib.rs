@@ -5,6 +5,7 @@
 
 mod checks;
 mod layers;
+mod path;
 mod planned;
 mod recorded;
 mod sections;
@@ -12,6 +13,7 @@ mod units;
 
 pub use checks::{check, check_tone};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
+pub use path::ConfigPath;
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::{
@@ -19,7 +21,7 @@ pub use sections::{
     DepthSettings, DepthSocket, Emulated, EmulatedPlaces, Estop, EstopInput, EstopSerial, EstopSource, Handler,
     HandlerModel, Librealsense, LidarSettings, Limits, LinkKind, Locomotion, MatchingSettings, MaxAge, MemorySettings,
     OdometryDevice, OdometrySettings, PolicyModel, PolicySettings, Robot, Ros2Settings, RplidarSettings, Settings,
-    ShieldSettings, Simulation, Source, Speak, Supervision, SwapSettings, UnitreeSettings, Verbosity, VoiceSettings,
-    VoiceSource, Walk, WalkErrors,
+    ShieldSettings, Simulation, Source, Speak, SpokenLanguage, Supervision, SwapSettings, UnitreeSettings, Verbosity,
+    VoiceSettings, VoiceSource, Walk, WalkErrors,
 };
 pub use units::{Millis, Positive, Share};
