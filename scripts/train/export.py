@@ -12,7 +12,8 @@ import onnxruntime
 import torch
 from stable_baselines3 import PPO
 
-from guidedog_environment import ACTIONS, OBSERVATION, Episodes
+import actions
+from guidedog_environment import ACTION_TABLE_ID, OBSERVATION, Episodes
 from models import UNREADABLE
 from options import ABOVE_0, read_json
 
@@ -70,7 +71,7 @@ def manifest(path, arguments, steps, command, temperature):
     return f"""\
 sha256 = "{hashlib.sha256(path.read_bytes()).hexdigest()}"
 observation = "{OBSERVATION}"
-actions = "{ {8: "eight", 10: "ten"}[len(ACTIONS)] }"
+actions = "{actions.name_of(ACTION_TABLE_ID)}"
 dt = "{about["dt_ms"]}ms"
 frames = {arguments["frames"]}
 temperature = {temperature}

@@ -25,6 +25,7 @@ pub use mouth::Mouth;
 pub use rig::{SoundRig, has_sound, speech_s};
 pub use spoken::{RATE_HZ, can_hear, spoken, spoken_by, write_wav};
 pub use tap::{Seen, Tap};
+pub use test_data::data;
 pub use transport::monotonic_ns;
 pub use wire::{Came, Wire};
 
@@ -44,19 +45,6 @@ pub fn programs() -> PathBuf {
     let dir = own.ancestors().nth(2).expect("it lies in deps").to_owned();
     assert!(dir.join("guidedog").exists(), "cargo build --workspace --bins comes first (scripts/test does it)");
     dir
-}
-
-/// Real inputs, which lie beside the project; `None` where they are missing, which CI does not forgive.
-#[must_use]
-pub fn data(path: &str) -> Option<PathBuf> {
-    let root = std::env::var_os("GUIDEDOG_DATA").map_or_else(|| project().join("../shared/data"), PathBuf::from);
-    let path = root.join(path);
-    if path.exists() {
-        return Some(path);
-    }
-    assert!(std::env::var_os("CI").is_none(), "{} is missing", path.display());
-    eprintln!("skipped: {} is missing", path.display());
-    None
 }
 
 /// A folder for runs that no other test shares, short enough for socket names.

@@ -12,11 +12,7 @@ const RANGE_M: [f64; 2] = [0.3, 10.0];
 /// Whether there is GStreamer.
 fn has_gstreamer() -> bool {
     let there = std::env::var_os("GUIDEDOG_GSTREAMER").is_some();
-    if !there {
-        assert!(std::env::var_os("CI").is_none(), "scripts/test sets GUIDEDOG_GSTREAMER");
-        eprintln!("skipped: scripts/test installs GStreamer, and sets GUIDEDOG_GSTREAMER");
-    }
-    there
+    test_data::has(there, "GUIDEDOG_GSTREAMER is not set: scripts/test installs GStreamer, and sets it")
 }
 
 /// A configuration whose depth comes of that pipeline, of frames of that size.

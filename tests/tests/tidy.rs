@@ -138,6 +138,30 @@ fn guidance_has_no_clock_thread_file_or_randomness() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// A plain path in what is read from a configuration would start at the folder in which a program happens to work.
+#[test]
+fn paths_of_the_configuration_start_at_its_folder() {
+    let (mut types, mut wrong) = (0, Vec::new());
+    let settings = rust_files().into_iter().filter(|path| name(path).starts_with("shared/settings/src"));
+    for path in settings {
+        let text = fs::read_to_string(&path).expect("readable");
+        let (mut derives, mut is_read) = ("", false);
+        for (number, line) in code(&text) {
+            match line {
+                _ if line.starts_with("#[derive(") => derives = line,
+                _ if line.starts_with("pub struct ") || line.starts_with("pub enum ") => {
+                    is_read = derives.contains("Deserialize");
+                    types += usize::from(is_read);
+                }
+                "}" => is_read = false,
+                _ if is_read && line.contains("PathBuf") => wrong.push(format!("{}:{number}: {line}", name(&path))),
+                _ => {}
+            }
+        }
+    }
+    assert!(types > 30 && wrong.is_empty(), "of {types} types: {}", wrong.join("\n"));
+}
+
 /// Names of the dependencies of each of our crates, those for tests apart.
 fn dependencies() -> BTreeMap<String, Vec<String>> {
     let mut all = BTreeMap::new();

@@ -6,12 +6,18 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import guidedog_environment
-from guidedog_environment import ACTIONS, LENGTH, Episodes, WayfindingVector
+from actions import FOLDER, load
+from guidedog_environment import ACTION_TABLE_ID, ACTIONS, LENGTH, Episodes, WayfindingVector
 
 
 def test_gymnasium_finds_nothing_wrong():
     environment = gymnasium.make("guidedog/Wayfinding-v0", noise="ideal")
     check_env(environment.unwrapped, skip_render_check=True)
+
+
+def test_the_actions_are_those_of_the_table_that_a_manifest_names():
+    table_id, actions = load(FOLDER / "eight.toml")
+    assert (ACTION_TABLE_ID, ACTIONS) == (table_id, [action["name"] for action in actions])
 
 
 def test_an_episode_is_cut_short_after_its_decisions_and_told_of():

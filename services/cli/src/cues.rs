@@ -91,12 +91,12 @@ pub fn model_files(config: Option<&Path>) -> Result<ModelFiles, Failure> {
     let mut settings = prepare::load(settings::Profile::Walk, config)?;
     // The files are looked for only where somebody listens.
     settings.cue.voice.source = VoiceSource::Microphone;
-    let settings = prepare::rooted(settings, config)?;
+    let settings = prepare::with_speech_files(settings)?;
     let voice = settings.cue.voice;
     Ok(ModelFiles {
-        manifest: voice.model.unwrap_or_default(),
-        embedding: voice.embedding.unwrap_or_default(),
-        onnx_runtime: settings.policy.onnx_runtime,
+        manifest: voice.model.map(PathBuf::from).unwrap_or_default(),
+        embedding: voice.embedding.map(PathBuf::from).unwrap_or_default(),
+        onnx_runtime: settings.policy.onnx_runtime.map(Into::into),
     })
 }
 

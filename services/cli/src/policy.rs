@@ -31,7 +31,7 @@ fn swap(args: &SwapArgs, as_json: bool) -> Result<u8, Failure> {
     let exe = exe.as_deref().map(named).transpose()?;
     let mut model = args.model.clone();
     if let Some(path) = model.as_mut().and_then(PolicyModel::file_mut) {
-        *path = whole_path(path)?;
+        *path = whole_path(path)?.into();
         named(path)?;
     }
     let request = json!({ "verb": "policy_swap", "exe": exe, "model": model });

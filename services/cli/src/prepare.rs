@@ -91,7 +91,7 @@ pub fn standing(config: Option<&Path>) -> Result<Settings, Failure> {
 fn only_place(walk: &mut settings::Walk) -> Result<(), Failure> {
     if let Some(file) = walk.scenario.take() {
         let scenario = Scenario::load(&file).map_err(Failure::of_input)?;
-        (walk.map, walk.start) = (Some(absolute(&scenario.world)?), Some(scenario.start));
+        (walk.map, walk.start) = (Some(absolute(&scenario.world)?.into()), Some(scenario.start));
     }
     Ok(())
 }
@@ -130,54 +130,18 @@ pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
 /// # Errors
 /// Where the file cannot be read, a key is unknown or a value is wrong.
 pub fn load(profile: Profile, config: Option<&Path>) -> Result<Settings, Failure> {
-    rooted(settings::load(profile, config).map_err(Failure::of_input)?, config)
+    with_speech_files(settings::load(profile, config).map_err(Failure::of_input)?)
 }
 
-/// Settings whose relative paths start at the configuration's own folder.
+/// Settings that name the files that hearing needs, where the robot is to hear.
 ///
 /// # Errors
 /// Where the present folder is gone.
-pub fn rooted(mut settings: Settings, config: Option<&Path>) -> Result<Settings, Failure> {
-    let folder = match config {
-        Some(path) => absolute(path)?.parent().map(Path::to_owned).unwrap_or_default(),
-        None => absolute(Path::new("."))?,
-    };
-    let walk = &mut settings.walk;
-    let replay = &mut settings.replay;
-    let record = &mut settings.record.path;
-    let paths =
-        [&mut walk.scenario, &mut walk.map, &mut walk.cues, &mut settings.cue.script, &mut replay.recording, record];
-    for path in paths.into_iter().flatten() {
-        *path = folder.join(&path);
-    }
-    let (estop, lidar) = (&mut settings.estop, &mut settings.lidar.rplidar);
-    let devices = [&mut estop.input.device, &mut estop.serial.port, &mut lidar.port, &mut settings.depth.socket.path];
-    for path in devices {
-        *path = folder.join(&path);
-    }
-    if let Some(file) = &mut settings.speak.file {
-        *file = folder.join(&file);
-    }
-    if Path::new(&settings.speak.language).extension().is_some() {
-        settings.speak.language = folder.join(&settings.speak.language).to_string_lossy().into_owned();
-    }
-    for camera in [&mut settings.depth.realsense, &mut settings.odometry.t265] {
-        for path in [&mut camera.library, &mut camera.file].into_iter().flatten() {
-            *path = folder.join(&path);
-        }
-    }
-    let policy = &mut settings.policy;
-    for path in [policy.model.file_mut(), policy.onnx_runtime.as_mut()].into_iter().flatten() {
-        *path = folder.join(&path);
-    }
+pub fn with_speech_files(mut settings: Settings) -> Result<Settings, Failure> {
     let voice = &mut settings.cue.voice;
-    for path in [&mut voice.stream, &mut voice.model, &mut voice.embedding].into_iter().flatten() {
-        *path = folder.join(&path);
-    }
     if voice.source != VoiceSource::Absent {
         find_speech(voice)?;
     }
-    settings.planned_paths_mut().for_each(|path| *path = folder.join(&path));
     Ok(settings)
 }
 
@@ -189,7 +153,7 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
     } else {
         let stream = absolute(stream)?;
         crate::cues::check_stream(&stream)?;
-        (voice.source, voice.stream) = (VoiceSource::Stream, Some(stream));
+        (voice.source, voice.stream) = (VoiceSource::Stream, Some(stream.into()));
     }
     find_speech(voice)?;
     // Who speaks to it wants an answer; and before it starts it gives a tone.
@@ -217,11 +181,11 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         return Err(Failure::input("a source is \"replayed\", and no recording is named: that is `guidedog replay`"));
     }
     if let Some(path) = record_path(&args.pace)? {
-        settings.record.path = Some(path);
+        settings.record.path = Some(path.into());
     }
     if let Some(mut model) = args.policy.clone() {
         if let Some(file) = model.file_mut() {
-            *file = absolute(file)?;
+            *file = absolute(file)?.into();
         }
         settings.policy.model = model;
     }
@@ -236,13 +200,13 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     let walk = &mut settings.walk;
     if let Some(name) = &args.scenario {
         *walk = settings::Walk {
-            scenario: Some(scenario_file(name)?),
+            scenario: Some(scenario_file(name)?.into()),
             time_limit: walk.time_limit,
             errors: walk.errors.clone(),
             ..Default::default()
         };
     } else if let Some(map) = &args.map {
-        let map = Some(absolute(map)?);
+        let map = Some(absolute(map)?.into());
         *walk = settings::Walk {
             map,
             start: args.start,
@@ -252,13 +216,13 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
         };
     } else if simulated && walk.scenario.is_none() && walk.map.is_none() {
         let file = scenario_file(DEFAULT_SCENARIO)?;
-        walk.scenario = Some(file);
+        walk.scenario = Some(file.into());
         if operator_only {
             only_place(walk)?;
         }
     }
     if let Some(cues) = &args.cues {
-        walk.cues = Some(absolute(cues)?);
+        walk.cues = Some(absolute(cues)?.into());
     }
     Ok(settings)
 }
@@ -363,10 +327,10 @@ pub fn find_speech_file(name: &str) -> Result<PathBuf, Failure> {
 /// Names the files that hearing needs, where the configuration does not.
 fn find_speech(voice: &mut VoiceSettings) -> Result<(), Failure> {
     if voice.model.is_none() {
-        voice.model = Some(find_speech_file("cues.toml")?);
+        voice.model = Some(find_speech_file("cues.toml")?.into());
     }
     if voice.embedding.is_none() {
-        voice.embedding = Some(find_speech_file("embedding.onnx")?);
+        voice.embedding = Some(find_speech_file("embedding.onnx")?.into());
     }
     Ok(())
 }
@@ -436,6 +400,6 @@ mod tests {
         let file = folder.path().join("mine.toml");
         std::fs::write(&file, "[walk]\nscenario = \"here.toml\"\n").expect("it is written");
         let settings = load(Profile::Walk, Some(&file)).expect("it is right");
-        assert_eq!(settings.walk.scenario, Some(folder.path().join("here.toml")));
+        assert_eq!(settings.walk.scenario.as_deref(), Some(folder.path().join("here.toml").as_path()));
     }
 }

@@ -40,7 +40,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
         }
     }
     let mut settings = base(args, recorded.as_deref())?;
-    settings.record.path = prepare::record_path(&args.pace)?;
+    settings.record.path = prepare::record_path(&args.pace)?.map(Into::into);
     let streams = Streams { info: &info, recording: &args.recording, missing: missing.as_deref() };
     if args.streams.is_empty() {
         streams.all(&mut settings)?;
@@ -56,7 +56,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
             depth.height
         )));
     }
-    settings.replay.recording = Some(prepare::absolute(&args.recording)?);
+    settings.replay.recording = Some(prepare::absolute(&args.recording)?.into());
     choose_part(args, &info, &mut settings.replay)?;
     keep_plan(args, &mut settings);
     prepare::allow_planned(&settings)?;
@@ -83,7 +83,7 @@ fn base(args: &ReplayArgs, recorded: Option<&str>) -> Result<Settings, Failure> 
             let mut settings = settings::load_over(&name, &text, config).map_err(Failure::of_input)?;
             // The recorded run may itself have been a replay.
             settings.replay = settings::Replay::default();
-            prepare::rooted(settings, config)
+            prepare::with_speech_files(settings)
         }
         None if args.streams.is_empty() => prepare::load(Profile::Carmen, config),
         None => {

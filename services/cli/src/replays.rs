@@ -31,7 +31,7 @@ pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
     let mut prepared = prepare_replay::replay(args)?;
     let folder = args.against.then(tempfile::tempdir).transpose().map_err(Failure::of_run)?;
     let differences = folder.as_ref().map(|folder| folder.path().join("differences.jsonl"));
-    prepared.settings.replay.differences.clone_from(&differences);
+    prepared.settings.replay.differences = differences.clone().map(Into::into);
     // Whether decisions differ is a question of stepped time only: nothing else is the same twice.
     let speed = args.pace.speed.or(args.against.then_some(0.0));
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("replay"));

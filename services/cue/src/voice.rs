@@ -6,7 +6,7 @@
 mod confirmation;
 mod stream;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use grabber::microphone::{Microphone, Sound};
 use grabber::{Grab, Grabbed, Grabber, Trouble};
@@ -86,9 +86,9 @@ impl Voice {
             return Ok(None);
         }
         let files = ModelFiles {
-            manifest: voice.model.clone().unwrap_or_default(),
-            embedding: voice.embedding.clone().unwrap_or_default(),
-            onnx_runtime: settings.policy.onnx_runtime.clone(),
+            manifest: voice.model.clone().map(PathBuf::from).unwrap_or_default(),
+            embedding: voice.embedding.clone().map(PathBuf::from).unwrap_or_default(),
+            onnx_runtime: settings.policy.onnx_runtime.clone().map(Into::into),
         };
         let recogniser = match Recogniser::load(&files) {
             Ok(recogniser) => recogniser,

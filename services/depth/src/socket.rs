@@ -75,7 +75,7 @@ impl FrameSocket {
     /// # Errors
     /// Where another program listens there already, or there can be no socket; the reason names the path.
     pub fn open(settings: &DepthSettings, io: &Io) -> Result<Self, TransportError> {
-        let path = settings.socket.path.clone();
+        let path = PathBuf::from(settings.socket.path.clone());
         let listener = listen(&path).map_err(|why| {
             TransportError::Service(format!("no frames of depth can be taken at {}: {why}", path.display()))
         })?;

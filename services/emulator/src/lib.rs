@@ -136,7 +136,8 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
         return Ok(None);
     }
     let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
-    let camera = EmulatedCamera::new(depth.socket.path.clone(), DepthConfig::from(depth), settings.simulation.seed);
+    let camera =
+        EmulatedCamera::new(depth.socket.path.clone().into(), DepthConfig::from(depth), settings.simulation.seed);
     let camera = camera.map_err(TransportError::service)?;
     CameraThread::begin(camera, world, depth.rate_hz.get(), started_ns).map(Some)
 }

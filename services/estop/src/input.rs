@@ -128,7 +128,7 @@ mod tests {
         let device = dir.join("event0");
         nix::unistd::mkfifo(&device, nix::sys::stat::Mode::from_bits_truncate(0o600)).expect("made");
         let writer = std::fs::OpenOptions::new().read(true).write(true).open(&device).expect("opened");
-        (EstopInput { device, key: Some(304), held: false }, writer)
+        (EstopInput { device: device.into(), key: Some(304), held: false }, writer)
     }
 
     fn event(value: i32) -> Vec<u8> {

@@ -77,7 +77,7 @@ impl Replay {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let path = settings.replay.recording.clone();
         let path = path.ok_or_else(|| TransportError::service("replay.recording is not set"))?;
-        let playlist = Playlist::open(path, &settings).map_err(TransportError::service)?;
+        let playlist = Playlist::open(path.into(), &settings).map_err(TransportError::service)?;
         let lives_before = io.identity().incarnation.saturating_sub(1);
         let is_world = !settings.has_world();
         // In real time nothing is equal to the byte, and decisions are not made on the same records.

@@ -259,7 +259,7 @@ impl Speak {
 fn language_of(settings: &Settings, io: &Io) -> Result<Language, TransportError> {
     Language::load(&settings.speak.language).or_else(|error| {
         io.tell(&FromChild::Note { text: format!("{error}; English is spoken") });
-        Language::load("en").map_err(TransportError::service)
+        Language::english().map_err(TransportError::service)
     })
 }
 

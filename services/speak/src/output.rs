@@ -48,7 +48,7 @@ pub trait Output {
 /// The output that the settings name.
 pub fn of(settings: &Speak) -> Box<dyn Output> {
     match &settings.file {
-        Some(path) => Box::new(WavFile { path: path.clone(), now: None }),
+        Some(path) => Box::new(WavFile { path: path.clone().into(), now: None }),
         None => Box::new(Player { words: settings.player.clone(), now: None, ending: Vec::new() }),
     }
 }
@@ -183,7 +183,7 @@ mod tests {
     fn to_file(name: &str) -> (tempfile::TempDir, std::path::PathBuf, Box<dyn Output>) {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join(name);
-        let output = of(&Speak { file: Some(path.clone()), ..Speak::default() });
+        let output = of(&Speak { file: Some(path.clone().into()), ..Speak::default() });
         (folder, path, output)
     }
 
@@ -220,7 +220,7 @@ mod tests {
         std::fs::create_dir(&path).expect("made");
         assert!(output.start(&clip, 0).is_err_and(|why| why.contains("not a file")));
         let nowhere = folder.path().join("none").join("said.wav");
-        let mut output = of(&Speak { file: Some(nowhere), ..Speak::default() });
+        let mut output = of(&Speak { file: Some(nowhere.into()), ..Speak::default() });
         assert!(output.start(&clip, 0).is_err_and(|why| why.contains("none/said.wav")));
     }
 

@@ -214,7 +214,7 @@ impl Supervisor {
             supervisor.figures.note(0, "speak.on: in stepped time the robot does not speak".to_owned());
         }
         if let Some(path) = &settings.record.path {
-            supervisor.want_recording(path.clone(), io)?;
+            supervisor.want_recording(path.clone().into(), io)?;
         }
         Ok(supervisor)
     }

@@ -62,7 +62,7 @@ impl From<Ask> for Request {
             Ask::Cue { cue } => Self::Cue { cue },
             Ask::Stop => Self::Stop,
             Ask::Resume => Self::Resume,
-            Ask::PolicySwap { exe, model } => Self::PolicySwap { exe, model },
+            Ask::PolicySwap { exe, model } => Self::PolicySwap { exe: exe.map(Into::into), model },
             Ask::PolicyRollback => Self::PolicyRollback,
             Ask::Inject { target, fault, lasts, seed } => {
                 Self::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }

@@ -1,4 +1,6 @@
-//! The action table: data, not code (Kim et al. 2023, section 5.1).
+//! The action table: data, not code (Kim et al. 2023, section 5.1). The shipped tables are files in `config/actions`.
+
+use std::sync::LazyLock;
 
 use messages::{MAX_ACTIONS, Pose2, Twist2};
 use serde::{Deserialize, Serialize};
@@ -41,6 +43,25 @@ pub enum ActionTableError {
     /// A motion is not finite, or two actions share a name.
     #[error("action \"{0}\" is not finite or stands twice")]
     Action(String),
+    /// The text is no table: not TOML, or a key is unknown, missing or wrong.
+    #[error("{0}")]
+    Text(String),
+    /// Names or motions are not those that the id was computed from.
+    #[error("the table says id = \"{stated}\", and its actions have \"{found}\"")]
+    Id {
+        /// What the table says.
+        stated: String,
+        /// What its actions have.
+        found: String,
+    },
+}
+
+/// A table as its file has it.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    id: String,
+    actions: Vec<Action>,
 }
 
 /// Actions in a fixed order; the first is stop.
@@ -72,34 +93,36 @@ impl ActionTable {
         Ok(Self { actions })
     }
 
-    /// The eight actions that the paper names: stop, forward 0.25 m, turns of 10 degrees, sidesteps of 0.15 m, diagonal
-    /// steps of 0.25 m at 45 degrees.
-    #[must_use]
-    pub fn eight() -> Self {
-        let turn = 10f64.to_radians();
-        let diagonal = 0.25 * std::f64::consts::FRAC_1_SQRT_2;
-        let named = [
-            ("stop", Pose2::default()),
-            ("forward", Pose2::new(0.25, 0.0, 0.0)),
-            ("turn_left", Pose2::new(0.0, 0.0, turn)),
-            ("turn_right", Pose2::new(0.0, 0.0, -turn)),
-            ("sidestep_left", Pose2::new(0.0, 0.15, 0.0)),
-            ("sidestep_right", Pose2::new(0.0, -0.15, 0.0)),
-            ("diagonal_left", Pose2::new(diagonal, diagonal, 0.0)),
-            ("diagonal_right", Pose2::new(diagonal, -diagonal, 0.0)),
-        ];
-        let actions = named.into_iter().map(|(name, motion)| Action { name: name.to_owned(), motion }).collect();
-        Self { actions }
+    /// The table that the text of a file holds.
+    ///
+    /// # Errors
+    /// As [`ActionTable::new`], and where the text is no table or its id is not that of its actions.
+    pub fn parse(text: &str) -> Result<Self, ActionTableError> {
+        let file: File = toml::from_str(text).map_err(|error| ActionTableError::Text(error.to_string()))?;
+        let table = Self::new(file.actions)?;
+        let found = format!("{:#018x}", table.id());
+        if file.id == found { Ok(table) } else { Err(ActionTableError::Id { stated: file.id, found }) }
     }
 
-    /// The eight and two of our own: arcs of 0.25 m that turn by 10 degrees.
+    /// The eight actions that the paper names: `config/actions/eight.toml`.
+    #[must_use]
+    pub fn eight() -> Self {
+        static TABLE: LazyLock<ActionTable> =
+            LazyLock::new(|| ActionTable::shipped(include_str!("../../../config/actions/eight.toml")));
+        TABLE.clone()
+    }
+
+    /// The eight and two of our own: `config/actions/ten.toml`.
     #[must_use]
     pub fn ten() -> Self {
-        let mut table = Self::eight();
-        for (name, turn_deg) in [("arc_left", 10.0_f64), ("arc_right", -10.0)] {
-            table.actions.push(Action { name: name.to_owned(), motion: Pose2::new(0.25, 0.0, turn_deg.to_radians()) });
-        }
-        table
+        static TABLE: LazyLock<ActionTable> =
+            LazyLock::new(|| ActionTable::shipped(include_str!("../../../config/actions/ten.toml")));
+        TABLE.clone()
+    }
+
+    /// Built in, so that a robot needs no file beside its programs, and a test has read it.
+    fn shipped(text: &str) -> Self {
+        Self::parse(text).expect("a shipped table is right")
     }
 
     /// The actions, stop first.
@@ -150,15 +173,36 @@ mod tests {
     use super::{Action, ActionTable, ActionTableError};
     use messages::Pose2;
 
+    /// Policies, permits and recordings hold these ids: a table that changes is another table.
     #[test]
-    fn the_tables_are_what_the_paper_names_and_ours() {
-        assert_eq!(ActionTable::eight().len(), 8);
-        assert_eq!(ActionTable::ten().len(), 10);
-        assert_ne!(ActionTable::eight().id(), ActionTable::ten().id());
-        let table = ActionTable::eight();
-        let forward = &table.actions()[1];
-        assert!((forward.velocity(0.5).vx_mps - 0.5).abs() < 1e-12);
-        assert!(ActionTable::new(ActionTable::ten().actions().to_vec()).is_ok());
+    fn the_shipped_tables_are_what_they_always_were() {
+        let (eight, ten) = (ActionTable::eight(), ActionTable::ten());
+        assert_eq!((eight.len(), eight.id()), (8, 0x8d82_49fa_0fb7_2e14));
+        assert_eq!((ten.len(), ten.id()), (10, 0xccfd_c40c_3c75_ff4b));
+        assert_eq!(ten.actions()[..8], *eight.actions());
+        // The files hold these in decimals, to the bit.
+        let (turn_rad, diagonal_m) = (10f64.to_radians(), 0.25 * std::f64::consts::FRAC_1_SQRT_2);
+        let motion = |name: &str| ten.actions()[ten.index_of(name).expect(name)].motion;
+        assert_eq!(motion("turn_right"), Pose2::new(0.0, 0.0, -turn_rad));
+        assert_eq!(motion("diagonal_left"), Pose2::new(diagonal_m, diagonal_m, 0.0));
+        assert_eq!(motion("arc_left"), Pose2::new(0.25, 0.0, turn_rad));
+        assert!((eight.actions()[1].velocity(0.5).vx_mps - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_file_whose_actions_are_not_those_of_its_id_is_refused() {
+        let text = include_str!("../../../config/actions/eight.toml");
+        for (edited, why) in [
+            (text.replace("x_m = 0.25", "x_m = 0.26"), "the table says id = \"0x8d8249fa0fb72e14\", and"),
+            (text.replace("sidestep_left", "sidestep"), "the table says id"),
+            (text.replace("0x8d82", "0x8D82"), "and its actions have \"0x8d8249fa0fb72e14\""),
+            (text.replace("id = ", "digest = "), "unknown field `digest`"),
+            (text.replace("\"stop\"", "\"stand\""), "the first action must be \"stop\""),
+            ("id = \"\"\nactions = []".to_owned(), "1 to 16 actions, not 0"),
+        ] {
+            let error = ActionTable::parse(&edited).expect_err(why).to_string();
+            assert!(error.contains(why), "{error}");
+        }
     }
 
     #[test]

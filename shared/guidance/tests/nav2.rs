@@ -5,7 +5,6 @@
 //! scenario that is neither held nor listed fails.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
 
 use guidedog_guidance::se2::{Point, exp};
 use guidedog_guidance::{Beams, Evidence, HandlerBody, Motion, ScanError, Shield, ShieldConfig};
@@ -20,12 +19,7 @@ const DOES_NOT_APPLY: [(&str, &str); 4] = [
 ];
 
 fn scenarios() -> Option<BTreeMap<String, Value>> {
-    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let data = std::env::var_os("GUIDEDOG_DATA").map_or(default, PathBuf::from);
-    let Ok(text) = std::fs::read_to_string(data.join("peers/nav2_collision_monitor.json")) else {
-        assert!(std::env::var_os("CI").is_none(), "the scenarios are missing in {}", data.display());
-        return None;
-    };
+    let text = std::fs::read_to_string(test_data::data("peers/nav2_collision_monitor.json")?).expect("readable");
     let all: Value = serde_json::from_str(&text).expect("JSON");
     let steps = all["steps"].as_array().expect("a list");
     Some(steps.iter().map(|step| (step["id"].as_str().expect("an id").to_owned(), step.clone())).collect())

@@ -235,11 +235,7 @@ fn cluttered() {
 /// 0.8 m ends it for the team; and along another one, then right.
 #[test]
 fn real_floor() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/maps/utexas_gdc/3.yaml");
-    if !path.exists() {
-        println!("real floor: no {}, skipped", path.display());
-        return;
-    }
+    let Some(path) = test_data::data("maps/utexas_gdc/3.yaml") else { return };
     let mut good = true;
     for (start, route) in [(Pose2::new(-46.4, -11.5, 0.0), SOUTH), (Pose2::new(-8.0, 23.8, 0.2), NORTH)] {
         let route = Route::from_toml("real floor", route).expect("a route");

@@ -11,11 +11,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 use std::{fs, io};
 
-use common::{bits, chain, data, read};
+use common::{bits, chain, read};
 use guidedog_recording::carmen::{Clock, ImportError, ImportOptions, ImportReport, import};
 use guidedog_recording::{Existing, Reader, Record};
 use messages::{Odometry, ScanHeader};
 use tempfile::{TempDir, tempdir};
+use test_data::data;
 
 /// A folder with a log in it.
 struct Bench {

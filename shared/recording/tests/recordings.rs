@@ -6,10 +6,11 @@ mod common;
 
 use std::fs;
 
-use common::{about, bits, chain, data, odometry, read, scan, write};
+use common::{about, bits, chain, odometry, read, scan, write};
 use guidedog_recording::{About, Existing, ReadError, Reader, Record, WriteError, Writer};
 use messages::{MAX_BEAMS, TopicId};
 use tempfile::tempdir;
+use test_data::data;
 
 /// Floats whose shortest decimals are hard to read back, by their bits.
 fn hard_floats() -> Vec<f32> {

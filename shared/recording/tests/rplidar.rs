@@ -2,13 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are tests too")]
 
-mod common;
-
 use guidedog_recording::{Existing, Reader, Record, rplidar};
 
 #[test]
 fn real_captures_hold_the_nodes_that_another_decoder_counts() {
-    let Some(list) = common::data("rplidar/expected.json") else { return };
+    let Some(list) = test_data::data("rplidar/expected.json") else { return };
     let folder = list.parent().expect("a folder").to_owned();
     let text = std::fs::read_to_string(&list).expect("readable");
     let expected: serde_json::Value = serde_json::from_str(&text).expect("JSON");
@@ -43,7 +41,7 @@ fn options(existing: Existing) -> rplidar::ImportOptions {
 
 #[test]
 fn captures_become_a_recording_of_whole_revolutions() {
-    let Some(list) = common::data("rplidar/expected.json") else { return };
+    let Some(list) = test_data::data("rplidar/expected.json") else { return };
     let folder = list.parent().expect("a folder").to_owned();
     let out = tempfile::tempdir().expect("a folder");
     let recording = out.path().join("room.mcap");

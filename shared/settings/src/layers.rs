@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::checks::check;
+use crate::path::starting_at;
 use crate::sections::Settings;
 
 /// Longest map or route path and the like are the file system's business; a configuration file over this is not ours.
@@ -55,7 +56,8 @@ impl Profile {
     }
 }
 
-/// The settings of a profile with the operator's file on top.
+/// The settings of a profile with the operator's file on top. Relative paths start at that file's own folder; without it,
+/// at the present one.
 ///
 /// # Errors
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
@@ -75,8 +77,8 @@ pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Sett
         lay_over(&mut merged, parse(path, &read(path)?)?);
         last = path.to_owned();
     }
-    let settings: Settings = merged
-        .try_into()
+    // One folder serves all layers: those that are built in have no relative path, and what was recorded is absolute.
+    let settings: Settings = starting_at(folder_of(operator)?, || merged.try_into())
         .map_err(|error: toml::de::Error| SettingsError::Parse { path: last.clone(), reason: error.to_string() })?;
     check(&settings).map_err(|reason| {
         let line = operator.and_then(|path| line_of(&read(path).ok()?, &reason));
@@ -112,6 +114,14 @@ fn line_of(text: &str, reason: &str) -> Option<usize> {
 pub fn load_resolved(path: &Path) -> Result<Settings, SettingsError> {
     toml::from_str(&read(path)?)
         .map_err(|error| SettingsError::Parse { path: path.to_owned(), reason: error.to_string() })
+}
+
+/// Where relative paths start.
+fn folder_of(operator: Option<&Path>) -> Result<PathBuf, SettingsError> {
+    let path = operator.unwrap_or(Path::new("."));
+    let whole = std::path::absolute(path)
+        .map_err(|error| SettingsError::Read { path: path.to_owned(), reason: error.to_string() })?;
+    Ok(if operator.is_some() { whole.parent().map(Path::to_owned).unwrap_or_default() } else { whole })
 }
 
 fn read(path: &Path) -> Result<String, SettingsError> {

@@ -6,6 +6,7 @@
 mod checks;
 mod devices;
 mod layers;
+mod path;
 mod planned;
 mod recorded;
 mod sections;
@@ -14,6 +15,7 @@ mod units;
 pub use checks::{check, check_tone};
 pub use devices::{DeviceRow, Reach, either};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
+pub use path::ConfigPath;
 pub use planned::{Ask, Planned};
 pub use recorded::{CueOrigin, RecordSettings, Replay};
 pub use sections::*;

@@ -1,12 +1,10 @@
 //! What is planned to happen in a run: what an operator would ask for, at a given run time.
 
-use std::path::PathBuf;
-
 use messages::CueKind;
 use serde::{Deserialize, Serialize};
 
 use crate::units::Millis;
-use crate::{PolicyModel, Settings};
+use crate::{ConfigPath, PolicyModel, Settings};
 
 /// One thing that is planned. In stepped time it happens in the very step of that time, the same in every run.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -34,7 +32,7 @@ pub enum Ask {
     /// Another policy is to be swapped in.
     PolicySwap {
         /// Another executable in place of `guidedog-policy`.
-        exe: Option<PathBuf>,
+        exe: Option<ConfigPath>,
         /// The model to load.
         model: Option<PolicyModel>,
     },
@@ -60,16 +58,6 @@ impl Settings {
     #[must_use]
     pub fn plans_faults(&self) -> bool {
         self.planned.iter().any(|planned| matches!(planned.ask, Ask::Inject { .. }))
-    }
-
-    /// The paths in what is planned.
-    pub fn planned_paths_mut(&mut self) -> impl Iterator<Item = &mut PathBuf> {
-        self.planned.iter_mut().flat_map(|planned| match &mut planned.ask {
-            Ask::PolicySwap { exe, model } => {
-                [exe.as_mut(), model.as_mut().and_then(PolicyModel::file_mut)].into_iter().flatten()
-            }
-            _ => [None, None].into_iter().flatten(),
-        })
     }
 }
 

@@ -1,9 +1,8 @@
 //! The sections about recordings: what is recorded, and what is played back.
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 
+use crate::path::ConfigPath;
 use crate::units::Millis;
 
 /// Where cues come from.
@@ -22,7 +21,7 @@ pub enum CueOrigin {
 #[serde(deny_unknown_fields, default)]
 pub struct Replay {
     /// The recording.
-    pub recording: Option<PathBuf>,
+    pub recording: Option<ConfigPath>,
     /// What was recorded before this time of it is left out.
     pub from: Option<Millis>,
     /// What was recorded from this time of it on is left out.
@@ -30,7 +29,7 @@ pub struct Replay {
     /// How many times it is played; 0 = until the run is ended.
     pub times: u32,
     /// Where it is noted what the run decides differently, JSON lines.
-    pub differences: Option<PathBuf>,
+    pub differences: Option<ConfigPath>,
 }
 
 impl Default for Replay {
@@ -44,7 +43,7 @@ impl Default for Replay {
 #[serde(deny_unknown_fields, default)]
 pub struct RecordSettings {
     /// The recording (`NAME.mcap`) of the whole run, from its first step on; none: only when an operator asks for one.
-    pub path: Option<PathBuf>,
+    pub path: Option<ConfigPath>,
     /// Whether depth frames are recorded, beside the rest in `NAME.depth.mcap`.
     pub depth: bool,
 }

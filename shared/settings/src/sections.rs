@@ -24,6 +24,7 @@ use rplidar::Model;
 use serde::{Deserialize, Serialize};
 use unitree::Silence;
 
+use crate::path::ConfigPath;
 use crate::planned::Planned;
 use crate::recorded::{CueOrigin, RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
@@ -37,7 +38,7 @@ pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 pub(crate) use speak::check as check_speak;
-pub use speak::{Speak, Verbosity};
+pub use speak::{Speak, SpokenLanguage, Verbosity};
 
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
@@ -123,10 +124,10 @@ impl Settings {
     pub fn place_emulated(&mut self, places: EmulatedPlaces) {
         let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot, dds_domain } = places;
         self.locomotion.dds = DdsSettings { domain: dds_domain, networks: vec![Ipv4Addr::LOCALHOST] };
-        self.estop.serial.port = estop_port;
-        self.depth.socket.path = camera_socket;
+        self.estop.serial.port = estop_port.into();
+        self.depth.socket.path = camera_socket.into();
         let lidar = &mut self.lidar.rplidar;
-        lidar.port = lidar_port;
+        lidar.port = lidar_port.into();
         lidar.baud.get_or_insert(self.simulation.emulated.rplidar.baud());
         let link = &mut self.locomotion.unitree;
         link.robot = Some(SocketAddrV4::new(robot, link.profile.robot().port()));
@@ -459,13 +460,13 @@ impl Default for Simulation {
 #[serde(deny_unknown_fields, default)]
 pub struct Walk {
     /// A scenario file: world, start, route and goal.
-    pub scenario: Option<PathBuf>,
+    pub scenario: Option<ConfigPath>,
     /// A map_server map in place of a scenario.
-    pub map: Option<PathBuf>,
+    pub map: Option<ConfigPath>,
     /// Start in the map, world frame.
     pub start: Option<Pose2>,
     /// A route file: cues and goal, in place of the scenario's.
-    pub cues: Option<PathBuf>,
+    pub cues: Option<ConfigPath>,
     /// What the handler does wrong.
     pub errors: WalkErrors,
     /// The run ends after this much run time, whatever happened.

@@ -1,10 +1,10 @@
 //! The texts of a language, from its file.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use messages::{ServiceId, SpeechText};
 use serde::Deserialize;
+use settings::SpokenLanguage;
 
 use crate::sentence::{Sentence, Topic};
 
@@ -70,26 +70,41 @@ pub struct Language {
 }
 
 impl Language {
-    /// The language of that name, or of that file (`NAME.toml`).
+    /// The language of that name, or of that file.
     ///
     /// # Errors
     /// Where there is none, or its file lacks a text, has one of nothing, or one that is too long.
-    pub fn load(name: &str) -> Result<Self, LanguageError> {
-        if let Some((_, text)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
-            return Self::parse(name, text);
-        }
-        let path = Path::new(name);
-        if path.extension().is_none_or(|extension| extension != "toml") {
+    pub fn load(language: &SpokenLanguage) -> Result<Self, LanguageError> {
+        let unknown = |name: String| {
             let known = BUILT_IN.map(|(name, _)| name).join(", ");
-            return Err(LanguageError::Unknown { name: name.to_owned(), known });
+            LanguageError::Unknown { name, known }
+        };
+        let path = match language {
+            SpokenLanguage::Named(name) => {
+                let text = BUILT_IN.iter().find(|(built_in, _)| built_in == name).map(|(_, text)| text);
+                return Self::parse(name, text.ok_or_else(|| unknown(name.clone()))?);
+            }
+            SpokenLanguage::File(path) => path,
+        };
+        let file = path.display().to_string();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            return Err(unknown(file));
         }
-        let fail = |reason: String| LanguageError::Read { file: name.to_owned(), reason };
+        let fail = |reason: String| LanguageError::Read { file: file.clone(), reason };
         let found = std::fs::metadata(path).map_err(|error| fail(error.to_string()))?;
         // Before it is opened: opening a pipe would wait for its writer.
         if !found.is_file() || found.len() > MAX_FILE_BYTES {
             return Err(fail("it is no language file".to_owned()));
         }
-        Self::parse(name, &std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?)
+        Self::parse(&file, &std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?)
+    }
+
+    /// English, which is built in.
+    ///
+    /// # Errors
+    /// As [`Language::load`].
+    pub fn english() -> Result<Self, LanguageError> {
+        Self::load(&SpokenLanguage::Named("en".to_owned()))
     }
 
     /// The language in `text`, which is called `file` in errors.
@@ -224,7 +239,7 @@ mod tests {
 
     #[test]
     fn a_stop_names_its_part_or_who_gives_the_stream() {
-        let english = Language::load("en").expect("built in");
+        let english = Language::english().expect("built in");
         let lost = StopReason::service(StopKind::ServiceDied, ServiceId::Lidar, 2);
         assert_eq!(english.text(&Sentence::stop(&lost)), "Stopped: lidar lost, restarting.");
         let stale = StopReason::stream(StopKind::StreamStale, TopicId::DepthFrame, 1, 1);
@@ -233,7 +248,7 @@ mod tests {
 
     #[test]
     fn each_text_is_prepared_once_and_stops_come_first() {
-        let texts = Language::load("en").expect("built in").texts(&[ServiceId::Lidar, ServiceId::Depth]);
+        let texts = Language::english().expect("built in").texts(&[ServiceId::Lidar, ServiceId::Depth]);
         let at = |text: &str| texts.iter().position(|other| other == text).expect(text);
         assert!(at("Emergency stop.") < at("Not now: I am locked."));
         assert!(at("Forward.") < at("Stopped: camera lost, restarting."));
@@ -259,9 +274,9 @@ mod tests {
             let error = Language::parse("my.toml", &text).expect_err(what).to_string();
             assert!(error.starts_with("my.toml: ") && error.contains(what), "{error}");
         }
-        let error = Language::load("klingon").expect_err("there is none").to_string();
+        let error = Language::load(&"klingon".to_owned().into()).expect_err("there is none").to_string();
         assert!(error.contains("\"klingon\"") && error.contains("en, de"), "{error}");
-        let error = Language::load("nowhere.toml").expect_err("there is none").to_string();
+        let error = Language::load(&"nowhere.toml".to_owned().into()).expect_err("there is none").to_string();
         assert!(error.contains("failed to read nowhere.toml"), "{error}");
     }
 }

@@ -29,7 +29,7 @@ fn without_errors(walk: &Walk) -> Result<Scenario, WorldError> {
     match (&walk.map, walk.start) {
         (Some(map), Some(start)) => {
             let route = route.unwrap_or(Route { cues: Vec::new(), goal: None, time_limit_s: None });
-            Ok(Scenario { world: map.clone(), start, route })
+            Ok(Scenario { world: map.clone().into(), start, route })
         }
         _ => Err(WorldError::NoScenario),
     }

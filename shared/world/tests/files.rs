@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::print_stdout, reason = "helpers of tests are tests too")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use guidance::HandlerErrors;
 use guidance::se2::Point;
@@ -170,22 +170,9 @@ fn errors_of_a_map_name_file_and_line_or_key() {
     }
 }
 
-/// The folder of real maps; `None`, with a message, where it is missing and `CI` is not set.
-fn real_maps() -> Option<PathBuf> {
-    let default = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let data = std::env::var_os("GUIDEDOG_DATA").map_or(default, PathBuf::from);
-    let maps = data.join("maps");
-    if maps.is_dir() {
-        return Some(maps);
-    }
-    assert_ne!(std::env::var("CI").as_deref(), Ok("true"), "{} is missing", maps.display());
-    println!("skipped: {} is missing", maps.display());
-    None
-}
-
 #[test]
 fn real_maps_load_and_other_yaml_beside_them_is_refused() {
-    let Some(maps) = real_maps() else { return };
+    let Some(maps) = test_data::data("maps") else { return };
     let folders = std::fs::read_dir(maps).unwrap().map(|entry| entry.unwrap().path());
     let files: Vec<_> =
         folders.flat_map(|folder| std::fs::read_dir(folder).unwrap()).map(|e| e.unwrap().path()).collect();

@@ -2,11 +2,14 @@
 
 import gymnasium
 
-from guidedog_environment._native import ACTIONS, CHANNELS, LENGTH, OBSERVATION, SECTORS, STATE, Episodes
+from guidedog_environment._native import (
+    ACTION_TABLE_ID, ACTIONS, CHANNELS, LENGTH, OBSERVATION, SECTORS, STATE, Episodes,
+)
 from guidedog_environment.environments import Wayfinding, WayfindingVector
 
 __all__ = [
-    "ACTIONS", "CHANNELS", "LENGTH", "OBSERVATION", "SECTORS", "STATE", "Episodes", "Wayfinding", "WayfindingVector",
+    "ACTION_TABLE_ID", "ACTIONS", "CHANNELS", "LENGTH", "OBSERVATION", "SECTORS", "STATE", "Episodes", "Wayfinding",
+    "WayfindingVector",
 ]
 
 gymnasium.register(

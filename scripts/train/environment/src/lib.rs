@@ -229,5 +229,6 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let table = Config::default().table;
     let names: Vec<&str> = table.actions().iter().map(|action| action.name.as_str()).collect();
     module.add("ACTIONS", names)?;
+    module.add("ACTION_TABLE_ID", table.id())?;
     module.add_class::<Episodes>()
 }

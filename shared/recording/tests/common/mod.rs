@@ -2,7 +2,7 @@
 
 #![allow(dead_code, reason = "each test file uses its own part")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use guidedog_recording::{About, Existing, Reader, Record, Slice, Writer};
 use messages::{Header, LidarScan, Odometry, Pose2, ScanHeader, Twist2};
@@ -81,17 +81,4 @@ pub fn chain(error: &dyn std::error::Error) -> String {
         source = error.source();
     }
     text
-}
-
-/// A file of the real inputs; `None`, with a message, where they are missing and need not be there.
-pub fn data(name: &str) -> Option<PathBuf> {
-    let folder = std::env::var_os("GUIDEDOG_DATA")
-        .map_or_else(|| Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
-    let path = folder.join(name);
-    if path.is_file() {
-        return Some(path);
-    }
-    assert!(std::env::var("CI").as_deref() != Ok("true"), "{} is missing", path.display());
-    println!("skipped: {} is missing", path.display());
-    None
 }

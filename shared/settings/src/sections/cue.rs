@@ -1,9 +1,8 @@
 //! The cue recogniser's section.
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 
+use crate::path::ConfigPath;
 use crate::recorded::CueOrigin;
 
 /// Where cues come from.
@@ -13,7 +12,7 @@ pub struct CueSettings {
     /// Where cues come from.
     pub source: CueOrigin,
     /// A route file whose cues the scripted handler gives; none: only the operator gives cues.
-    pub script: Option<PathBuf>,
+    pub script: Option<ConfigPath>,
     /// Replay: the scripted handler gives "forward" once `ready_for_cue`, and again after every fault.
     pub forward_when_ready: bool,
     /// The handler's voice, beside the others.
@@ -43,15 +42,15 @@ pub struct VoiceSettings {
     pub microphone: String,
     /// The file or pipe.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub stream: Option<PathBuf>,
+    pub stream: Option<ConfigPath>,
     /// The head's manifest, NAME.toml beside NAME.onnx; none: the one that is shipped.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub model: Option<PathBuf>,
+    pub model: Option<ConfigPath>,
     /// Whether a tone is heard, by `[speak]`, before a spoken cue starts a robot that stands by a stop.
     pub tone: bool,
     /// The speech embedding; none: `cues/embedding.onnx`, where `scripts/cue-embedding` puts it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub embedding: Option<PathBuf>,
+    pub embedding: Option<ConfigPath>,
 }
 
 impl Default for VoiceSettings {

@@ -1,13 +1,12 @@
 //! The depth camera's section.
 
-use std::path::PathBuf;
-
 use camera::Head;
 use messages::Pose3;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
 use crate::devices::{DeviceRow, Reach};
+use crate::path::ConfigPath;
 use crate::units::{Millis, Positive};
 
 /// What a depth camera's frames come through.
@@ -139,12 +138,12 @@ impl DepthSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct DepthSocket {
     /// Its path.
-    pub path: PathBuf,
+    pub path: ConfigPath,
 }
 
 impl Default for DepthSocket {
     fn default() -> Self {
-        Self { path: PathBuf::from("/run/guidedog/depth.sock") }
+        Self { path: ConfigPath::from("/run/guidedog/depth.sock") }
     }
 }
 
@@ -173,13 +172,13 @@ impl Default for DepthGstreamer {
 pub struct Librealsense {
     /// The library; where none is told, the loader looks for `librealsense2.so`.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub library: Option<PathBuf>,
+    pub library: Option<ConfigPath>,
     /// The camera's serial number; where none is told, the first that is found.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub serial: Option<String>,
     /// A file that the library has recorded, in a camera's place; it is played again and again.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
+    pub file: Option<ConfigPath>,
 }
 
 /// A lens, for frames of `depth.width` x `depth.height`; without distortion, as depth frames are.

@@ -1,10 +1,9 @@
 //! The emergency stop's section.
 
-use std::path::PathBuf;
-
 use serde::{Deserialize, Serialize};
 
 use crate::devices::{DeviceRow, Reach, check_baud};
+use crate::path::ConfigPath;
 
 /// Linux numbers keys under this.
 const EVDEV_KEYS: u16 = 0x300;
@@ -78,7 +77,7 @@ pub struct Estop {
 #[serde(deny_unknown_fields, default)]
 pub struct EstopInput {
     /// Its file.
-    pub device: PathBuf,
+    pub device: ConfigPath,
     /// The number of the key or button (`evtest` tells it); where none is told, any of them stops.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub key: Option<u16>,
@@ -88,7 +87,7 @@ pub struct EstopInput {
 
 impl Default for EstopInput {
     fn default() -> Self {
-        Self { device: PathBuf::from("/dev/input/by-id/estop"), key: None, held: false }
+        Self { device: ConfigPath::from("/dev/input/by-id/estop"), key: None, held: false }
     }
 }
 
@@ -112,13 +111,13 @@ impl EstopInput {
 #[serde(deny_unknown_fields, default)]
 pub struct EstopSerial {
     /// Its port.
-    pub port: PathBuf,
+    pub port: ConfigPath,
     /// Bits a second.
     pub baud: u32,
 }
 
 impl Default for EstopSerial {
     fn default() -> Self {
-        Self { port: PathBuf::from("/dev/guidedog-estop"), baud: 9600 }
+        Self { port: ConfigPath::from("/dev/guidedog-estop"), baud: 9600 }
     }
 }

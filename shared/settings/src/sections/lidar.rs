@@ -1,12 +1,11 @@
 //! The lidar's section.
 
-use std::path::PathBuf;
-
 use messages::Pose2;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
 use crate::devices::{DeviceRow, Reach, check_baud, is_default};
+use crate::path::ConfigPath;
 use crate::units::{Positive, Share};
 
 /// Which lidar gives scans.
@@ -94,7 +93,7 @@ impl Default for LidarSettings {
 #[serde(deny_unknown_fields, default)]
 pub struct RplidarSettings {
     /// Its port.
-    pub port: PathBuf,
+    pub port: ConfigPath,
     /// Bits a second; where none is told, the speeds of all series are tried in turn.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baud: Option<u32>,
@@ -107,7 +106,7 @@ pub struct RplidarSettings {
 
 impl Default for RplidarSettings {
     fn default() -> Self {
-        Self { port: PathBuf::from("/dev/rplidar"), baud: None, mode: None, motor_rpm: 600 }
+        Self { port: ConfigPath::from("/dev/rplidar"), baud: None, mode: None, motor_rpm: 600 }
     }
 }
 

@@ -3,20 +3,21 @@
 use std::path::{Path, PathBuf};
 
 use guidance::ActionTable;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::path::ConfigPath;
 use crate::units::Millis;
 
 /// Which model decides, as configuration and command line name it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "PathBuf", into = "PathBuf")]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(into = "PathBuf")]
 pub enum PolicyModel {
     /// `guide`: the learnt policy that is built in.
     Guide,
     /// `geometric`: the engine that follows the travel line by geometry, as it is built.
     Geometric,
     /// A model file, its manifest beside it.
-    File(PathBuf),
+    File(ConfigPath),
 }
 
 const GUIDE: &str = "guide";
@@ -27,8 +28,17 @@ impl From<PathBuf> for PolicyModel {
         match path.to_str() {
             Some(GUIDE) => Self::Guide,
             Some(GEOMETRIC) => Self::Geometric,
-            _ => Self::File(path),
+            _ => Self::File(path.into()),
         }
+    }
+}
+
+impl<'de> Deserialize<'de> for PolicyModel {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Ok(match Self::from(PathBuf::deserialize(deserializer)?) {
+            Self::File(path) => Self::File(path.rooted()),
+            built_in => built_in,
+        })
     }
 }
 
@@ -37,7 +47,7 @@ impl From<PolicyModel> for PathBuf {
         match model {
             PolicyModel::Guide => GUIDE.into(),
             PolicyModel::Geometric => GEOMETRIC.into(),
-            PolicyModel::File(path) => path,
+            PolicyModel::File(path) => path.into(),
         }
     }
 }
@@ -53,7 +63,7 @@ impl PolicyModel {
     }
 
     /// See [`PolicyModel::file`].
-    pub fn file_mut(&mut self) -> Option<&mut PathBuf> {
+    pub fn file_mut(&mut self) -> Option<&mut ConfigPath> {
         match self {
             Self::File(path) => Some(path),
             Self::Guide | Self::Geometric => None,
@@ -93,7 +103,7 @@ pub struct PolicySettings {
     /// Decision period.
     pub dt: Millis,
     /// ONNX Runtime's library, which then runs learnt models; none: tract, which is built in.
-    pub onnx_runtime: Option<PathBuf>,
+    pub onnx_runtime: Option<ConfigPath>,
     /// What another policy has to show to be swapped in.
     pub swap: SwapSettings,
 }

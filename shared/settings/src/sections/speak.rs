@@ -1,9 +1,10 @@
 //! What the robot says aloud.
 
-use std::path::PathBuf;
+use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
+use crate::path::ConfigPath;
 use crate::units::Millis;
 
 /// How much is said. Each level says what those before it say.
@@ -19,14 +20,43 @@ pub enum Verbosity {
     All,
 }
 
+/// The language that the robot speaks.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(from = "String", into = "String")]
+pub enum SpokenLanguage {
+    /// A built-in one, by its name.
+    Named(String),
+    /// A language file (`NAME.toml`): any name that has an extension.
+    File(ConfigPath),
+}
+
+impl From<String> for SpokenLanguage {
+    fn from(text: String) -> Self {
+        if Path::new(&text).extension().is_some() {
+            Self::File(ConfigPath::from(text.as_str()).rooted())
+        } else {
+            Self::Named(text)
+        }
+    }
+}
+
+impl From<SpokenLanguage> for String {
+    fn from(language: SpokenLanguage) -> Self {
+        match language {
+            SpokenLanguage::Named(name) => name,
+            SpokenLanguage::File(path) => path.to_string_lossy().into_owned(),
+        }
+    }
+}
+
 /// The robot's voice.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Speak {
     /// Whether the robot speaks.
     pub on: bool,
-    /// A built-in language by its name, or a language file (`NAME.toml`).
-    pub language: String,
+    /// In which language.
+    pub language: SpokenLanguage,
     /// How much is said.
     pub verbosity: Verbosity,
     /// The command that gives a WAV of a text on its standard output: `{text}` and `{language}` are filled in; without
@@ -36,7 +66,7 @@ pub struct Speak {
     pub player: Vec<String>,
     /// What is said goes to this WAV file in place of the player; what is there already stays before it.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub file: Option<PathBuf>,
+    pub file: Option<ConfigPath>,
     /// The command by which the supervisor lets a tone be heard when the voice is lost, as `player`, which it is where
     /// this is left out.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -52,7 +82,7 @@ impl Default for Speak {
         let words = |words: &[&str]| words.iter().map(|word| (*word).to_owned()).collect();
         Self {
             on: false,
-            language: "en".to_owned(),
+            language: SpokenLanguage::Named("en".to_owned()),
             verbosity: Verbosity::Normal,
             voice: words(&["espeak-ng", "--stdout", "-v", "{language}", "-s", "180", "--", "{text}"]),
             player: words(&["aplay", "-q", "-"]),

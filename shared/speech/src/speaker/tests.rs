@@ -26,7 +26,7 @@ impl Bench {
         let config = SpeakerConfig { verbosity, ..SpeakerConfig::of(&Settings::default()) };
         Self {
             speaker: Speaker::new(config),
-            language: Language::load("en").expect("built in"),
+            language: Language::english().expect("built in"),
             now_ms: 1000,
             mode: Mode { epoch: 1, active_policy: 1, reason: StopReason::of(StopKind::Boot), ..Mode::default() },
             ends_ms: None,
