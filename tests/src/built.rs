@@ -64,7 +64,7 @@ fn modified(path: &Path) -> std::io::Result<SystemTime> {
     fs::metadata(path)?.modified()
 }
 
-/// The sources in one of cargo's lists, a rule of make: `program: source source`, with spaces in names behind a backslash.
+/// The sources in one of cargo's lists, a rule of make: `program: source source`. A space in a name has a backslash.
 fn sources(list: &str) -> Vec<PathBuf> {
     let line = list.lines().next().unwrap_or_default();
     let (_, sources) = line.split_once(": ").unwrap_or_default();

@@ -276,8 +276,8 @@ fn every_test_that_the_architecture_names_exists() {
     }
 }
 
-/// The black-box tests are modules of one executable, and the programs' own files are built without tests: what is written
-/// elsewhere would never run.
+/// The black-box tests are modules of one executable, and the programs' own files are built without tests. A test that
+/// is written elsewhere would never run.
 #[test]
 fn every_test_is_run() {
     let main = fs::read_to_string(project().join("tests/tests/main.rs")).expect("readable");
