@@ -4,12 +4,11 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
 
 use messages::{SpeechPhase, SpeechSaid};
 use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_supervisor};
 
-use crate::WATCHDOG;
+use crate::until;
 
 /// Listens to a live run until it is told to stop, or the run ends.
 #[derive(Debug)]
@@ -50,11 +49,8 @@ impl Ears {
 
     /// Waits until that sentence was begun so many times.
     pub fn wait(&self, text: &str, times: usize) {
-        let since = Instant::now();
-        while self.texts().iter().filter(|said| *said == text).count() < times {
-            assert!(since.elapsed() < WATCHDOG, "never {times} times: {text}: {:?}", self.texts());
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        let count = || self.texts().iter().filter(|said| *said == text).count();
+        until(&format!("{times} times: {text}"), || count() >= times);
     }
 
     /// Listens no longer: everything that was published.

@@ -1,5 +1,6 @@
 //! What the black-box tests have in common: runs of the built programs, each in a folder of its own.
 
+mod built;
 mod ears;
 mod mouth;
 mod rig;
@@ -20,6 +21,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use transport::RunDir;
 
+pub use built::programs;
 pub use ears::Ears;
 pub use mouth::Mouth;
 pub use rig::{SoundRig, has_sound, speech_s};
@@ -32,19 +34,19 @@ pub use wire::{Came, Wire};
 /// No wait of a test takes longer on any machine.
 pub const WATCHDOG: Duration = Duration::from_secs(120);
 
+/// Waits until it is so; the test has failed where it never is.
+pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+    let since = Instant::now();
+    while !is_so() {
+        assert!(since.elapsed() < WATCHDOG, "never: {what}");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}
+
 /// The project's folder.
 #[must_use]
 pub fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("the tests lie in the project").to_owned()
-}
-
-/// Where the built programs lie: beside the test's own executable.
-#[must_use]
-pub fn programs() -> PathBuf {
-    let own = std::env::current_exe().expect("a test has an executable");
-    let dir = own.ancestors().nth(2).expect("it lies in deps").to_owned();
-    assert!(dir.join("guidedog").exists(), "cargo build --workspace --bins comes first (scripts/test does it)");
-    dir
 }
 
 /// A folder for runs that no other test shares, short enough for socket names.

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 
 use crate::spoken::{RATE_HZ, spoken};
-use crate::{Live, WATCHDOG};
+use crate::{Live, WATCHDOG, until};
 
 /// 20 ms.
 const PIECE: usize = RATE_HZ as usize / 50;
@@ -59,9 +59,7 @@ impl Mouth {
 
     /// Waits until all of it was said, and heard.
     pub fn wait_until_said(&self) {
-        while !self.said.lock().expect("nobody panics with it").is_empty() {
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("all is said", || self.said.lock().expect("nobody panics with it").is_empty());
         std::thread::sleep(Duration::from_secs(1));
     }
 

@@ -5,9 +5,8 @@ use std::ffi::OsString;
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Command, Stdio};
-use std::time::{Duration, Instant};
 
-use crate::WATCHDOG;
+use crate::until;
 
 /// Whether there can be one.
 #[must_use]
@@ -67,11 +66,9 @@ impl SoundRig {
         let mut words = vec!["-n", "--daemonize=no", "--exit-idle-time=-1", "--use-pid-file=no"];
         words.extend(modules.iter().flat_map(|module| ["-L", module]));
         self.server = Some(self.command("pulseaudio", &words).spawn().expect("pulseaudio starts"));
-        let since = Instant::now();
-        while !self.asks(&["set-default-source", "microphone"]) || !self.asks(&["set-default-sink", "loudspeaker"]) {
-            assert!(since.elapsed() < WATCHDOG, "the server never came up");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("the server comes up", || {
+            self.asks(&["set-default-source", "microphone"]) && self.asks(&["set-default-sink", "loudspeaker"])
+        });
     }
 
     fn asks(&self, words: &[&str]) -> bool {
@@ -100,11 +97,7 @@ impl SoundRig {
         let words = ["--record", "--raw", "-d", "loudspeaker.monitor", "--rate=16000", "--channels=1"];
         let mut pacat = self.command("pacat", &[&words[..], &["--format=s16le", "--latency-msec=40"]].concat());
         self.ear = Some(pacat.stdout(file).spawn().expect("pacat starts"));
-        let since = Instant::now();
-        while fs::metadata(self.heard_path()).map_or(0, |file| file.len()) == 0 {
-            assert!(since.elapsed() < WATCHDOG, "the loudspeaker is never heard");
-            std::thread::sleep(Duration::from_millis(20));
-        }
+        until("the loudspeaker is heard", || fs::metadata(self.heard_path()).is_ok_and(|file| file.len() > 0));
     }
 
     fn heard_path(&self) -> PathBuf {

@@ -4,10 +4,9 @@ use std::io::Write;
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Instant;
 
 use camera::Head;
-use guidedog_tests::{Live, Place, WATCHDOG, project, service};
+use guidedog_tests::{Live, Place, project, service, until};
 use serde_json::Value;
 use transport::monotonic_ns;
 
@@ -23,11 +22,7 @@ fn run(place: &Place) -> (Live<'_>, PathBuf) {
 
 /// The example of the documentation, without a camera.
 fn example(socket: &Path) -> Child {
-    let since = Instant::now();
-    while !socket.exists() {
-        assert!(since.elapsed() < WATCHDOG, "no socket came");
-        std::thread::yield_now();
-    }
+    until("a socket comes", || socket.exists());
     let script = project().join("scripts/depth_socket.py");
     let mut command = Command::new("python3");
     command.arg(script).arg(socket).arg("wall").stderr(Stdio::null()).spawn().expect("python starts")

@@ -5,9 +5,8 @@ use std::fs::OpenOptions;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use std::time::Instant;
 
-use guidedog_tests::{Came, Live, Place, WATCHDOG, Wire, project, service, signal};
+use guidedog_tests::{Came, Live, Place, Wire, project, service, signal, until};
 use serde_json::Value;
 
 /// An emulated lidar, plugged in until it is dropped.
@@ -19,11 +18,7 @@ impl Plugged {
         let args = ["emulate", "rplidar", "--port", &port.to_string_lossy(), "--model", model];
         let mut command = place.command(&args);
         let child = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().expect("guidedog starts");
-        let since = Instant::now();
-        while !port.exists() {
-            assert!(since.elapsed() < WATCHDOG, "no port came");
-            std::thread::yield_now();
-        }
+        until("a port comes", || port.exists());
         Self(child)
     }
 }

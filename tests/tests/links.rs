@@ -4,9 +4,10 @@ use std::net::{Ipv4Addr, SocketAddr, SocketAddrV4, UdpSocket};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use emulators::{EmulatedRobot, EmulatedUnitree, OpenFloor};
+use guidedog_tests::until;
 use links::{BrakePath, Link, UnitreeBrake, UnitreeLink};
 use messages::{Fault, Twist2};
 use settings::UnitreeSettings;
@@ -14,8 +15,6 @@ use transport::monotonic_ns;
 use unitree::{Command, DEAD_MAN_NS, Mode, Profile, Silence};
 
 const AHEAD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.25 };
-/// A test that waits longer has failed.
-const WATCHDOG: Duration = Duration::from_secs(20);
 
 /// An emulated robot at a port of its own, in a thread of its own.
 struct Robot {
@@ -77,14 +76,6 @@ impl Drop for Robot {
 
 fn settings(profile: Profile, robot: SocketAddrV4) -> UnitreeSettings {
     UnitreeSettings { profile, robot: Some(robot), local: Some(SocketAddrV4::new(Ipv4Addr::LOCALHOST, 0)) }
-}
-
-fn until(what: &str, mut condition: impl FnMut() -> bool) {
-    let began = Instant::now();
-    while !condition() {
-        assert!(began.elapsed() < WATCHDOG, "{what}: it did not come");
-        std::thread::sleep(Duration::from_millis(2));
-    }
 }
 
 /// Wishes as locomotion does, again and again, until the robot goes so.

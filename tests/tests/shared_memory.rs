@@ -8,7 +8,7 @@ use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of};
+use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, until};
 use serde_json::Value;
 use transport::RunDir;
 
@@ -172,11 +172,7 @@ fn where_the_transports_own_books_are_scribbled_over_the_run_ends_and_nobody_is_
     let supervisor = run.pid();
     let (report, code) = run.end();
     eprintln!("the run ended with {code}: {} {}", report["failure"], report["stops"]);
-    let since = Instant::now();
-    while pids.iter().any(|pid| is_alive(*pid)) {
-        assert!(since.elapsed() < WATCHDOG, "somebody is left of the run of process {supervisor}");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    until(&format!("every process of the run of {supervisor} has ended"), || !pids.iter().any(|pid| is_alive(*pid)));
     // What a supervisor that fell left behind goes with the next run.
     let (_, code) = place.json(&["walk", "--speed", "0", "--time-limit", "1s", "--json"]);
     assert_eq!(code, 1, "the next run is a run like any other");

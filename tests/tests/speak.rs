@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Ears, Live, Place, WATCHDOG, is_alive, pid_of, service, signal};
+use guidedog_tests::{Ears, Live, Place, is_alive, pid_of, service, signal, until};
 use messages::{SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
 
@@ -134,12 +134,8 @@ fn every_stop_of_many_is_told_within_a_second_whoever_dies() {
         walk(&place, &mut run);
         let before = ears.said().len();
         signal(pid_of(&run.status(), victim), "KILL");
-        let since = Instant::now();
         let is_told = |said: &SpeechSaid| said.urgency == Urgency::Stop && said.first_sample_ns > 0;
-        while !ears.said()[before..].iter().any(is_told) {
-            assert!(since.elapsed() < WATCHDOG, "the loss of {victim} is told: {:?}", ears.texts());
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        until(&format!("the loss of {victim} is told"), || ears.said()[before..].iter().any(is_told));
     }
     let mut stops = latencies_ms(&ears.said(), Urgency::Stop);
     stops.sort_unstable();
@@ -166,11 +162,7 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
             speak["incarnation"] == lives && speak["state"] == "ready"
         });
         let tone = place.path().join("tone.wav");
-        let since = Instant::now();
-        while !tone.exists() {
-            assert!(since.elapsed() < WATCHDOG, "a tone is heard");
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        until("a tone is heard", || tone.exists());
         run.wait("the tone is played", |_| hound::WavReader::open(&tone).is_ok());
         assert!(speech_s(&tone) > 0.4);
         std::fs::remove_file(&tone).expect("ours");
@@ -206,11 +198,7 @@ fn the_supervisors_own_death_is_told_and_then_nobody_is_left() {
         .collect();
     signal(run.pid(), "KILL");
     ears.wait("Stopped for good. Get help.", 1);
-    let since = Instant::now();
-    while ours.iter().any(|pid| is_alive(*pid)) {
-        assert!(since.elapsed() < Duration::from_secs(10), "somebody is left");
-        std::thread::sleep(Duration::from_millis(10));
-    }
+    until("every process has ended", || !ours.iter().any(|pid| is_alive(*pid)));
     let said = ears.stop();
     let last = said.last().expect("something was said");
     assert_eq!((last.text.as_str(), last.phase), ("Stopped for good. Get help.", SpeechPhase::Ended));
@@ -230,11 +218,7 @@ fn the_goal_is_told_before_the_run_ends() {
     let walk = ["walk", "--config", &config, "--scenario", "corridor", "--json", "--name", "walk"];
     let walk = place.command(&walk).spawn().expect("guidedog starts");
     let dir = place.path().join("r").join("walk");
-    let since = Instant::now();
-    while place.guidedog(&["status", "--json", "--run", "walk"]).status.code() != Some(0) {
-        assert!(since.elapsed() < WATCHDOG, "the walk begins");
-        std::thread::sleep(Duration::from_millis(20));
-    }
+    until("the walk begins", || place.guidedog(&["status", "--json", "--run", "walk"]).status.success());
     let ears = Ears::on(dir);
     let output = walk.wait_with_output().expect("it ends");
     let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
@@ -286,9 +270,7 @@ fn a_player_that_fails_is_told_and_one_that_is_cut_short_leaves_nobody() {
     // It plays for too long, and is cut short by what is more urgent.
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
     run.wait("the stop is told", |status| status["said"]["text"] == "Stopped by the operator.");
-    let since = Instant::now();
     run.wait("the player is given up", |status| notes(status).contains("it plays for too long"));
-    assert!(since.elapsed() < Duration::from_secs(20));
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();

@@ -48,7 +48,7 @@ fn whatever_happens_the_robot_stands_when_it_must_and_the_run_comes_to_rest() {
                 assert!(least("ticks walking") > 100 * count, "{:?}", course.counts);
             }
         }
-        Err(what) => panic!("{what}\nrepeat it: GUIDEDOG_SEED=N cargo test -p guidedog-tests --test supervision"),
+        Err(what) => panic!("{what}\nrepeat it: GUIDEDOG_SEED=N cargo test -p guidedog-tests supervision::"),
     }
 }
 

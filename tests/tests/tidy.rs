@@ -299,3 +299,19 @@ fn every_test_that_the_architecture_names_exists() {
         assert!(all.contains(&format!("fn {test}(")), "ARCHITECTURE.md names the test {test}");
     }
 }
+
+/// The black-box tests are modules of one executable, and the programs' own files are built without tests. A test that
+/// is written elsewhere would never run.
+#[test]
+fn every_test_is_run() {
+    let main = fs::read_to_string(project().join("tests/tests/main.rs")).expect("readable");
+    for path in rust_files() {
+        let (name, text) = (name(&path), fs::read_to_string(&path).expect("readable"));
+        if let Some(file) = name.strip_prefix("tests/tests/").filter(|file| !["main.rs", "tidy.rs"].contains(file)) {
+            let module = file.split(['/', '.']).next().unwrap_or_default();
+            assert!(main.contains(&format!("mod {module};")), "tests/tests/main.rs does not name {module}");
+        }
+        let is_program = name.ends_with("src/main.rs") || name.contains("/src/bin/");
+        assert!(!is_program || !text.contains("#[test]"), "{name}: a program's tests lie in its library");
+    }
+}

@@ -1,5 +1,7 @@
 //! Guided walks of the whole process stack.
 
+use std::process::{Child, Command};
+
 use guidedog_tests::{Place, data};
 use serde_json::Value;
 
@@ -39,15 +41,28 @@ fn a_handler_who_faces_off_the_way_and_cues_too_early_or_too_late_gets_there() {
     }
 }
 
+/// A process that computes for nothing until it is dropped.
+struct Hog(Child);
+
+impl Hog {
+    fn new() -> Self {
+        Self(Command::new("sh").args(["-c", "while :; do :; done"]).spawn().expect("a shell"))
+    }
+}
+
+impl Drop for Hog {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
 #[test]
 fn a_walk_in_stepped_time_is_the_same_on_a_loaded_machine() {
     let quiet = walk("left-at-tee", &[]);
-    let hog = std::process::Command::new("sh").args(["-c", "while :; do :; done"]).spawn();
+    let hog = Hog::new();
     let loaded = walk("left-at-tee", &[]);
-    if let Ok(mut hog) = hog {
-        let _ = hog.kill();
-        let _ = hog.wait();
-    }
+    drop(hog);
     for key in
         ["digest", "decisions", "verdicts", "refusals", "published", "taken", "stops", "distance_m", "duration_s"]
     {
