@@ -159,7 +159,8 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 19] = [
+const OURS: [&str; 20] = [
+    "control",
     "messages",
     "transport",
     "guidance",
@@ -185,6 +186,7 @@ const OURS: [&str; 19] = [
 fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
+        ("shared/control", &["messages"][..]),
         ("shared/guidance", &["messages"][..]),
         ("shared/settings", &["camera", "messages", "guidance", "matching", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),

@@ -16,8 +16,8 @@ use serde_json::Value;
 use settings::{EmulatedPlaces, EstopSource, Settings, Source, VoiceSource};
 use transport::{RunDir, SupervisorArgs};
 
-use crate::control::{let_name_go, take_name};
 use crate::exit::{EXIT_BAD_INPUT, Failure, one_line};
+use crate::find::{let_name_go, take_name};
 
 /// The live view is drawn this often.
 const TICK: Duration = Duration::from_millis(200);

@@ -3,9 +3,10 @@
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use control::{Client, Request};
+use serde_json::Value;
 
-use crate::control::{Client, socket};
+use crate::find::socket;
 use crate::map_view::MapView;
 use crate::operate::{ages_line, cue_line, mode_line, robot_line};
 use crate::out::{count, elements, number, say, text};
@@ -48,7 +49,7 @@ impl Live {
             self.client = Client::connect(&socket(&self.run)).ok();
         }
         let Some(client) = &mut self.client else { return };
-        match client.ask(&json!({ "verb": "status" })) {
+        match client.ask(&Request::Status) {
             Ok(status) if self.terminal => self.draw(&status),
             Ok(status) => self.line(&status),
             Err(_) => self.client = None,

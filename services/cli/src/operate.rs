@@ -1,12 +1,13 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
+use control::Request;
 use messages::CueKind;
 use messages::stops::{STOPS, StopInfo};
 use serde_json::{Value, json};
 
 use crate::args::{InjectArgs, RunArg};
-use crate::control::ask;
 use crate::exit::Failure;
+use crate::find::ask;
 use crate::out::{self, count, elements, entries, number, say, table, text};
 
 /// `guidedog status`
@@ -14,7 +15,7 @@ use crate::out::{self, count, elements, entries, number, say, table, text};
 /// # Errors
 /// As [`ask`].
 pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let status = ask(run.run.as_deref(), &json!({ "verb": "status" }))?;
+    let status = ask(run.run.as_deref(), &Request::Status)?;
     if as_json {
         out::json(&status)?;
     } else {
@@ -28,7 +29,7 @@ pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let why = ask(run.run.as_deref(), &json!({ "verb": "why" }))?;
+    let why = ask(run.run.as_deref(), &Request::Why)?;
     if as_json {
         out::json(&why)?;
     } else {
@@ -60,8 +61,7 @@ pub fn reasons(as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let name = cue.name();
-    tell(run, &json!({ "verb": "cue", "cue": name }), &format!("cue {name} given"), as_json)
+    tell(run, &Request::Cue { cue }, &format!("cue {} given", cue.name()), as_json)
 }
 
 /// `guidedog stop`
@@ -69,7 +69,7 @@ pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &json!({ "verb": "stop" }), "stopped and locked; `guidedog resume` ends the lock", as_json)
+    tell(run, &Request::Stop, "stopped and locked; `guidedog resume` ends the lock", as_json)
 }
 
 /// `guidedog resume`
@@ -77,7 +77,7 @@ pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &json!({ "verb": "resume" }), "lock ended; the robot waits for a cue", as_json)
+    tell(run, &Request::Resume, "lock ended; the robot waits for a cue", as_json)
 }
 
 /// `guidedog inject`
@@ -87,12 +87,12 @@ pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 pub fn inject(args: &InjectArgs, as_json: bool) -> Result<(), Failure> {
     let (target, _) = messages::fault::parse(&args.target, &args.fault).map_err(Failure::input)?;
     let for_ms = args.lasts.map(|lasts| lasts.ns() / 1_000_000);
-    let request =
-        json!({ "verb": "inject", "target": args.target, "fault": args.fault, "for_ms": for_ms, "seed": args.seed });
+    let (name, fault, seed) = (args.target.clone(), args.fault.clone(), Some(args.seed));
+    let request = Request::Inject { target: name, fault, for_ms, seed };
     tell(&args.run, &request, &format!("{target}: {}", args.fault), as_json)
 }
 
-fn tell(run: &RunArg, request: &Value, done: &str, as_json: bool) -> Result<(), Failure> {
+fn tell(run: &RunArg, request: &Request, done: &str, as_json: bool) -> Result<(), Failure> {
     let answer = ask(run.run.as_deref(), request)?;
     if as_json {
         out::json(&answer)?;

@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use control::Request;
+use serde_json::Value;
 use settings::PolicyModel;
 
 use crate::args::{PolicyArgs, PolicyRunArgs, PolicyVerb, RunArg, SwapArgs};
-use crate::control::ask;
 use crate::exit::{EXIT_OK, EXIT_SWAP_FAILED, Failure};
+use crate::find::ask;
 use crate::out::{self, count, elements, say, table, text};
 
 /// The supervisor decides; this is how often it is asked whether it has.
@@ -21,27 +22,27 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
     match &args.what {
         PolicyVerb::Swap(args) => swap(args, as_json),
-        PolicyVerb::Rollback(args) => follow(args, &json!({ "verb": "policy_rollback" }), as_json),
+        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback, as_json),
         PolicyVerb::Show(run) => show(run, as_json),
     }
 }
 
 fn swap(args: &SwapArgs, as_json: bool) -> Result<u8, Failure> {
     let exe = args.exe.as_deref().map(whole_path).transpose()?;
-    let exe = exe.as_deref().map(named).transpose()?;
     let mut model = args.model.clone();
     if let Some(path) = model.as_mut().and_then(PolicyModel::file_mut) {
         *path = whole_path(path)?;
-        named(path)?;
     }
-    let request = json!({ "verb": "policy_swap", "exe": exe, "model": model });
-    follow(&args.run, &request, as_json)
+    follow(&args.run, &Request::PolicySwap { exe, model: model.map(PathBuf::from) }, as_json)
 }
 
-/// A path as it goes over the control socket.
-pub fn named(path: &Path) -> Result<String, Failure> {
-    let unnamed = || Failure::input(format!("{}: the path is not UTF-8", path.display()));
-    path.to_str().map(str::to_owned).ok_or_else(unnamed)
+/// A path that can go over the control socket.
+pub fn named(path: PathBuf) -> Result<PathBuf, Failure> {
+    if path.to_str().is_some() {
+        Ok(path)
+    } else {
+        Err(Failure::input(format!("{}: the path is not UTF-8", path.display())))
+    }
 }
 
 /// The supervisor works in a folder of its own.
@@ -51,16 +52,16 @@ fn whole_path(path: &Path) -> Result<PathBuf, Failure> {
         return Err(Failure::input(format!("{} is not a file", path.display())));
     }
     // Not the link's target: a link may be what names the program.
-    std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+    named(std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?)
 }
 
 /// Asks for a swap, and waits until it is decided.
-fn follow(args: &PolicyRunArgs, request: &Value, as_json: bool) -> Result<u8, Failure> {
+fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, Failure> {
     let run = args.run.run.as_deref();
     let number = count(&ask(run, request)?, "/swap");
     let mut told = String::new();
     let swap = loop {
-        let shown = ask(run, &json!({ "verb": "policy_show" }))?;
+        let shown = ask(run, &Request::PolicyShow)?;
         let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number).cloned();
         let swap = swap.ok_or_else(|| Failure::run(format!("the supervisor has forgotten swap {number}")))?;
         let state = text(&swap, "/state");
@@ -83,7 +84,7 @@ fn follow(args: &PolicyRunArgs, request: &Value, as_json: bool) -> Result<u8, Fa
 }
 
 fn show(run: &RunArg, as_json: bool) -> Result<u8, Failure> {
-    let shown = ask(run.run.as_deref(), &json!({ "verb": "policy_show" }))?;
+    let shown = ask(run.run.as_deref(), &Request::PolicyShow)?;
     if as_json {
         out::json(&shown)?;
     } else {

@@ -2,12 +2,13 @@
 
 use std::time::{Duration, Instant};
 
+use control::Request;
 use messages::ServiceId;
-use serde_json::{Value, json};
+use serde_json::Value;
 
 use crate::args::{RecordArgs, RunArg};
-use crate::control::ask;
 use crate::exit::{EXIT_NO_RUN, EXIT_REFUSED, Failure};
+use crate::find::ask;
 use crate::launch::Signals;
 use crate::out::{self, elements, number, say, text};
 use crate::policy;
@@ -29,7 +30,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
     let signals = Signals::of_this_process()?;
     let run = named(&args.run)?;
     let mut troubles = Troubles::from_now_on(&run)?;
-    ask(Some(&run), &json!({ "verb": "record", "path": policy::named(&path)? }))?;
+    ask(Some(&run), &Request::Record { path: policy::named(path.clone())? })?;
     if !as_json {
         say(format!("recording {run} to {}; Ctrl-C ends the recording", path.display()));
     }
@@ -61,7 +62,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
 fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let run = named(run)?;
     let mut troubles = Troubles::from_now_on(&run)?;
-    let answer = ask(Some(&run), &json!({ "verb": "record_stop" }))?;
+    let answer = ask(Some(&run), &Request::RecordStop)?;
     wait_for_end(&run, &mut troubles)?;
     if as_json {
         return out::json(&answer);
@@ -72,7 +73,7 @@ fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 
 /// Has the recorder end its files, and waits until it has; that the run has ended meanwhile is as well.
 fn end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
-    match ask(Some(run), &json!({ "verb": "record_stop" })) {
+    match ask(Some(run), &Request::RecordStop) {
         // Somebody else has ended it.
         Err(failure) if !matches!(failure.code, EXIT_NO_RUN | EXIT_REFUSED) => Err(failure),
         _ => wait_for_end(run, troubles),
@@ -100,7 +101,7 @@ struct Troubles {
 
 impl Troubles {
     fn from_now_on(run: &str) -> Result<Self, Failure> {
-        let status = ask(Some(run), &json!({ "verb": "status" }))?;
+        let status = ask(Some(run), &Request::Status)?;
         Ok(Self { from_s: number(&status, "/now_s"), told: Vec::new() })
     }
 
@@ -121,13 +122,13 @@ impl Troubles {
 
 /// The name of the run that is meant, which stays the same while it is recorded.
 fn named(run: &RunArg) -> Result<String, Failure> {
-    let status = ask(run.run.as_deref(), &json!({ "verb": "status" }))?;
+    let status = ask(run.run.as_deref(), &Request::Status)?;
     Ok(text(&status, "/run").to_owned())
 }
 
 /// What the run says of itself; nothing where it is gone.
 fn status(run: &str) -> Result<Option<Value>, Failure> {
-    match ask(Some(run), &json!({ "verb": "status" })) {
+    match ask(Some(run), &Request::Status) {
         Err(failure) if failure.code == EXIT_NO_RUN => Ok(None),
         status => status.map(Some),
     }

@@ -9,8 +9,8 @@ use serde_json::{Value, json};
 use settings::Settings;
 
 use crate::args::ReplayArgs;
-use crate::control::free_name;
 use crate::exit::{EXIT_DIFFERENT, EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Outcome};
 use crate::live::Live;
 use crate::out::{count, number, text};

@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 use world::Route;
 
 use crate::args::{WalkArgs, WorldArgs};
-use crate::control::free_name;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Outcome};
 use crate::live::Live;
 use crate::map_view::MapView;

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
 use std::process::ExitCode;
 
+use control::Right;
 use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
 use serde_json::{Value, json};
@@ -12,13 +13,13 @@ use transport::{ClockKind, Domain, Io, Janitor, Oversleep, RunDir, RunInfo, Supe
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
-use crate::control::{ControlServer, Right};
 use crate::ending::Ending;
 use crate::faults::Faults;
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::planned::PlannedRequests;
 use crate::report::Figures;
+use crate::server::ControlServer;
 use crate::step_watch::StepWatch;
 use crate::systemd::Systemd;
 use crate::tone::Tone;
@@ -174,7 +175,7 @@ impl Supervisor {
         let mut supervisor = Self {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
-            control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
+            server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,
             faults: Faults::new(settings.faults.allowed),

@@ -8,7 +8,6 @@
 
 mod boot;
 mod children;
-pub mod control;
 mod ending;
 mod faults;
 mod last_words;
@@ -18,6 +17,7 @@ pub mod plan;
 mod planned;
 mod recording;
 pub mod report;
+mod server;
 mod step_watch;
 pub mod stops;
 mod systemd;
@@ -34,13 +34,13 @@ use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, 
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
-use control::ControlServer;
 use ending::Ending;
 use faults::Faults;
 use last_words::last_words;
 use machine::{Action, Event, Machine, Now, PolicySpec};
 use planned::PlannedRequests;
 use report::Figures;
+use server::ControlServer;
 use step_watch::StepWatch;
 use systemd::Systemd;
 use tone::Tone;
@@ -65,7 +65,7 @@ const TOKEN_OWNER: u64 = 2;
 pub struct Supervisor {
     machine: Machine,
     children: Children,
-    control: ControlServer,
+    server: ControlServer,
     figures: Figures,
     janitor: Janitor,
     /// Incarnations that wait for the janitor, and until which wall time.

@@ -1,16 +1,17 @@
 //! What an operator asks, and the answers.
 
+use control::{Refusal, Request};
 use messages::{CueAnswer, CueKind, CueRequest, ModeClass, ServiceId, StopKind, s_from_ns};
 use serde_json::{Value, json};
+use settings::PolicyModel;
 use transport::{Io, TransportError};
 
-use crate::control::Request;
 use crate::machine::{Event, PolicySpec};
 use crate::{STILL_MEANT_NS, Supervisor, report};
 
 impl Supervisor {
     pub(crate) fn serve_operator(&mut self, token: u64, io: &mut Io) -> Result<(), TransportError> {
-        let mut requests = self.control.requests(token, io);
+        let mut requests = self.server.requests(token, io);
         // A stop waits for no answer, and nothing that came with it undoes it.
         requests.sort_by_key(|(_, request)| *request != Request::Stop);
         let stops = requests.first().is_some_and(|(_, request)| *request == Request::Stop);
@@ -21,14 +22,15 @@ impl Supervisor {
                 self.end_plan(io);
             }
             let answer = match request {
-                Request::Resume | Request::Cue { .. } if stops => json!({ "error": "overtaken by a stop" }),
-                Request::Resume | Request::Cue { .. } if slept => {
-                    json!({ "error": "the supervisor slept; say it again" })
-                }
+                Request::Resume | Request::Cue { .. } if stops => Err(Refusal::Overtaken),
+                Request::Resume | Request::Cue { .. } if slept => Err(Refusal::Slept),
                 request => self.answer(request, io)?,
             };
             self.act(io)?;
-            self.control.answer(client, &answer, io);
+            match answer {
+                Ok(answer) => self.server.answer(client, &answer, io),
+                Err(refusal) => self.server.answer(client, &refusal, io),
+            }
         }
         Ok(())
     }
@@ -43,45 +45,48 @@ impl Supervisor {
     }
 
     /// Does what is asked: the answer.
-    pub(crate) fn answer(&mut self, request: Request, io: &mut Io) -> Result<Value, TransportError> {
+    pub(crate) fn answer(&mut self, request: Request, io: &mut Io) -> Result<Result<Value, Refusal>, TransportError> {
         let now = Self::now(io);
+        let done = || json!({ "ok": true });
         Ok(match request {
-            Request::Status => self.status(io),
-            Request::Why => self.why(io),
+            Request::Status => Ok(self.status(io)),
+            Request::Why => Ok(self.why(io)),
             Request::Cue { cue } => self.operator_cue(cue, io)?,
             Request::Stop => {
                 self.machine.handle(Event::OperatorStop, now);
-                json!({ "ok": true })
+                Ok(done())
             }
             Request::Resume => {
                 let locked = self.machine.mode().class == ModeClass::Lock;
                 self.machine.handle(Event::OperatorResume, now);
-                if locked { json!({ "ok": true }) } else { json!({ "error": "the run is not locked" }) }
+                if locked { Ok(done()) } else { Err(Refusal::NotLocked) }
             }
-            Request::Record { path } => self.record(path, io),
-            Request::RecordStop => self.end_recording(io),
+            Request::Record { path } => self.record(path, io).map(|()| done()),
+            Request::RecordStop => self.end_recording(io).map(|()| done()),
             Request::PolicySwap { exe, model } => {
-                swap_answer(PolicySpec { exe, model }.checked().and_then(|spec| self.machine.swap_policy(spec, now)))
+                let spec = PolicySpec { exe, model: model.map(PolicyModel::from) }.checked();
+                swap_answer(spec.and_then(|spec| self.machine.swap_policy(spec, now)))
             }
             Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
-            Request::PolicyShow => self.show_policy(),
+            Request::PolicyShow => Ok(self.show_policy()),
             Request::Inject { target, fault, for_ms, seed } => {
-                self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io)
+                let injected = self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io);
+                injected.map(|at_ns| json!({ "ok": true, "at_ns": at_ns })).map_err(Refusal::Fault)
             }
             Request::Quit => {
                 self.begin_end(StopKind::ShuttingDown, io);
-                json!({ "ok": true })
+                Ok(done())
             }
         })
     }
 
     /// Hands the operator's cue to the cue service; a refusal that is certain already is told at once.
-    fn operator_cue(&mut self, kind: CueKind, io: &Io) -> Result<Value, TransportError> {
+    fn operator_cue(&mut self, kind: CueKind, io: &Io) -> Result<Result<Value, Refusal>, TransportError> {
         let mode = *self.machine.mode();
         if !kind.is_moving() && !self.machine.is_ready(ServiceId::Cue) {
             // Nobody is there to pass it on: the robot stands all the same, and stays.
             self.machine.handle(Event::OperatorStop, Self::now(io));
-            return Ok(json!({ "ok": true, "note": "the cue service is down: stopped and locked" }));
+            return Ok(Ok(json!({ "ok": true, "note": "the cue service is down: stopped and locked" })));
         }
         let refused = match mode.class {
             ModeClass::Lock | ModeClass::Fault if kind.is_moving() => self.machine.not_ready(Self::now(io)),
@@ -91,10 +96,10 @@ impl Supervisor {
             // It is what the handler would have said, and the robot answers.
             let (refusal, reason) = (why.refusal, why.reason);
             self.answers.publish(io.now_ns(), CueAnswer { kind, refusal, reason, ..CueAnswer::default() })?;
-            return Ok(json!({ "error": format!("cue refused: {why}") }));
+            return Ok(Err(Refusal::Cue(why.to_string())));
         }
         self.requests.publish(io.now_ns(), CueRequest { kind, ..CueRequest::default() })?;
-        Ok(json!({ "ok": true }))
+        Ok(Ok(json!({ "ok": true })))
     }
 
     fn status(&self, io: &Io) -> Value {
@@ -171,9 +176,6 @@ impl Supervisor {
     }
 }
 
-fn swap_answer(outcome: Result<u64, String>) -> Value {
-    match outcome {
-        Ok(number) => json!({ "ok": true, "swap": number }),
-        Err(why) => json!({ "error": format!("refused: {why}") }),
-    }
+fn swap_answer(outcome: Result<u64, String>) -> Result<Value, Refusal> {
+    outcome.map(|number| json!({ "ok": true, "swap": number })).map_err(Refusal::Swap)
 }

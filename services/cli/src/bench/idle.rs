@@ -3,11 +3,12 @@
 use std::io::Write;
 use std::time::{Duration, Instant};
 
+use control::{Client, Request};
 use serde_json::{Value, json};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
 use crate::out::{self, count, elements, number, say, table, text};
 use crate::prepare;
@@ -99,7 +100,7 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
     while Instant::now() < until {
         running.sleep(Duration::from_millis(100))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
-        let Ok(status) = client.ask(&json!({ "verb": "status" })) else { continue };
+        let Ok(status) = client.ask(&Request::Status) else { continue };
         let services: Vec<&Value> = wanted(&status).collect();
         let late = services.iter().filter(|service| text(service, "/state") != "ready");
         let late: Vec<&str> = late.map(|service| text(service, "/name")).collect();
@@ -112,7 +113,7 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
 }
 
 fn client_status(client: &mut Client) -> Result<Value, Failure> {
-    client.ask(&json!({ "verb": "status" })).map_err(|error| Failure::run(format!("the supervisor: {error}")))
+    client.ask(&Request::Status).map_err(|error| Failure::run(format!("the supervisor: {error}")))
 }
 
 /// The services of a run but for those that nobody has asked for: a recorder.

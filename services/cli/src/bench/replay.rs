@@ -8,8 +8,8 @@ use clap::Parser;
 use serde_json::{Value, json};
 
 use crate::args::{Cli, ReplayArgs, Verb};
-use crate::control::free_name;
 use crate::exit::{EXIT_DIFFERENT, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Signals};
 use crate::out::{self, count, entries, say, text};
 use crate::prepare_replay;

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use control::{AskError, Request};
 use serde_json::{Value, json};
 use settings::Millis;
 use sha2::{Digest, Sha256};
@@ -75,15 +76,15 @@ fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: 
             return Err(Failure::run("a run ended, or did not walk, in the middle of its swaps"));
         }
         if outcome.walks_since_s.is_none() {
-            let status = rig.ask(&json!({ "verb": "status" })).unwrap_or_default();
+            let status = rig.ask(&Request::Status).unwrap_or_default();
             outcome.walks_since_s = status["now_s"].as_f64();
         }
         let since = Instant::now();
-        let request = json!({ "verb": "policy_swap", "exe": null, "model": models[i as usize % models.len()] });
-        let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
-        match answer["swap"].as_u64() {
-            Some(number) => wait_for(rig, number, since, outcome)?,
-            None => outcome.failed.push(text(&answer, "/error").to_owned()),
+        let model = models[i as usize % models.len()].clone();
+        match rig.ask(&Request::PolicySwap { exe: None, model: Some(model) }) {
+            Ok(begun) => wait_for(rig, count(&begun, "/swap"), since, outcome)?,
+            Err(AskError::Refused(why)) => outcome.failed.push(why.to_string()),
+            Err(AskError::Unanswered(_)) => return Err(Failure::run("the supervisor does not answer")),
         }
     }
     Ok(())
@@ -96,7 +97,7 @@ fn wait_for(rig: &mut Rig, number: u64, since: Instant, outcome: &mut Outcome) -
         if rig.interrupted() || !rig.is_alive() {
             return Err(Failure::run(format!("ended in the middle of swap {number}")));
         }
-        let shown = rig.ask(&json!({ "verb": "policy_show" })).unwrap_or(Value::Null);
+        let shown = rig.ask(&Request::PolicyShow).unwrap_or(Value::Null);
         let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number);
         let state = swap.map_or("", |swap| text(swap, "/state"));
         if matches!(state, "probation" | "ending" | "done") {

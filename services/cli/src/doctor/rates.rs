@@ -4,13 +4,14 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use control::{Client, Request};
 use messages::TopicId;
 use serde_json::{Value, json};
 use settings::{Millis, Settings, Source};
 
 use super::Check;
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
 use crate::out::{count, elements, number};
 use crate::prepare;
@@ -85,7 +86,7 @@ fn look(running: &mut Running, sensors: &[Sensor], span: Duration) -> Result<Cou
     while Instant::now() < until {
         running.sleep(Duration::from_millis(200))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
-        let Ok(answer) = client.ask(&json!({ "verb": "status" })) else { continue };
+        let Ok(answer) = client.ask(&Request::Status) else { continue };
         status = answer;
         if sensors.iter().all(|sensor| status["published"][sensor.topic.name()].as_u64() > Some(0)) {
             break;
@@ -94,7 +95,7 @@ fn look(running: &mut Running, sensors: &[Sensor], span: Duration) -> Result<Cou
     let from_s = number(&status, "/now_s");
     running.sleep(span)?;
     let mut client = Client::connect(&socket(running.name())).map_err(Failure::of_run)?;
-    let after = client.ask(&json!({ "verb": "status" })).map_err(Failure::of_run)?;
+    let after = client.ask(&Request::Status).map_err(Failure::of_run)?;
     let seconds = (number(&after, "/now_s") - from_s).max(f64::EPSILON);
     Ok(Counts { before: status, after, seconds })
 }

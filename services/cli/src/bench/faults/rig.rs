@@ -5,7 +5,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use control::{AskError, Client, Request};
+use messages::CueKind;
+use serde_json::Value;
 use settings::{LinkKind, Millis, PolicyModel};
 use tempfile::TempDir;
 use transport::runs_root;
@@ -13,8 +15,8 @@ use unitree::{Profile, Silence};
 
 use super::tap::{Seen, Tap};
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
 use crate::out::{elements, text};
 use crate::prepare;
@@ -140,7 +142,7 @@ impl Rig {
         let mut live = loop {
             std::thread::sleep(Duration::from_millis(20));
             let mut client = Client::connect(&socket(running.name())).ok();
-            if client.as_mut().and_then(|client| client.ask(&json!({ "verb": "status" })).ok()).is_some() {
+            if client.as_mut().and_then(|client| client.ask(&Request::Status).ok()).is_some() {
                 let tap = Tap::on(&runs_root().join(running.name()));
                 break Live { running, tap, client };
             }
@@ -200,22 +202,26 @@ impl Rig {
         self.live.as_ref().is_some_and(|live| live.running.interrupted())
     }
 
-    /// Asks the supervisor; none where it does not answer.
-    pub fn ask(&mut self, request: &Value) -> Option<Value> {
-        let live = self.live.as_mut()?;
-        if live.client.is_none() {
-            live.client = Client::connect(&socket(live.running.name())).ok();
-        }
-        let answer = live.client.as_mut()?.ask(request).ok();
-        if answer.is_none() {
-            live.client = None;
+    /// Asks the supervisor.
+    ///
+    /// # Errors
+    /// Where it refuses or does not answer, and where no run goes on.
+    pub fn ask(&mut self, request: &Request) -> Result<Value, AskError> {
+        let live = self.live.as_mut().ok_or(std::io::Error::from(std::io::ErrorKind::NotConnected))?;
+        let mut client = match live.client.take() {
+            Some(client) => client,
+            None => Client::connect(&socket(live.running.name()))?,
+        };
+        let answer = client.ask(request);
+        if !matches!(answer, Err(AskError::Unanswered(_))) {
+            live.client = Some(client);
         }
         answer
     }
 
     /// Gives a cue, as an operator does: whether it was taken.
     pub fn cue(&mut self) -> bool {
-        self.ask(&json!({ "verb": "cue", "cue": "forward" })).is_some_and(|answer| answer["ok"] == true)
+        self.ask(&Request::Cue { cue: CueKind::Forward }).is_ok()
     }
 
     /// Has the run recorded, and waits until it is.
@@ -225,7 +231,8 @@ impl Rig {
     pub fn record(&mut self) -> Result<(), Failure> {
         self.end_recording();
         let folder = tempfile::tempdir_in(self.place.path()).map_err(Failure::of_run)?;
-        self.ask(&json!({ "verb": "record", "path": folder.path().join("walk.mcap") }));
+        // Whether it is recorded is seen at the recorder.
+        let _ = self.ask(&Request::Record { path: folder.path().join("walk.mcap") });
         self.recording = Some(folder);
         if self.wait_for_recorder("ready") { Ok(()) } else { Err(Failure::run("the recorder does not record")) }
     }
@@ -233,7 +240,8 @@ impl Rig {
     /// Has the run recorded no longer; the recording goes.
     pub fn end_recording(&mut self) {
         if let Some(folder) = self.recording.take() {
-            self.ask(&json!({ "verb": "record_stop" }));
+            // It may have ended by itself.
+            let _ = self.ask(&Request::RecordStop);
             self.wait_for_recorder("off");
             drop(folder);
         }
@@ -247,7 +255,7 @@ impl Rig {
     fn wait_for_recorder(&mut self, state: &str) -> bool {
         let until = Instant::now() + WALKS_WITHIN;
         while Instant::now() < until && self.is_alive() && !self.interrupted() {
-            let status = self.ask(&json!({ "verb": "status" })).unwrap_or_default();
+            let status = self.ask(&Request::Status).unwrap_or_default();
             let is_it = |service: &&Value| text(service, "/name") == "recorder";
             if elements(&status, "/services").iter().find(is_it).is_some_and(|s| text(s, "/state") == state) {
                 return true;
@@ -294,7 +302,7 @@ impl Rig {
             if Instant::now() >= cue_at {
                 cue_at = Instant::now() + CUE_AGAIN;
                 match class {
-                    Some((messages::ModeClass::Lock, ..)) => drop(self.ask(&json!({ "verb": "resume" }))),
+                    Some((messages::ModeClass::Lock, ..)) => drop(self.ask(&Request::Resume)),
                     Some((messages::ModeClass::Fault, true, _) | (messages::ModeClass::Run, _, false)) => {
                         self.cue();
                     }

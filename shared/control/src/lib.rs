@@ -1,0 +1,22 @@
+//! The operator's protocol: what a client may ask the supervisor of a run, and what the supervisor answers.
+//!
+//! Client and supervisor exchange lines of JSON over the Unix socket in the run directory: one line for each request,
+//! one line for its answer, in the order of the requests. An answer is either what was asked for or a [`Refusal`],
+//! which alone has the member `error`.
+//!
+//! Versions may differ, for a supervisor outlives an upgrade. A request denies members that it does not know: what the
+//! operator meant by them must not be left out in silence. An answer does not: a program reads the members that it
+//! knows. Names of services, topics and kinds of stops are texts here, because a later supervisor has more of them.
+//!
+//! Members of an answer are in the order of their names, as `serde_json::Value` sorts them ([`framing::line`]).
+//!
+//! Architecture invariant: this crate knows neither shared memory nor settings. A client needs the socket alone.
+
+mod client;
+pub mod framing;
+mod refusal;
+mod request;
+
+pub use client::{ANSWER_WITHIN, AskError, Client};
+pub use refusal::Refusal;
+pub use request::{Request, Right};
