@@ -8,7 +8,7 @@ use std::time::Duration;
 use serde_json::Value;
 
 use crate::framing::{self, MAX_ANSWER};
-use crate::{Refusal, Request};
+use crate::{Done, Reading, Refusal, Request};
 
 /// The supervisor answers at its next wake-up; one that takes longer than this is stopped or dead.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(3);
@@ -65,5 +65,21 @@ impl Client {
             return Err(serde_json::from_value::<Refusal>(answer)?.into());
         }
         Ok(answer)
+    }
+
+    /// Reads something of the run.
+    ///
+    /// # Errors
+    /// As [`Client::ask`], and where the answer is another.
+    pub fn read<T: Reading>(&mut self) -> Result<T, AskError> {
+        Ok(serde_json::from_value(self.ask(&T::REQUEST)?)?)
+    }
+
+    /// Has something done.
+    ///
+    /// # Errors
+    /// As [`Client::read`].
+    pub fn tell(&mut self, request: &Request) -> Result<Done, AskError> {
+        Ok(serde_json::from_value(self.ask(request)?)?)
     }
 }

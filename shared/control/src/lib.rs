@@ -12,11 +12,25 @@
 //!
 //! Architecture invariant: this crate knows neither shared memory nor settings. A client needs the socket alone.
 
+mod answer;
 mod client;
 pub mod framing;
+mod number;
+mod policies;
 mod refusal;
+mod report;
 mod request;
+mod status;
+mod why;
 
+pub use answer::{Answer, Done, Reading};
 pub use client::{ANSWER_WITHIN, AskError, Client};
+pub use policies::{Policies, PolicyLife, PolicySpec, SwapRecord, SwapState};
 pub use refusal::Refusal;
+pub use report::{Compared, ComparedCount, LatencyRow, ReplayFigures, Report, RunFigures, SimulatorFigures};
 pub use request::{Request, Right};
+pub use status::{
+    Collisions, CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, SaidStatus, ServicePhase,
+    ServiceStatus, Status, WorldStatus,
+};
+pub use why::{Stop, Why};

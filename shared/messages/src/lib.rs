@@ -19,7 +19,7 @@ pub mod stops;
 pub mod topic;
 mod world;
 
-pub use clock::{ClockAck, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
+pub use clock::{ClockAck, ClockKind, ClockStep, MAX_MEMBERS, Member, QUANTUM_NS};
 pub use estop::{EmergencyStop, StopInput};
 pub use fault::{Device, Fault, Injection, Target};
 pub use guidance::{
