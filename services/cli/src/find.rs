@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use control::{ANSWER_WITHIN, AskError, Client, Refusal, Request};
+use control::{ANSWER_WITHIN, AskError, Client, Done, Reading, Refusal, Request};
 use serde_json::Value;
 use transport::{RunDir, TransportError, live_runs, runs_root};
 
@@ -37,6 +37,22 @@ pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
             Err(AskError::Unanswered(error)) => return Err(unanswered(&name, &error)),
         }
     }
+}
+
+/// Reads something of a run.
+///
+/// # Errors
+/// As [`ask`], and where the supervisor's answer is another.
+pub fn read<T: Reading>(run: Option<&str>) -> Result<T, Failure> {
+    serde_json::from_value(ask(run, &T::REQUEST)?).map_err(Failure::of_run)
+}
+
+/// Has a run do something.
+///
+/// # Errors
+/// As [`read`].
+pub fn tell(run: Option<&str>, request: &Request) -> Result<Done, Failure> {
+    serde_json::from_value(ask(run, request)?).map_err(Failure::of_run)
 }
 
 fn refused(name: &str, refusal: &Refusal) -> Failure {

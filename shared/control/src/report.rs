@@ -12,7 +12,7 @@ use crate::status::{Collisions, Note};
 use crate::why::Stop;
 
 /// What a run came to. Counts are over all lives of a service.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// The run's name.
     pub run: String,
@@ -96,6 +96,12 @@ impl Report {
     #[must_use]
     pub fn replayed(&self) -> Option<&ReplayFigures> {
         self.world.as_ref()?.replayed.as_ref()
+    }
+
+    /// How the run compares with the recorded one, where it was compared.
+    #[must_use]
+    pub fn compared(&self) -> Option<&Compared> {
+        self.replayed()?.compared.as_ref()
     }
 }
 

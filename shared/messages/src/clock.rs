@@ -11,10 +11,11 @@ use zerocopy::TryFromBytes;
 pub const QUANTUM_NS: u64 = 10_000_000;
 
 /// How run time passes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case", tag = "kind")]
 pub enum ClockKind {
     /// Run time is the monotonic clock since the run's start.
+    #[default]
     Real,
     /// Run time is virtual: a master gives it out in steps of 10 ms, at most `speed` times faster than real; 0 is as
     /// fast as the members follow.

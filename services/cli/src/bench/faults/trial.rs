@@ -181,7 +181,7 @@ fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
     }
     let request = inject(cell, cell.fault.name(), Some(dice.bits() >> 1));
     let at_ns = monotonic_ns();
-    rig.ask(&request).map_err(|error| match error {
+    rig.tell(&request).map_err(|error| match error {
         AskError::Refused(why) => Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())),
         AskError::Unanswered(_) => Failure::run("the supervisor does not answer"),
     })?;
@@ -234,13 +234,13 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
         let _ = kill_process(pid, Signal::CONT);
     } else {
         // A service that is being restarted has lost its fault already.
-        let _ = rig.ask(&inject(cell, "none", None));
+        let _ = rig.tell(&inject(cell, "none", None));
     }
     if cell.locks() {
         // Whoever pressed it lets go of it first.
         std::thread::sleep(UNDISTURBED);
         // Whether it is out of the lock is seen by its mode.
-        let _ = rig.ask(&Request::Resume);
+        let _ = rig.tell(&Request::Resume);
     }
     if cell.is_of_cues() {
         // The handler says again what was lost or misheard.
