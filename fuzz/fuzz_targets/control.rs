@@ -2,8 +2,9 @@
 //! its limit, and what is no request is refused.
 #![no_main]
 
+use control::Request;
+use control::framing::{Inbox, MAX_REQUEST, MAX_WAITING};
 use libfuzzer_sys::fuzz_target;
-use supervisor::control::{Inbox, MAX_REQUEST, MAX_WAITING, Request};
 
 fuzz_target!(|input: &[u8]| {
     let Some((&size, sent)) = input.split_first() else { return };

@@ -412,7 +412,7 @@ impl Simulation {
 
     fn swap_is_under_way(&self) -> bool {
         let last = self.machine.policies().records().last();
-        last.is_some_and(|swap| !matches!(swap.state, "done" | "failed" | "rolled_back"))
+        last.is_some_and(|swap| !swap.state.is_over())
     }
 
     fn all_wanted_are_up(&self) -> bool {
@@ -430,7 +430,7 @@ impl Simulation {
             .filter(|s| s.phase != Phase::Ready)
             .map(|s| format!("{} {:?}", s.service, s.phase))
             .collect();
-        let swap = self.machine.policies().records().last().map_or("none", |swap| swap.state);
+        let swap = self.machine.policies().records().last().map_or("none", |swap| swap.state.name());
         let not_ready = self.machine.not_ready(self.now());
         format!(
             "{} ({}), swap {swap}, the gate says {}, {phases:?}, {not_ready:?}",

@@ -183,7 +183,8 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 19] = [
+const OURS: [&str; 20] = [
+    "control",
     "messages",
     "transport",
     "guidance",
@@ -209,6 +210,7 @@ const OURS: [&str; 19] = [
 fn dependencies_point_one_way() {
     let allowed: BTreeMap<&str, &[&str]> = BTreeMap::from([
         ("shared/messages", &[][..]),
+        ("shared/control", &["messages"][..]),
         ("shared/guidance", &["messages"][..]),
         ("shared/settings", &["camera", "messages", "guidance", "matching", "rplidar", "unitree"][..]),
         ("shared/world", &["messages", "guidance", "settings"][..]),

@@ -11,13 +11,13 @@ use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
+use control::Report;
 use rustix::process::{Pid, PidfdFlags, Signal};
-use serde_json::Value;
 use settings::{EmulatedPlaces, EstopSource, Settings, Source, VoiceSource};
 use transport::{RunDir, SupervisorArgs};
 
-use crate::control::{let_name_go, take_name};
 use crate::exit::{EXIT_BAD_INPUT, Failure, one_line};
+use crate::find::{let_name_go, take_name};
 
 /// The live view is drawn this often.
 const TICK: Duration = Duration::from_millis(200);
@@ -53,7 +53,7 @@ pub struct Running {
 #[derive(Debug)]
 pub struct Outcome {
     /// The supervisor's report.
-    pub report: Value,
+    pub report: Report,
     /// Whether it was ended by a signal to this process.
     pub interrupted: bool,
 }
@@ -293,7 +293,7 @@ impl Running {
         match (asked, self.wait(|| {})) {
             (Err(_), Err(failure)) => Err(failure),
             (Err(failure), Ok(outcome)) => {
-                let why = outcome.report["failure"].as_str();
+                let why = outcome.report.failure;
                 Err(why.map_or(failure, |why| Failure::run(format!("the run ended: {why}"))))
             }
             (asked, _) => asked,
@@ -326,9 +326,9 @@ impl Running {
         if let Some(signal) = status.signal() {
             return Err(supervisor_died(signal));
         }
-        match serde_json::from_str::<Value>(report.trim()) {
-            Ok(report) if report.is_object() => Ok(Outcome { report, interrupted }),
-            _ => Err(without_report(status, &words)),
+        match serde_json::from_str(report.trim()) {
+            Ok(report) => Ok(Outcome { report, interrupted }),
+            Err(_) => Err(without_report(status, &words)),
         }
     }
 }

@@ -6,12 +6,12 @@
 
 mod args;
 mod bench;
-mod control;
 mod cues;
 mod doctor;
 mod emulate;
 mod evaluate;
 mod exit;
+mod find;
 mod fit;
 mod import;
 mod launch;

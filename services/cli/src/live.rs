@@ -3,12 +3,12 @@
 use std::io::{IsTerminal, Write};
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use control::{Client, Status};
 
-use crate::control::{Client, socket};
+use crate::find::socket;
 use crate::map_view::MapView;
 use crate::operate::{ages_line, cue_line, mode_line, robot_line};
-use crate::out::{count, elements, number, say, text};
+use crate::out::say;
 
 /// Plain lines come this often, and at every change of mode or cue.
 const LINE_PERIOD: Duration = Duration::from_secs(2);
@@ -48,34 +48,34 @@ impl Live {
             self.client = Client::connect(&socket(&self.run)).ok();
         }
         let Some(client) = &mut self.client else { return };
-        match client.ask(&json!({ "verb": "status" })) {
+        match client.read() {
             Ok(status) if self.terminal => self.draw(&status),
             Ok(status) => self.line(&status),
             Err(_) => self.client = None,
         }
     }
 
-    fn line(&mut self, status: &Value) {
-        let words = format!("{}, cue {}", mode_line(status), cue_line(status));
+    fn line(&mut self, status: &Status) {
+        let words = format!("{}, cue {}", mode_line(&status.mode), cue_line(&status.mode));
         let due = self.last_line.is_none_or(|last| last.elapsed() >= LINE_PERIOD);
         if due || words != self.last_words {
-            say(format!("{:7.1} s  {words}; {}", number(status, "/now_s"), robot_line(status)));
+            say(format!("{:7.1} s  {words}; {}", status.now_s, robot_line(status)));
             self.last_line = Some(Instant::now());
             self.last_words = words;
         }
     }
 
-    fn draw(&mut self, status: &Value) {
+    fn draw(&mut self, status: &Status) {
         let (columns, rows) = size();
         let mut lines = vec![
-            format!("{} {:.1} s   {}", self.run, number(status, "/now_s"), mode_line(status)),
-            format!("cue      {}", cue_line(status)),
+            format!("{} {:.1} s   {}", self.run, status.now_s, mode_line(&status.mode)),
+            format!("cue      {}", cue_line(&status.mode)),
             format!("robot    {}", robot_line(status)),
             format!("streams  {}", ages_line(status)),
         ];
         lines.extend(service_lines(status));
         if let Some(map) = &mut self.map {
-            let view = map.lines(status);
+            let view = map.lines(status.world.as_ref());
             if lines.len() + view.len() < rows {
                 lines.extend(view);
             }
@@ -104,13 +104,14 @@ fn size() -> (usize, usize) {
     (if columns == 0 { 80 } else { columns }, if rows == 0 { 24 } else { rows })
 }
 
-fn service_lines(status: &Value) -> Vec<String> {
-    let words: Vec<String> = elements(status, "/services")
+fn service_lines(status: &Status) -> Vec<String> {
+    let words: Vec<String> = status
+        .services
         .iter()
         .map(|service| {
-            let restarts = count(service, "/restarts");
+            let restarts = service.restarts;
             let restarts = if restarts > 0 { format!(" ({restarts} restarts)") } else { String::new() };
-            format!("{} {}{restarts}", text(service, "/name"), text(service, "/state"))
+            format!("{} {}{restarts}", service.name, service.state)
         })
         .collect();
     let head = |i: usize| if i == 0 { "services " } else { "         " };

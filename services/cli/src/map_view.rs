@@ -3,11 +3,9 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use control::WorldStatus;
 use guidance::se2::Point;
-use serde_json::Value;
 use world::{Goal, Scenario, World};
-
-use crate::out::{elements, number};
 
 /// Characters and lines of the view.
 const COLUMNS: i64 = 56;
@@ -34,13 +32,10 @@ impl MapView {
         Self { world: Arc::clone(world), goal: scenario.route.goal, cells: HashMap::new() }
     }
 
-    /// The lines of the view around the robot of a status; none without a robot.
-    pub fn lines(&mut self, status: &Value) -> Vec<String> {
-        if !status["world"].is_object() {
-            return Vec::new();
-        }
-        let at = |path: &str| (number(status, &format!("{path}/0")), number(status, &format!("{path}/1")));
-        let robot = cell(at("/world/robot"));
+    /// The lines of the view around the robot; none without a world.
+    pub fn lines(&mut self, world: Option<&WorldStatus>) -> Vec<String> {
+        let Some(world) = world else { return Vec::new() };
+        let robot = cell((world.robot[0], world.robot[1]));
         let (left, top) = (robot.0 - COLUMNS / 2, robot.1 + ROWS / 2);
         let mut lines: Vec<Vec<char>> = (0..ROWS).map(|row| self.row(left, top - row)).collect();
         let mut put = |(column, row): (i64, i64), mark: char| {
@@ -54,10 +49,10 @@ impl MapView {
         if let Some(goal) = self.goal {
             put(cell((goal.at.x, goal.at.y)), 'G');
         }
-        for walker in elements(status, "/world/walkers") {
-            put(cell((number(walker, "/0"), number(walker, "/1"))), 'o');
+        for [x_m, y_m] in &world.walkers {
+            put(cell((*x_m, *y_m)), 'o');
         }
-        put(cell(at("/world/handler")), 'H');
+        put(cell((world.handler[0], world.handler[1])), 'H');
         put(robot, 'R');
         lines.into_iter().map(String::from_iter).collect()
     }
@@ -89,7 +84,7 @@ fn cell((x_m, y_m): (f64, f64)) -> (i64, i64) {
 #[cfg(test)]
 mod tests {
     use super::{COLUMNS, MapView, ROWS};
-    use serde_json::json;
+    use control::WorldStatus;
     use std::path::PathBuf;
     use std::sync::Arc;
     use world::Scenario;
@@ -100,11 +95,12 @@ mod tests {
         let scenario = Scenario::load(&file).expect("it is shipped");
         let world = Arc::new(scenario.load_world().expect("it is shipped"));
         let mut view = MapView::new(&world, &scenario);
-        let lines = view.lines(&json!({ "world": { "robot": [0.0, 0.0, 0.0], "handler": [-0.75, -0.35] } }));
+        let team = WorldStatus { handler: [-0.75, -0.35], ..WorldStatus::default() };
+        let lines = view.lines(Some(&team));
         assert_eq!(lines.len(), ROWS as usize);
         assert!(lines.iter().all(|line| line.chars().count() == COLUMNS as usize));
         let text = lines.join("\n");
         assert!(text.contains('#') && text.contains('R') && text.contains('H'), "{text}");
-        assert!(view.lines(&json!({ "world": null })).is_empty());
+        assert!(view.lines(None).is_empty());
     }
 }

@@ -1,26 +1,23 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
-use messages::CueKind;
+use control::{
+    CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Reading, Request, ServiceStatus, Status, Stop, Why,
+};
 use messages::stops::{STOPS, StopInfo};
+use messages::{CueKind, MicrophoneState, ModeClass, SpeechPhase, StopKind};
 use serde_json::{Value, json};
 
 use crate::args::{InjectArgs, RunArg};
-use crate::control::ask;
 use crate::exit::Failure;
-use crate::out::{self, count, elements, entries, number, say, table, text};
+use crate::find::{ask, read};
+use crate::out::{self, say, table};
 
 /// `guidedog status`
 ///
 /// # Errors
 /// As [`ask`].
 pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let status = ask(run.run.as_deref(), &json!({ "verb": "status" }))?;
-    if as_json {
-        out::json(&status)?;
-    } else {
-        status_lines(&status).iter().for_each(say);
-    }
-    Ok(())
+    show(run, as_json, status_lines)
 }
 
 /// `guidedog why`
@@ -28,12 +25,19 @@ pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let why = ask(run.run.as_deref(), &json!({ "verb": "why" }))?;
+    show(run, as_json, why_lines)
+}
+
+/// Shows something of a run. As JSON it is what the supervisor says, members that this program does not know included.
+///
+/// # Errors
+/// As [`ask`].
+pub fn show<T: Reading>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec<String>) -> Result<(), Failure> {
+    let run = run.run.as_deref();
     if as_json {
-        out::json(&why)?;
-    } else {
-        why_lines(&why).iter().for_each(say);
+        return out::json(&ask(run, &T::REQUEST)?);
     }
+    lines(&read(run)?).iter().for_each(say);
     Ok(())
 }
 
@@ -60,8 +64,7 @@ pub fn reasons(as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    let name = cue.name();
-    tell(run, &json!({ "verb": "cue", "cue": name }), &format!("cue {name} given"), as_json)
+    tell(run, &Request::Cue { cue }, &format!("cue {} given", cue.name()), as_json)
 }
 
 /// `guidedog stop`
@@ -69,7 +72,7 @@ pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &json!({ "verb": "stop" }), "stopped and locked; `guidedog resume` ends the lock", as_json)
+    tell(run, &Request::Stop, "stopped and locked; `guidedog resume` ends the lock", as_json)
 }
 
 /// `guidedog resume`
@@ -77,7 +80,7 @@ pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &json!({ "verb": "resume" }), "lock ended; the robot waits for a cue", as_json)
+    tell(run, &Request::Resume, "lock ended; the robot waits for a cue", as_json)
 }
 
 /// `guidedog inject`
@@ -87,12 +90,12 @@ pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 pub fn inject(args: &InjectArgs, as_json: bool) -> Result<(), Failure> {
     let (target, _) = messages::fault::parse(&args.target, &args.fault).map_err(Failure::input)?;
     let for_ms = args.lasts.map(|lasts| lasts.ns() / 1_000_000);
-    let request =
-        json!({ "verb": "inject", "target": args.target, "fault": args.fault, "for_ms": for_ms, "seed": args.seed });
+    let (name, fault, seed) = (args.target.clone(), args.fault.clone(), Some(args.seed));
+    let request = Request::Inject { target: name, fault, for_ms, seed };
     tell(&args.run, &request, &format!("{target}: {}", args.fault), as_json)
 }
 
-fn tell(run: &RunArg, request: &Value, done: &str, as_json: bool) -> Result<(), Failure> {
+fn tell(run: &RunArg, request: &Request, done: &str, as_json: bool) -> Result<(), Failure> {
     let answer = ask(run.run.as_deref(), request)?;
     if as_json {
         out::json(&answer)?;
@@ -103,167 +106,133 @@ fn tell(run: &RunArg, request: &Value, done: &str, as_json: bool) -> Result<(), 
 }
 
 /// The mode in a few words.
-pub fn mode_line(status: &Value) -> String {
-    let reason = text(status, "/mode/reason");
-    let reason = if reason.is_empty() { String::new() } else { format!(": {reason}") };
-    let ready = match (text(status, "/mode/class"), status.pointer("/mode/ready_for_cue").and_then(Value::as_bool)) {
-        ("fault", Some(true)) => ", ready for a cue",
-        ("fault", _) => ", not ready for a cue",
-        _ => "",
+pub fn mode_line(mode: &ModeStatus) -> String {
+    let reason = mode.reason.as_ref().map_or_else(String::new, |reason| format!(": {reason}"));
+    let ready = match (mode.class, mode.ready_for_cue) {
+        (ModeClass::Fault, true) => ", ready for a cue",
+        (ModeClass::Fault, false) => ", not ready for a cue",
+        (ModeClass::Run | ModeClass::Lock, _) => "",
     };
-    format!("{}{reason} (epoch {}){ready}", text(status, "/mode/class"), count(status, "/mode/epoch"))
+    format!("{}{reason} (epoch {}){ready}", mode.class.name(), mode.epoch)
 }
 
 /// The cue in force in a few words.
-pub fn cue_line(status: &Value) -> String {
-    match text(status, "/mode/cue/kind") {
-        "" => "none".to_owned(),
-        kind => format!("{kind}, since {:.1} s", number(status, "/mode/cue/since_s")),
-    }
+pub fn cue_line(mode: &ModeStatus) -> String {
+    let told = |cue: &CueStatus| format!("{}, since {:.1} s", cue.kind.name(), cue.since_s);
+    mode.cue.as_ref().map_or_else(|| "none".to_owned(), told)
 }
 
 /// What the robot does in a few words.
-pub fn robot_line(status: &Value) -> String {
-    if !status["world"].is_object() {
-        return velocity(status);
-    }
-    format!(
-        "at ({:.2}, {:.2}) heading {:.0} deg, {:.1} m walked, {}",
-        number(status, "/world/robot/0"),
-        number(status, "/world/robot/1"),
-        number(status, "/world/robot/2").to_degrees(),
-        number(status, "/world/distance_m"),
-        velocity(status),
-    )
+pub fn robot_line(status: &Status) -> String {
+    let velocity = velocity(status.locomotion.as_ref());
+    let Some(world) = &status.world else { return velocity };
+    let [x_m, y_m, yaw_rad] = world.robot;
+    let (heading_deg, walked_m) = (yaw_rad.to_degrees(), world.distance_m);
+    format!("at ({x_m:.2}, {y_m:.2}) heading {heading_deg:.0} deg, {walked_m:.1} m walked, {velocity}")
 }
 
-fn velocity(status: &Value) -> String {
-    if !status["locomotion"].is_object() {
+fn velocity(locomotion: Option<&LocomotionStatus>) -> String {
+    let Some(LocomotionStatus { velocity: [vx, vy, wz], limited_by, .. }) = locomotion else {
         return "no word from locomotion".to_owned();
-    }
-    let limited = match text(status, "/locomotion/limited_by") {
-        "" | "none" => String::new(),
-        kind => format!(", held by {kind}"),
     };
-    let (vx, vy) = (number(status, "/locomotion/velocity/0"), number(status, "/locomotion/velocity/1"));
-    format!("{:.2} m/s, {:+.2} rad/s{limited}", vx.hypot(vy), number(status, "/locomotion/velocity/2"))
+    let limited = if limited_by == StopKind::None.name() { String::new() } else { format!(", held by {limited_by}") };
+    format!("{:.2} m/s, {wz:+.2} rad/s{limited}", vx.hypot(*vy))
 }
 
 /// What the robot said last.
-fn said_line(status: &Value) -> String {
-    let ago_s = number(status, "/now_s") - number(status, "/said/at_s");
-    let unheard = if text(status, "/said/phase") == "unheard" { ", unheard" } else { "" };
-    match text(status, "/said/text") {
-        "" => "nothing".to_owned(),
-        said => format!("\"{said}\", {ago_s:.1} s ago{unheard}"),
-    }
+fn said_line(status: &Status) -> String {
+    let Some(said) = status.said.as_ref().filter(|said| !said.text.is_empty()) else { return "nothing".to_owned() };
+    let (ago_s, unheard) =
+        (status.now_s - said.at_s, if said.phase == SpeechPhase::Unheard { ", unheard" } else { "" });
+    format!("\"{}\", {ago_s:.1} s ago{unheard}", said.text)
 }
 
 /// The ages of the streams in a few words.
-pub fn ages_line(status: &Value) -> String {
-    let ages =
-        entries(status, "/stream_age_ms").map(|(topic, age)| format!("{topic} {:.0}", age.as_f64().unwrap_or(0.0)));
-    let ages: Vec<String> = ages.collect();
+pub fn ages_line(status: &Status) -> String {
+    let ages: Vec<String> = status.stream_age_ms.iter().map(|(topic, age_ms)| format!("{topic} {age_ms:.0}")).collect();
     if ages.is_empty() { "none yet".to_owned() } else { format!("{} ms", ages.join(", ")) }
 }
 
 /// How the handler's voice is heard.
-fn hears_line(status: &Value) -> String {
-    let (level, clipped) = (number(status, "/microphone/level_dbfs"), 100.0 * number(status, "/microphone/clipped"));
-    match text(status, "/microphone/state") {
-        "" => "no voice".to_owned(),
-        "lost" => "nothing: its source is lost".to_owned(),
-        "warming_up" => "not yet: warming up".to_owned(),
-        "muted" => "not now: the robot speaks".to_owned(),
-        state => {
-            let standing_out = number(status, "/microphone/above_floor_db");
-            let what = if state == "hearing" { String::new() } else { format!("{state}: ") };
-            format!("{what}{level:.0} dBFS, {standing_out:.0} dB above what is always there, {clipped:.1} % cut off")
-        }
-    }
+fn hears_line(microphone: Option<&MicrophoneStatus>) -> String {
+    let Some(microphone) = microphone else { return "no voice".to_owned() };
+    let what = match microphone.state {
+        MicrophoneState::None => return "no voice".to_owned(),
+        MicrophoneState::Lost => return "nothing: its source is lost".to_owned(),
+        MicrophoneState::WarmingUp => return "not yet: warming up".to_owned(),
+        MicrophoneState::Muted => return "not now: the robot speaks".to_owned(),
+        MicrophoneState::Hearing => "",
+        MicrophoneState::Dead => "dead: ",
+        MicrophoneState::Clipping => "clipping: ",
+    };
+    let (level, standing_out, clipped) = (microphone.level_dbfs, microphone.above_floor_db, 100.0 * microphone.clipped);
+    format!("{what}{level:.0} dBFS, {standing_out:.0} dB above what is always there, {clipped:.1} % cut off")
 }
 
-fn status_lines(status: &Value) -> Vec<String> {
+fn status_lines(status: &Status) -> Vec<String> {
     let mut lines = vec![
-        format!(
-            "run      {} (supervisor {}), {:.1} s",
-            text(status, "/run"),
-            count(status, "/supervisor_pid"),
-            number(status, "/now_s")
-        ),
-        format!("mode     {}", mode_line(status)),
-        format!("cue      {}", cue_line(status)),
+        format!("run      {} (supervisor {}), {:.1} s", status.run, status.supervisor_pid, status.now_s),
+        format!("mode     {}", mode_line(&status.mode)),
+        format!("cue      {}", cue_line(&status.mode)),
         format!("robot    {}", robot_line(status)),
         format!("said     {}", said_line(status)),
-        format!("hears    {}", hears_line(status)),
+        format!("hears    {}", hears_line(status.microphone.as_ref())),
         format!("streams  {}", ages_line(status)),
         String::new(),
     ];
-    let rows: Vec<Vec<String>> = elements(status, "/services").iter().map(service_row).collect();
+    let rows: Vec<Vec<String>> = status.services.iter().map(service_row).collect();
     lines.extend(table(&["service", "state", "pid", "life", "restarts", "critical"], &rows));
-    lines.extend(notes(status, 5));
+    lines.extend(notes(&status.notes, 5));
     lines
 }
 
-fn service_row(service: &Value) -> Vec<String> {
-    let critical = service["critical"].as_bool().unwrap_or(false);
+fn service_row(service: &ServiceStatus) -> Vec<String> {
     vec![
-        text(service, "/name").to_owned(),
-        text(service, "/state").to_owned(),
-        service["pid"].as_u64().filter(|pid| *pid > 0).map_or("-".to_owned(), |pid| pid.to_string()),
-        count(service, "/incarnation").to_string(),
-        count(service, "/restarts").to_string(),
-        (if critical { "yes" } else { "no" }).to_owned(),
+        service.name.clone(),
+        service.state.name().to_owned(),
+        if service.pid == 0 { "-".to_owned() } else { service.pid.to_string() },
+        service.incarnation.to_string(),
+        service.restarts.to_string(),
+        (if service.critical { "yes" } else { "no" }).to_owned(),
     ]
 }
 
-fn why_lines(why: &Value) -> Vec<String> {
-    let or = |path: &str, otherwise: &str| match text(why, path) {
-        "" | "none" => otherwise.to_owned(),
-        said => said.to_owned(),
-    };
+fn why_lines(why: &Why) -> Vec<String> {
     let mut lines = vec![
-        format!("run        {}", text(why, "/run")),
-        format!("mode       {}", mode_line(why)),
+        format!("run        {}", why.run),
+        format!("mode       {}", mode_line(&why.mode)),
         format!("stands     {}", stands(why)),
-        format!("for a cue  {}", or("/not_ready_because", "ready")),
+        format!("for a cue  {}", why.not_ready_because.as_deref().unwrap_or("ready")),
         String::new(),
     ];
-    let stops = elements(why, "/stops");
-    if stops.is_empty() {
+    if why.stops.is_empty() {
         lines.push("no stops".to_owned());
     } else {
-        let rows: Vec<Vec<String>> = stops.iter().map(stop_row).collect();
+        let rows: Vec<Vec<String>> = why.stops.iter().map(stop_row).collect();
         lines.extend(table(&["at", "lasted", "class", "why"], &rows));
     }
-    lines.extend(notes(why, 10));
+    lines.extend(notes(&why.notes, 10));
     lines
 }
 
 /// Why the robot stands, as locomotion says.
-fn stands(why: &Value) -> String {
-    match why["stands_because"].as_str() {
-        Some("none") => "it does not".to_owned(),
-        Some(reason) => reason.to_owned(),
-        None => "locomotion has said nothing yet".to_owned(),
+fn stands(why: &Why) -> &str {
+    match why.stands_because.as_deref() {
+        Some("none") => "it does not",
+        Some(reason) => reason,
+        None => "locomotion has said nothing yet",
     }
 }
 
-fn stop_row(stop: &Value) -> Vec<String> {
-    let lasts = if stop["ended"].as_bool() == Some(false) { " and on" } else { "" };
-    vec![
-        format!("{:.2} s", number(stop, "/at_s")),
-        format!("{:.2} s{lasts}", number(stop, "/lasted_s")),
-        text(stop, "/class").to_owned(),
-        text(stop, "/why").to_owned(),
-    ]
+fn stop_row(stop: &Stop) -> Vec<String> {
+    let lasts = if stop.ended { "" } else { " and on" };
+    vec![format!("{:.2} s", stop.at_s), format!("{:.2} s{lasts}", stop.lasted_s), stop.class.clone(), stop.why.clone()]
 }
 
 /// The last notes of the supervisor.
-fn notes(value: &Value, most: usize) -> Vec<String> {
-    let notes = elements(value, "/notes");
+fn notes(notes: &[Note], most: usize) -> Vec<String> {
     let last = &notes[notes.len().saturating_sub(most)..];
-    let lines = last.iter().map(|note| format!("{:8.2} s  {}", number(note, "/at_s"), text(note, "/text")));
+    let lines = last.iter().map(|note| format!("{:8.2} s  {}", note.at_s, note.text));
     let head = (!last.is_empty()).then(|| [String::new(), "notes".to_owned()]).into_iter().flatten();
     head.chain(lines).collect()
 }
@@ -271,18 +240,36 @@ fn notes(value: &Value, most: usize) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::{status_lines, why_lines};
-    use serde_json::json;
+    use control::{ModeStatus, SaidStatus, ServicePhase, ServiceStatus, Status, Stop, Why};
+    use messages::{ModeClass, SpeechPhase, Urgency};
 
     #[test]
     fn a_status_is_told_whole_and_without_what_it_lacks() {
-        let status = json!({
-            "run": "walk", "supervisor_pid": 7, "now_s": 1.5,
-            "mode": { "class": "fault", "reason": "boot", "epoch": 1, "ready_for_cue": true, "cue": null },
-            "services": [{ "name": "lidar", "pid": 9, "state": "ready", "incarnation": 2, "restarts": 1,
-                           "critical": true }],
-            "said": { "text": "Ready.", "at_s": 1.0, "phase": "unheard" },
-            "stream_age_ms": { "lidar/scan": 20.4 }, "world": null, "locomotion": null, "notes": [],
-        });
+        let (text, phase, urgency) = ("Ready.".to_owned(), SpeechPhase::Unheard, Urgency::News);
+        let (name, state) = ("lidar".to_owned(), ServicePhase::Ready);
+        let status = Status {
+            run: "walk".to_owned(),
+            supervisor_pid: 7,
+            now_s: 1.5,
+            mode: ModeStatus {
+                reason: Some("boot".to_owned()),
+                epoch: 1,
+                ready_for_cue: true,
+                ..ModeStatus::default()
+            },
+            services: vec![ServiceStatus {
+                name,
+                pid: 9,
+                state,
+                incarnation: 2,
+                restarts: 1,
+                critical: true,
+                ..ServiceStatus::default()
+            }],
+            said: Some(SaidStatus { text, at_s: 1.0, phase, urgency }),
+            stream_age_ms: [("lidar/scan".to_owned(), 20.4)].into(),
+            ..Status::default()
+        };
         let lines = status_lines(&status).join("\n");
         for what in [
             "run      walk (supervisor 7), 1.5 s",
@@ -297,10 +284,13 @@ mod tests {
 
     #[test]
     fn why_lists_the_stops() {
-        let why = json!({
-            "run": "walk", "mode": { "class": "run", "reason": null, "epoch": 2 }, "stands_because": "no_permit",
-            "stops": [{ "class": "hold", "why": "no_permit", "at_s": 3.0, "lasted_s": 0.5, "ended": false }],
-        });
+        let (class, why) = ("hold".to_owned(), "no_permit".to_owned());
+        let why = Why {
+            mode: ModeStatus { class: ModeClass::Run, epoch: 2, ..ModeStatus::default() },
+            stands_because: Some("no_permit".to_owned()),
+            stops: vec![Stop { class, why, at_s: 3.0, lasted_s: 0.5, ..Stop::default() }],
+            ..Why::default()
+        };
         let lines = why_lines(&why).join("\n");
         assert!(lines.contains("3.00 s  0.50 s and on  hold   no_permit"), "{lines}");
         assert!(lines.contains("stands     no_permit"), "{lines}");

@@ -57,12 +57,6 @@ pub fn count(value: &Value, path: &str) -> u64 {
     value.pointer(path).and_then(Value::as_u64).unwrap_or_default()
 }
 
-/// The entries of an object, or of none.
-pub fn entries<'a>(value: &'a Value, path: &str) -> impl Iterator<Item = (&'a str, &'a Value)> {
-    let map = value.pointer(path).and_then(Value::as_object);
-    map.into_iter().flatten().map(|(key, value)| (key.as_str(), value))
-}
-
 /// The elements of a list, or of none.
 pub fn elements<'a>(value: &'a Value, path: &str) -> &'a [Value] {
     value.pointer(path).and_then(Value::as_array).map_or(&[], Vec::as_slice)

@@ -3,13 +3,15 @@
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use serde_json::{Value, json};
+use control::{Policies, PolicyLife, Request, SwapRecord, SwapState};
+use serde_json::json;
 use settings::PolicyModel;
 
-use crate::args::{PolicyArgs, PolicyRunArgs, PolicyVerb, RunArg, SwapArgs};
-use crate::control::ask;
+use crate::args::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
 use crate::exit::{EXIT_OK, EXIT_SWAP_FAILED, Failure};
-use crate::out::{self, count, elements, say, table, text};
+use crate::find;
+use crate::operate;
+use crate::out::{self, say, table};
 
 /// The supervisor decides; this is how often it is asked whether it has.
 const ASK_EVERY: Duration = Duration::from_millis(50);
@@ -21,27 +23,27 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
     match &args.what {
         PolicyVerb::Swap(args) => swap(args, as_json),
-        PolicyVerb::Rollback(args) => follow(args, &json!({ "verb": "policy_rollback" }), as_json),
-        PolicyVerb::Show(run) => show(run, as_json),
+        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback, as_json),
+        PolicyVerb::Show(run) => operate::show(run, as_json, show_lines).map(|()| EXIT_OK),
     }
 }
 
 fn swap(args: &SwapArgs, as_json: bool) -> Result<u8, Failure> {
     let exe = args.exe.as_deref().map(whole_path).transpose()?;
-    let exe = exe.as_deref().map(named).transpose()?;
     let mut model = args.model.clone();
     if let Some(path) = model.as_mut().and_then(PolicyModel::file_mut) {
         *path = whole_path(path)?.into();
-        named(path)?;
     }
-    let request = json!({ "verb": "policy_swap", "exe": exe, "model": model });
-    follow(&args.run, &request, as_json)
+    follow(&args.run, &Request::PolicySwap { exe, model: model.map(PathBuf::from) }, as_json)
 }
 
-/// A path as it goes over the control socket.
-pub fn named(path: &Path) -> Result<String, Failure> {
-    let unnamed = || Failure::input(format!("{}: the path is not UTF-8", path.display()));
-    path.to_str().map(str::to_owned).ok_or_else(unnamed)
+/// A path that can go over the control socket.
+pub fn named(path: PathBuf) -> Result<PathBuf, Failure> {
+    if path.to_str().is_some() {
+        Ok(path)
+    } else {
+        Err(Failure::input(format!("{}: the path is not UTF-8", path.display())))
+    }
 }
 
 /// The supervisor works in a folder of its own.
@@ -51,99 +53,85 @@ fn whole_path(path: &Path) -> Result<PathBuf, Failure> {
         return Err(Failure::input(format!("{} is not a file", path.display())));
     }
     // Not the link's target: a link may be what names the program.
-    std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))
+    named(std::path::absolute(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?)
 }
 
 /// Asks for a swap, and waits until it is decided.
-fn follow(args: &PolicyRunArgs, request: &Value, as_json: bool) -> Result<u8, Failure> {
+fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, Failure> {
     let run = args.run.run.as_deref();
-    let number = count(&ask(run, request)?, "/swap");
-    let mut told = String::new();
+    let begun = find::tell(run, request)?;
+    let number = begun.swap.ok_or_else(|| Failure::run("the supervisor does not say which swap has begun"))?;
+    let mut told = None;
     let swap = loop {
-        let shown = ask(run, &json!({ "verb": "policy_show" }))?;
-        let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number).cloned();
+        let policies: Policies = find::read(run)?;
+        let swap = policies.swap(number).cloned();
         let swap = swap.ok_or_else(|| Failure::run(format!("the supervisor has forgotten swap {number}")))?;
-        let state = text(&swap, "/state");
-        if !as_json && state != told {
-            say(format!("swap {number}: {state}"));
-            state.clone_into(&mut told);
+        if !as_json && told != Some(swap.state) {
+            say(format!("swap {number}: {}", swap.state));
+            told = Some(swap.state);
         }
-        if matches!(state, "done" | "rolled_back" | "failed") || (state == "probation" && !args.settle) {
+        if swap.state.is_over() || (swap.state == SwapState::Probation && !args.settle) {
             break swap;
         }
         std::thread::sleep(ASK_EVERY);
     };
-    let why = text(&swap, "/why");
     if as_json {
-        out::json(&swap)?;
-    } else if !why.is_empty() {
+        out::json(&json!(swap))?;
+    } else if let Some(why) = &swap.why {
         say(why);
     }
-    Ok(if text(&swap, "/state") == "failed" { EXIT_SWAP_FAILED } else { EXIT_OK })
+    Ok(if swap.state == SwapState::Failed { EXIT_SWAP_FAILED } else { EXIT_OK })
 }
 
-fn show(run: &RunArg, as_json: bool) -> Result<u8, Failure> {
-    let shown = ask(run.run.as_deref(), &json!({ "verb": "policy_show" }))?;
-    if as_json {
-        out::json(&shown)?;
-    } else {
-        show_lines(&shown).iter().for_each(say);
+fn show_lines(policies: &Policies) -> Vec<String> {
+    let mut lines = vec![format!("active     {}", policy_line(&policies.active))];
+    if let Some(previous) = &policies.previous {
+        lines.push(format!("previous   {}", policy_line(previous)));
     }
-    Ok(EXIT_OK)
-}
-
-fn show_lines(shown: &Value) -> Vec<String> {
-    let mut lines = vec![format!("active     {}", policy_line(&shown["active"]))];
-    if shown["previous"].is_object() {
-        lines.push(format!("previous   {}", policy_line(&shown["previous"])));
-    }
-    let swaps = elements(shown, "/swaps");
-    if !swaps.is_empty() {
+    if !policies.swaps.is_empty() {
+        let rows: Vec<Vec<String>> = policies.swaps.iter().map(swap_row).collect();
         lines.push(String::new());
-        lines.extend(table(&["swap", "state", "life", "of", "why"], &swaps.iter().map(swap_row).collect::<Vec<_>>()));
+        lines.extend(table(&["swap", "state", "life", "of", "why"], &rows));
     }
     lines
 }
 
-fn policy_line(policy: &Value) -> String {
-    let or = |path: &str, otherwise: &str| match text(policy, path) {
-        "" => otherwise.to_owned(),
-        said => said.to_owned(),
-    };
-    let digest = text(policy, "/runs/sha256");
-    let digest = if digest.is_empty() { String::new() } else { format!(", sha256 {digest}") };
-    let (engine, model) = (or("/runs/engine", "another executable"), or("/runs/model", "as built"));
-    let strange = match text(policy, "/runs/not_trained_with") {
-        "" => String::new(),
-        strange => format!("; not trained with {strange}"),
-    };
-    format!("life {}: {engine}, {model}{digest}{strange}", count(policy, "/incarnation"))
+fn policy_line(policy: &PolicyLife) -> String {
+    let (engine, model) = (policy.says("engine").unwrap_or("another executable"), policy.says("model"));
+    let digest = policy.says("sha256").map_or_else(String::new, |digest| format!(", sha256 {digest}"));
+    let strange = policy.says("not_trained_with");
+    let strange = strange.map_or_else(String::new, |strange| format!("; not trained with {strange}"));
+    format!("life {}: {engine}, {}{digest}{strange}", policy.incarnation, model.unwrap_or("as built"))
 }
 
-fn swap_row(swap: &Value) -> Vec<String> {
-    let of = ["/spec/exe", "/spec/model"].map(|path| text(swap, path)).join(" ");
+fn swap_row(swap: &SwapRecord) -> Vec<String> {
+    let of = [&swap.spec.exe, &swap.spec.model].into_iter().flatten().map(|path| path.display().to_string());
+    let of: Vec<String> = of.collect();
     vec![
-        count(swap, "/number").to_string(),
-        text(swap, "/state").to_owned(),
-        count(swap, "/candidate").to_string(),
-        if of.trim().is_empty() { "as configured".to_owned() } else { of.trim().to_owned() },
-        text(swap, "/why").to_owned(),
+        swap.number.to_string(),
+        swap.state.to_string(),
+        swap.candidate.to_string(),
+        if of.is_empty() { "as configured".to_owned() } else { of.join(" ") },
+        swap.why.clone().unwrap_or_default(),
     ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::show_lines;
+    use control::{Policies, PolicyLife, PolicySpec, SwapRecord, SwapState};
     use serde_json::json;
 
     #[test]
     fn the_policy_in_force_and_why_a_swap_failed_are_told() {
-        let shown = json!({
-            "active": { "incarnation": 1, "runs": { "engine": "geometric" } }, "previous": null,
-            "swaps": [{ "number": 1, "state": "failed", "candidate": 2, "spec": { "exe": "/x/nan", "model": null },
-                        "why": "decision 7: its output is no probability" }],
-        });
-        let lines = show_lines(&shown).join("\n");
+        let why = Some("decision 7: its output is no probability".to_owned());
+        let spec = PolicySpec { exe: Some("/x/nan".into()), model: None };
+        let policies = Policies {
+            active: PolicyLife { incarnation: 1, runs: Some(json!({ "engine": "geometric" })) },
+            swaps: vec![SwapRecord { number: 1, state: SwapState::Failed, candidate: 2, previous: 1, spec, why }],
+            ..Policies::default()
+        };
+        let lines = show_lines(&policies).join("\n");
         assert!(lines.contains("active     life 1: geometric, as built"), "{lines}");
         assert!(lines.contains("failed  2     /x/nan  decision 7: its output is no probability"), "{lines}");
     }

@@ -2,14 +2,14 @@
 
 use std::time::{Duration, Instant};
 
+use control::{Note, Request, ServicePhase, Status};
 use messages::ServiceId;
-use serde_json::{Value, json};
 
 use crate::args::{RecordArgs, RunArg};
-use crate::control::ask;
 use crate::exit::{EXIT_NO_RUN, EXIT_REFUSED, Failure};
+use crate::find::{ask, read, tell};
 use crate::launch::Signals;
-use crate::out::{self, elements, number, say, text};
+use crate::out::{self, say};
 use crate::policy;
 use crate::prepare::new_recording;
 use crate::recording_files;
@@ -29,7 +29,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
     let signals = Signals::of_this_process()?;
     let run = named(&args.run)?;
     let mut troubles = Troubles::from_now_on(&run)?;
-    ask(Some(&run), &json!({ "verb": "record", "path": policy::named(&path)? }))?;
+    tell(Some(&run), &Request::Record { path: policy::named(path.clone())? })?;
     if !as_json {
         say(format!("recording {run} to {}; Ctrl-C ends the recording", path.display()));
     }
@@ -43,11 +43,11 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
         troubles.look(&status);
         match recorder(&status) {
             // Somebody else has ended it.
-            Some("off") if was_ready => break,
-            Some("off" | "spent") => {
+            Some(ServicePhase::Off) if was_ready => break,
+            Some(ServicePhase::Off | ServicePhase::Spent) => {
                 return Err(Failure::run(format!("run {run}: the recorder ended: {}", troubles.last())));
             }
-            state => was_ready |= state == Some("ready"),
+            state => was_ready |= state == Some(ServicePhase::Ready),
         }
     }
     end(&run, &mut troubles)?;
@@ -61,7 +61,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
 fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let run = named(run)?;
     let mut troubles = Troubles::from_now_on(&run)?;
-    let answer = ask(Some(&run), &json!({ "verb": "record_stop" }))?;
+    let answer = ask(Some(&run), &Request::RecordStop)?;
     wait_for_end(&run, &mut troubles)?;
     if as_json {
         return out::json(&answer);
@@ -72,7 +72,7 @@ fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 
 /// Has the recorder end its files, and waits until it has; that the run has ended meanwhile is as well.
 fn end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
-    match ask(Some(run), &json!({ "verb": "record_stop" })) {
+    match tell(Some(run), &Request::RecordStop) {
         // Somebody else has ended it.
         Err(failure) if !matches!(failure.code, EXIT_NO_RUN | EXIT_REFUSED) => Err(failure),
         _ => wait_for_end(run, troubles),
@@ -83,7 +83,7 @@ fn wait_for_end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
     let begun = Instant::now();
     while let Some(status) = status(run)? {
         troubles.look(&status);
-        if recorder(&status).is_none_or(|state| state == "off") || begun.elapsed() >= END_WITHIN {
+        if recorder(&status).is_none_or(|state| state == ServicePhase::Off) || begun.elapsed() >= END_WITHIN {
             break;
         }
         std::thread::sleep(LOOK_EVERY);
@@ -95,46 +95,42 @@ fn wait_for_end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
 struct Troubles {
     /// Run time from which on notes count, seconds.
     from_s: f64,
-    told: Vec<Value>,
+    told: Vec<Note>,
 }
 
 impl Troubles {
     fn from_now_on(run: &str) -> Result<Self, Failure> {
-        let status = ask(Some(run), &json!({ "verb": "status" }))?;
-        Ok(Self { from_s: number(&status, "/now_s"), told: Vec::new() })
+        Ok(Self { from_s: read::<Status>(Some(run))?.now_s, told: Vec::new() })
     }
 
-    fn look(&mut self, status: &Value) {
-        for note in elements(status, "/notes").iter().filter(|note| number(note, "/at_s") >= self.from_s) {
-            let said = text(note, "/text");
-            if said.starts_with(ServiceId::Recorder.name()) && !self.told.contains(note) {
-                say(said);
+    fn look(&mut self, status: &Status) {
+        for note in status.notes.iter().filter(|note| note.at_s >= self.from_s) {
+            if note.text.starts_with(ServiceId::Recorder.name()) && !self.told.contains(note) {
+                say(&note.text);
                 self.told.push(note.clone());
             }
         }
     }
 
     fn last(&self) -> &str {
-        self.told.last().map_or("no note", |note| text(note, "/text"))
+        self.told.last().map_or("no note", |note| &note.text)
     }
 }
 
 /// The name of the run that is meant, which stays the same while it is recorded.
 fn named(run: &RunArg) -> Result<String, Failure> {
-    let status = ask(run.run.as_deref(), &json!({ "verb": "status" }))?;
-    Ok(text(&status, "/run").to_owned())
+    Ok(read::<Status>(run.run.as_deref())?.run)
 }
 
 /// What the run says of itself; nothing where it is gone.
-fn status(run: &str) -> Result<Option<Value>, Failure> {
-    match ask(Some(run), &json!({ "verb": "status" })) {
+fn status(run: &str) -> Result<Option<Status>, Failure> {
+    match read(Some(run)) {
         Err(failure) if failure.code == EXIT_NO_RUN => Ok(None),
         status => status.map(Some),
     }
 }
 
 /// How far the recorder is.
-fn recorder(status: &Value) -> Option<&str> {
-    let recorder = elements(status, "/services").iter().find(|service| service["name"] == ServiceId::Recorder.name());
-    recorder.map(|recorder| text(recorder, "/state"))
+fn recorder(status: &Status) -> Option<ServicePhase> {
+    status.service(ServiceId::Recorder).map(|recorder| recorder.state)
 }

@@ -9,11 +9,10 @@ use serde_json::{Value, json};
 use settings::Settings;
 
 use crate::args::ReplayArgs;
-use crate::control::free_name;
 use crate::exit::{EXIT_DIFFERENT, EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Outcome};
 use crate::live::Live;
-use crate::out::{count, number, text};
 use crate::prepare_replay::{self, PreparedReplay};
 use crate::runs::{RunEnding, finish};
 use crate::summary;
@@ -37,13 +36,17 @@ pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("replay"));
     let running = Launch { settings: &prepared.settings, name, speed }.spawn()?;
     let mut live = (!as_json).then(|| Live::new(running.name(), None));
-    let mut outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
-    add_notes(&mut outcome.report, &prepared);
+    let outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
+    let report = &outcome.report;
     let ending = ending(&outcome, &prepared);
-    if let Some(differences) = differences.filter(|_| text(&outcome.report, "/failure").is_empty()) {
-        outcome.report["differences"] = read_differences(&differences, &prepared.settings)?;
-        finish(&outcome.report, as_json, || summary::against(&outcome.report))?;
-        let differ = count(&outcome.report, "/compared/decided_differently") > 0;
+    // What is known before the run: a replay that died told nothing.
+    let anomalies = report.replayed().map_or(&prepared.info.about.anomalies, |replayed| &replayed.input_anomalies);
+    let mut added = json!({ "input_anomalies": anomalies, "experiment": prepared.experiment });
+    if let Some(differences) = differences.filter(|_| report.failure.is_none()) {
+        let differences = read_differences(&differences, &prepared.settings)?;
+        added["differences"] = json!(differences);
+        finish(report, added, as_json, || summary::against(report, &differences))?;
+        let differ = report.compared().is_some_and(|compared| compared.decided_differently > 0);
         return Ok(match (differ, ending.well) {
             (true, _) => EXIT_DIFFERENT,
             (false, true) => EXIT_OK,
@@ -51,16 +54,8 @@ pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
             (false, false) => EXIT_NOT_REACHED,
         });
     }
-    finish(&outcome.report, as_json, || summary::replay(&outcome.report, &ending))?;
+    finish(report, added, as_json, || summary::replay(report, anomalies, &ending))?;
     Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })
-}
-
-/// What is known before the run and belongs into its report.
-fn add_notes(report: &mut Value, prepared: &PreparedReplay) {
-    if !report["input_anomalies"].is_object() {
-        report["input_anomalies"] = json!(prepared.info.about.anomalies);
-    }
-    report["experiment"] = json!(prepared.experiment);
 }
 
 /// How long the replay should last, seconds; none: until it is ended, or as long as the simulated world goes on.
@@ -80,7 +75,7 @@ fn ending(outcome: &Outcome, prepared: &PreparedReplay) -> RunEnding {
 }
 
 fn ending_of(outcome: &Outcome, expected_s: Option<f64>) -> RunEnding {
-    let lasted_s = number(&outcome.report, "/duration_s");
+    let lasted_s = outcome.report.duration_s;
     let Some(expected_s) = expected_s else {
         return RunEnding { words: format!("ended after {lasted_s:.1} s"), well: true };
     };
@@ -97,7 +92,7 @@ fn ending_of(outcome: &Outcome, expected_s: Option<f64>) -> RunEnding {
 }
 
 /// What the replay noted down, its actions by name.
-fn read_differences(path: &Path, settings: &Settings) -> Result<Value, Failure> {
+fn read_differences(path: &Path, settings: &Settings) -> Result<Vec<Value>, Failure> {
     let told = |error: std::io::Error| Failure::run(format!("{}: {error}", path.display()));
     let table = settings.policy.actions.table();
     let mut differences = Vec::new();
@@ -110,23 +105,21 @@ fn read_differences(path: &Path, settings: &Settings) -> Result<Value, Failure> 
         }
         differences.push(difference);
     }
-    Ok(Value::Array(differences))
+    Ok(differences)
 }
 
 #[cfg(test)]
 mod tests {
     use super::ending_of;
     use crate::launch::Outcome;
-    use serde_json::{Value, json};
-
-    fn outcome(report: Value) -> Outcome {
-        Outcome { report, interrupted: false }
-    }
+    use control::Report;
 
     #[test]
     fn a_replay_is_well_when_it_came_to_its_end() {
-        assert!(ending_of(&outcome(json!({ "duration_s": 60.0 })), Some(60.5)).well);
-        assert!(!ending_of(&outcome(json!({ "duration_s": 20.0 })), Some(60.0)).well);
-        assert!(!ending_of(&Outcome { report: json!({ "duration_s": 99.0 }), interrupted: true }, Some(60.0)).well);
+        let outcome =
+            |duration_s, interrupted| Outcome { report: Report { duration_s, ..Report::default() }, interrupted };
+        assert!(ending_of(&outcome(60.0, false), Some(60.5)).well);
+        assert!(!ending_of(&outcome(20.0, false), Some(60.0)).well);
+        assert!(!ending_of(&outcome(99.0, true), Some(60.0)).well);
     }
 }

@@ -1,15 +1,16 @@
 //! `up`, `walk`: runs from their start to their report.
 
+use control::{Collisions, Report};
 use serde_json::{Value, json};
 use world::Route;
 
 use crate::args::{WalkArgs, WorldArgs};
-use crate::control::free_name;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Outcome};
 use crate::live::Live;
 use crate::map_view::MapView;
-use crate::out::{self, count, number, say, text};
+use crate::out::{self, say};
 use crate::{prepare, summary};
 
 /// `guidedog up`: becomes the supervisor; returns only where it cannot.
@@ -34,11 +35,11 @@ pub fn walk(args: &WalkArgs, as_json: bool) -> Result<u8, Failure> {
     let running = Launch { settings: &prepared.settings, name, speed: pace.speed }.spawn()?;
     let map = MapView::new(&prepared.world, &prepared.scenario);
     let mut live = (!as_json).then(|| Live::new(running.name(), Some(map)));
-    let mut outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
-    outcome.report["has_goal"] = json!(prepared.scenario.route.goal.is_some());
+    let outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
     let limit = prepared.settings.walk.time_limit.map(|limit| limit.s()).or(prepared.scenario.route.time_limit_s);
     let ending = walk_ending(&outcome, &prepared.scenario.route, limit);
-    finish(&outcome.report, as_json, || summary::walk(&outcome.report, &ending))?;
+    let added = json!({ "has_goal": prepared.scenario.route.goal.is_some() });
+    finish(&outcome.report, added, as_json, || summary::walk(&outcome.report, &ending))?;
     Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 
@@ -54,47 +55,57 @@ pub struct RunEnding {
 fn walk_ending(outcome: &Outcome, route: &Route, limit_s: Option<f64>) -> RunEnding {
     let report = &outcome.report;
     let ending = |words: &str, well: bool| RunEnding { words: words.to_owned(), well };
-    if report["reached"].as_bool() == Some(true) {
+    if report.reached() {
         return ending("reached the goal", true);
     }
     if outcome.interrupted {
         return ending("ended by a signal", false);
     }
     // The last step may be the one before the limit.
-    let lasted = limit_s.is_some_and(|limit_s| number(report, "/duration_s") + 0.05 >= limit_s);
+    let lasted = limit_s.is_some_and(|limit_s| report.duration_s + 0.05 >= limit_s);
     let how = if lasted { "at its time limit" } else { "before its time limit" };
     if route.goal.is_some() {
         return ending(&format!("did not reach the goal; ended {how}"), false);
     }
-    let collisions = count(report, "/collisions/robot") + count(report, "/collisions/handler");
-    ending(&format!("no goal; ended {how}"), lasted && collisions == 0)
+    let Collisions { robot, handler, .. } = report.collisions();
+    ending(&format!("no goal; ended {how}"), lasted && robot + handler == 0)
 }
 
-/// Tells the report; a run that failed is an error even so, which the JSON object tells already.
-pub fn finish(report: &Value, as_json: bool, summary: impl FnOnce() -> Vec<String>) -> Result<(), Failure> {
-    let failure = text(report, "/failure");
+/// Tells the report, as JSON with the members of the object `added`; a run that failed is an error even so, which the
+/// JSON object tells already.
+pub fn finish(
+    report: &Report,
+    added: Value,
+    as_json: bool,
+    summary: impl FnOnce() -> Vec<String>,
+) -> Result<(), Failure> {
     if as_json {
-        let mut report = report.clone();
-        if !failure.is_empty() {
-            report["error"] = json!(failure);
+        let mut told = json!(report);
+        if let (Value::Object(told), Value::Object(added)) = (&mut told, added) {
+            told.extend(added);
         }
-        out::json(&report)?;
+        if let Some(why) = &report.failure {
+            told["error"] = json!(why);
+        }
+        out::json(&told)?;
     } else {
         summary().iter().for_each(say);
     }
-    if failure.is_empty() { Ok(()) } else { Err(Failure { told: as_json, ..Failure::run(failure) }) }
+    report.failure.as_ref().map_or(Ok(()), |why| Err(Failure { told: as_json, ..Failure::run(why) }))
 }
 
 #[cfg(test)]
 mod tests {
     use super::walk_ending;
     use crate::launch::Outcome;
+    use control::{Collisions, Report, RunFigures};
     use guidance::se2::Point;
-    use serde_json::{Value, json};
     use world::{Goal, Route};
 
-    fn outcome(report: Value) -> Outcome {
-        Outcome { report, interrupted: false }
+    fn outcome(duration_s: f64, reached: bool, robot: u32) -> Outcome {
+        let collisions = Collisions { robot, ..Collisions::default() };
+        let world = Some(RunFigures { reached, collisions, ..RunFigures::default() });
+        Outcome { report: Report { duration_s, world, ..Report::default() }, interrupted: false }
     }
 
     fn route(goal: bool) -> Route {
@@ -104,22 +115,18 @@ mod tests {
 
     #[test]
     fn a_walk_with_a_goal_is_well_when_it_reached_it() {
-        let reached = outcome(json!({ "reached": true, "duration_s": 60.0 }));
-        assert!(walk_ending(&reached, &route(true), Some(240.0)).well);
-        let late = outcome(json!({ "reached": false, "duration_s": 240.0 }));
-        let ending = walk_ending(&late, &route(true), Some(240.0));
+        assert!(walk_ending(&outcome(60.0, true, 0), &route(true), Some(240.0)).well);
+        let ending = walk_ending(&outcome(240.0, false, 0), &route(true), Some(240.0));
         assert_eq!((ending.words.as_str(), ending.well), ("did not reach the goal; ended at its time limit", false));
     }
 
     #[test]
     fn a_walk_without_a_goal_is_well_when_it_lasts_without_a_collision() {
-        let report = |duration_s: f64, robot: u32| {
-            outcome(
-                json!({ "reached": false, "duration_s": duration_s, "collisions": { "robot": robot, "handler": 0 } }),
-            )
+        let is_well = |duration_s: f64, robot: u32| {
+            walk_ending(&outcome(duration_s, false, robot), &route(false), Some(120.0)).well
         };
-        assert!(walk_ending(&report(120.0, 0), &route(false), Some(120.0)).well);
-        assert!(!walk_ending(&report(120.0, 1), &route(false), Some(120.0)).well);
-        assert!(!walk_ending(&report(20.0, 0), &route(false), Some(120.0)).well);
+        assert!(is_well(120.0, 0));
+        assert!(!is_well(120.0, 1));
+        assert!(!is_well(20.0, 0));
     }
 }

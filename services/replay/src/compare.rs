@@ -2,9 +2,9 @@
 
 use std::collections::BTreeMap;
 
+use control::{Compared, ComparedCount};
 use messages::{Permit, PermitCause, PolicyAction, s_from_ns};
 use recording::Record;
-use serde::Serialize;
 use serde_json::{Value, json};
 
 /// What a verdict answers: a scan, or a decision.
@@ -12,17 +12,6 @@ use serde_json::{Value, json};
 enum Question {
     Scan(u32, u64),
     Decision(u64),
-}
-
-/// How many were equal.
-#[derive(Debug, Clone, Copy, Default, Serialize)]
-struct Count {
-    recorded: u64,
-    /// To the byte, header included.
-    equal: u64,
-    different: u64,
-    /// Decided now and not then.
-    additional: u64,
 }
 
 /// Holds every action and permit of the run against the recorded one.
@@ -33,8 +22,8 @@ pub struct Compare {
     /// What has not met its counterpart: recorded, and of this run.
     permits: BTreeMap<Question, [Option<Permit>; 2]>,
     actions: BTreeMap<(u32, u64), [Option<PolicyAction>; 2]>,
-    of_permits: Count,
-    of_actions: Count,
+    of_permits: ComparedCount,
+    of_actions: ComparedCount,
     /// Verdicts that are another action or another outcome.
     decided_differently: u64,
     first_difference: Option<String>,
@@ -129,7 +118,7 @@ impl Compare {
 
     /// The figures, for the report. What has no counterpart in the end is different too; where the whole run is played
     /// to its end, it was decided differently.
-    pub fn figures(&self, exact: bool, to_its_end: bool) -> Value {
+    pub fn figures(&self, exact: bool, to_its_end: bool) -> Compared {
         let (mut permits, mut actions) = (self.of_permits, self.of_actions);
         for [then, now] in self.permits.values() {
             permits.different += u64::from(then.is_some());
@@ -140,13 +129,13 @@ impl Compare {
             actions.additional += u64::from(now.is_some());
         }
         let alone = self.permits.values().filter(|_| exact && to_its_end).count() as u64;
-        json!({
-            "exact": exact,
-            "permits": permits,
-            "actions": actions,
-            "decided_differently": self.decided_differently + alone,
-            "first_difference": self.first_difference,
-        })
+        Compared {
+            exact,
+            permits,
+            actions,
+            decided_differently: self.decided_differently + alone,
+            first_difference: self.first_difference.clone(),
+        }
     }
 }
 
@@ -163,6 +152,7 @@ fn side_json(permit: &Permit) -> Value {
 #[cfg(test)]
 mod tests {
     use super::{Compare, Side};
+    use control::ComparedCount;
     use messages::{Outcome, Permit, PermitCause, PolicyAction};
 
     fn permit(scan_seq: u64) -> Permit {
@@ -180,10 +170,9 @@ mod tests {
         compare.permit(Side::Now, &Permit { outcome: Outcome::RemainderUnsafe, ..permit(3) });
         compare.permit(Side::Now, &permit(9));
         let figures = compare.figures(true, true);
-        let counts = ["recorded", "equal", "different", "additional"].map(|name| figures["permits"][name].as_u64());
-        assert_eq!(counts, [Some(4), Some(1), Some(3), Some(1)], "{figures}");
+        assert_eq!(figures.permits, ComparedCount { recorded: 4, equal: 1, different: 3, additional: 1 });
         // One outcome, and two that the other side has not.
-        assert_eq!(figures["decided_differently"], 3);
+        assert_eq!(figures.decided_differently, 3);
         let lines = compare.take_lines();
         assert_eq!((lines.len(), &lines[0]["replayed"]["outcome"]), (1, &"remainder_unsafe".into()));
     }
@@ -197,7 +186,7 @@ mod tests {
         compare.action(Side::Recorded, &PolicyAction { decision: 42, ..PolicyAction::default() });
         compare.action(Side::Now, &PolicyAction { decision: 2, ..PolicyAction::default() });
         let figures = compare.figures(false, false);
-        assert_eq!((&figures["permits"]["additional"], &figures["actions"]["additional"]), (&0.into(), &0.into()));
-        assert_eq!(figures["decided_differently"], 0);
+        assert_eq!((figures.permits.additional, figures.actions.additional), (0, 0));
+        assert_eq!(figures.decided_differently, 0);
     }
 }

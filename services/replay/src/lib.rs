@@ -12,6 +12,7 @@ mod prompter;
 use std::fs::File;
 use std::io::{BufWriter, Write};
 
+use control::{ReplayFigures, RunFigures};
 use messages::{
     Cue, DepthFrame, Frame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId,
 };
@@ -189,16 +190,18 @@ impl Replay {
     fn figures(&self) -> serde_json::Value {
         let info = self.playlist.info();
         let (exact, to_its_end) = (self.playlist.is_exact(), self.playlist.run_end_ns().is_some());
-        json!({
-            "reached": self.playlist.next_topic().is_none(),
-            "recording": info.about.source,
-            "scans": self.scan_count,
-            "depth_frames": self.frame_count,
-            "recorded_s": messages::s_from_ns(info.duration_ns),
-            "distance_m": self.distance_m,
-            "collisions": { "robot": 0, "handler": 0, "hit_by_others": 0 },
-            "input_anomalies": info.about.anomalies,
-            "compared": self.judge.as_ref().map(|judge| judge.compare.figures(exact, to_its_end)),
+        json!(RunFigures {
+            reached: self.playlist.next_topic().is_none(),
+            distance_m: self.distance_m,
+            replayed: Some(ReplayFigures {
+                recording: info.about.source.clone(),
+                scans: self.scan_count,
+                depth_frames: self.frame_count,
+                recorded_s: messages::s_from_ns(info.duration_ns),
+                input_anomalies: info.about.anomalies.clone(),
+                compared: self.judge.as_ref().map(|judge| judge.compare.figures(exact, to_its_end)),
+            }),
+            ..RunFigures::default()
         })
     }
 

@@ -6,6 +6,7 @@
 use std::os::unix::net::UnixDatagram;
 use std::sync::Arc;
 
+use control::{Collisions, RunFigures, SimulatorFigures};
 use links::{BRAKE_MESSAGE_LEN, BrakeMessage};
 use messages::{QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
 use serde_json::json;
@@ -181,16 +182,17 @@ impl Simulator {
     fn figures(&self) -> serde_json::Value {
         let truth = self.physics.truth();
         let pose = truth.world_from_robot;
-        json!({
-            "reached": self.reached,
-            "distance_m": truth.distance_m,
-            "collisions": {
-                "robot": truth.robot_collisions,
-                "handler": truth.handler_collisions,
-                "hit_by_others": truth.hit_by_others,
+        let (end_pose, skipped_ticks) = ([pose.x_m, pose.y_m, pose.yaw_rad], self.skipped_ticks);
+        json!(RunFigures {
+            reached: self.reached,
+            distance_m: truth.distance_m,
+            collisions: Collisions {
+                robot: truth.robot_collisions,
+                handler: truth.handler_collisions,
+                hit_by_others: truth.hit_by_others,
             },
-            "end_pose": [pose.x_m, pose.y_m, pose.yaw_rad],
-            "skipped_ticks": self.skipped_ticks,
+            simulated: Some(SimulatorFigures { end_pose, skipped_ticks }),
+            replayed: None,
         })
     }
 }

@@ -4,21 +4,21 @@ use std::io::Write;
 use std::os::fd::{AsFd, OwnedFd};
 use std::process::ExitCode;
 
+use control::{Report, Right, framing};
 use messages::{QUANTUM_NS, ServiceId};
 use rustix::event::{EventfdFlags, eventfd};
-use serde_json::{Value, json};
 use settings::Settings;
 use transport::{ClockKind, Domain, Io, Janitor, Oversleep, RunDir, RunInfo, SupervisorArgs, TransportError};
 use transport::{inherited_fd, monotonic_ns, run_supervisor};
 
 use crate::children::Children;
-use crate::control::{ControlServer, Right};
 use crate::ending::Ending;
 use crate::faults::Faults;
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::planned::PlannedRequests;
 use crate::report::Figures;
+use crate::server::ControlServer;
 use crate::step_watch::StepWatch;
 use crate::systemd::Systemd;
 use crate::tone::Tone;
@@ -85,15 +85,15 @@ pub fn main() -> ExitCode {
         Err(error) => return fail(EXIT_RUN_FAILED, error.to_string()),
     };
     match run(&arguments, &settings, &dir) {
-        Ok((report, failure)) => {
+        Ok(report) => {
             if arguments.report
-                && let Err(error) = writeln!(std::io::stdout(), "{report}")
+                && let Err(error) = tell(&report)
                 // A reader that is gone wanted no more.
                 && error.kind() != std::io::ErrorKind::BrokenPipe
             {
                 return fail(EXIT_RUN_FAILED, format!("failed to write the report: {error}"));
             }
-            match failure {
+            match report.failure {
                 Some(why) => fail(EXIT_RUN_FAILED, why),
                 None => ExitCode::SUCCESS,
             }
@@ -105,7 +105,11 @@ pub fn main() -> ExitCode {
     }
 }
 
-fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Value, Option<String>), TransportError> {
+fn tell(report: &Report) -> std::io::Result<()> {
+    std::io::stdout().write_all(framing::line(report)?.as_bytes())
+}
+
+fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<Report, TransportError> {
     let text = toml::to_string(settings).map_err(TransportError::service)?;
     std::fs::write(dir.settings(), text).map_err(TransportError::service)?;
     dir.write_info(&RunInfo {
@@ -120,18 +124,12 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<(Valu
     let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
     let holder = domain.create_all()?;
     let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
-    let clock = serde_json::to_value(arguments.clock).unwrap_or(Value::Null);
-    let services = supervisor.machine.status(supervisor.ended_ns);
     supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
-    let mut report =
-        supervisor.figures.report(&arguments.name, &clock, supervisor.ended_ns, &supervisor.machine.stops, &services);
-    report["policy_swaps"] = json!(supervisor.machine.policies().last_records());
-    report["failure"] = json!(supervisor.failure);
-    let failure = supervisor.failure.clone();
+    let report = supervisor.report(&arguments.name, arguments.clock);
     drop(supervisor);
     drop(holder);
     dir.remove();
-    Ok((report, failure))
+    Ok(report)
 }
 
 /// A descriptor that becomes readable at SIGINT, SIGTERM and SIGHUP.
@@ -174,7 +172,7 @@ impl Supervisor {
         let mut supervisor = Self {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
-            control: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
+            server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,
             faults: Faults::new(settings.faults.allowed),

@@ -6,7 +6,7 @@ use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use crate::machine::PolicySpec;
+use control::PolicySpec;
 use messages::{DeathSignal, ServiceId};
 use nix::libc;
 use rustix::event::{PollFd, PollFlags};
@@ -155,7 +155,7 @@ impl Children {
         let life_variable = if service == ServiceId::Locomotion { ChildArgs::BRAKE_FD } else { ChildArgs::LIFELINE_FD };
         command.env(life_variable, life_child.as_fd().as_raw_fd().to_string());
         if let Some(model) = &spec.model {
-            command.env(ChildArgs::MODEL, PathBuf::from(model.clone()));
+            command.env(ChildArgs::MODEL, model);
         }
         if let Some(i) = self.doomed.iter().position(|doomed| *doomed == service) {
             self.doomed.swap_remove(i);

@@ -8,7 +8,6 @@ use std::fs::File;
 use messages::{Fault, Injection, ServiceId, Target};
 use rustix::fs::FallocateFlags;
 use rustix::process::Signal;
-use serde_json::{Value, json};
 use transport::{Io, SHM, ToChild, monotonic_ns};
 
 use crate::Supervisor;
@@ -49,18 +48,24 @@ impl Faults {
 }
 
 impl Supervisor {
-    /// Injects a fault, or mends it: the answer to the operator. Refused where it would do nothing.
-    pub(crate) fn inject(&mut self, target: &str, fault: &str, for_ms: Option<u64>, seed: u64, io: &Io) -> Value {
-        let refused = |why: String| json!({ "error": format!("fault refused: {why}") });
+    /// Injects a fault, or mends it: when, on the monotonic clock, nanoseconds.
+    ///
+    /// # Errors
+    /// Says why, where it may not be or would do nothing.
+    pub(crate) fn inject(
+        &mut self,
+        target: &str,
+        fault: &str,
+        for_ms: Option<u64>,
+        seed: u64,
+        io: &Io,
+    ) -> Result<u64, String> {
         if !self.faults.allowed {
-            return refused("this run allows none; start it with --faults".to_owned());
+            return Err("this run allows none; start it with --faults".to_owned());
         }
-        let (target, kind) = match messages::fault::parse(target, fault) {
-            Ok(named) => named,
-            Err(why) => return refused(why),
-        };
+        let (target, kind) = messages::fault::parse(target, fault)?;
         if for_ms.is_some() && kind == Some(Fault::Hang) && target == Target::Service(ServiceId::Supervisor) {
-            return refused("a supervisor that hangs cannot end its own fault; send it SIGCONT".to_owned());
+            return Err("a supervisor that hangs cannot end its own fault; send it SIGCONT".to_owned());
         }
         let for_ns = for_ms.map(|ms| ms.saturating_mul(1_000_000));
         let injection = Injection { target, fault: kind, seed, since_ns: io.now_ns(), for_ns };
@@ -75,11 +80,11 @@ impl Supervisor {
         if let Err(why) = done
             && kind.is_some()
         {
-            return refused(why);
+            return Err(why);
         }
         self.faults.keep(injection);
         self.figures.note(io.now_ns(), format!("fault injected: {target} {fault}"));
-        json!({ "ok": true, "at_ns": at_ns })
+        Ok(at_ns)
     }
 
     fn inject_stream(&mut self, injection: &Injection, io: &Io) -> Result<(), String> {

@@ -8,7 +8,6 @@
 
 mod boot;
 mod children;
-pub mod control;
 mod ending;
 mod faults;
 mod last_words;
@@ -18,6 +17,7 @@ pub mod plan;
 mod planned;
 mod recording;
 pub mod report;
+mod server;
 mod step_watch;
 pub mod stops;
 mod systemd;
@@ -25,6 +25,7 @@ mod tone;
 
 use std::collections::BTreeMap;
 
+use control::{PolicySpec, RunFigures};
 use messages::{
     ClockAck, Cue, CueAnswer, CueRequest, EmergencyStop, Health, LocomotionState, Member, Mode, Permit, PolicyAction,
     ServiceId, SpeechSaid, StopKind, WorldTruth,
@@ -34,13 +35,13 @@ use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, 
 use transport::{ToChild, TransportError, monotonic_ns};
 
 use children::Children;
-use control::ControlServer;
 use ending::Ending;
 use faults::Faults;
 use last_words::last_words;
-use machine::{Action, Event, Machine, Now, PolicySpec};
+use machine::{Action, Event, Machine, Now};
 use planned::PlannedRequests;
 use report::Figures;
+use server::ControlServer;
 use step_watch::StepWatch;
 use systemd::Systemd;
 use tone::Tone;
@@ -65,7 +66,7 @@ const TOKEN_OWNER: u64 = 2;
 pub struct Supervisor {
     machine: Machine,
     children: Children,
-    control: ControlServer,
+    server: ControlServer,
     figures: Figures,
     janitor: Janitor,
     /// Incarnations that wait for the janitor, and until which wall time.
@@ -369,12 +370,26 @@ impl Supervisor {
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
             FromChild::RunEnded { figures } => {
-                let arrived = figures["reached"] == true;
-                self.figures.world = Some(figures);
+                let arrived = self.take_world(figures, now.run_ns);
                 self.begin_end(if arrived { StopKind::Arrived } else { StopKind::ShuttingDown }, io);
             }
         }
         Ok(())
+    }
+
+    /// Takes what the world says at its end: whether the walk or the replay came to its own.
+    fn take_world(&mut self, figures: Value, run_ns: u64) -> bool {
+        match serde_json::from_value::<RunFigures>(figures) {
+            Ok(figures) => {
+                let reached = figures.reached;
+                self.figures.world = Some(figures);
+                reached
+            }
+            Err(error) => {
+                self.figures.note(run_ns, format!("the world's figures are none: {error}"));
+                false
+            }
+        }
     }
 
     /// Stepped time: what must find nobody in the middle of a step is done once all others have done it.

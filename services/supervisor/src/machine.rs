@@ -15,7 +15,7 @@ use messages::{
 use crate::plan::{Limits, Plan, ServicePlan};
 use crate::stops::StopLog;
 pub use refused::Refused;
-pub use swap::{Policies, PolicySpec, SwapLimits, SwapRecord};
+pub use swap::{Policies, SwapLimits};
 use watched::Watched;
 pub use watched::{Phase, Role};
 

@@ -4,12 +4,13 @@
 //! of one, so that it finds every run alike. Time goes on once what was to die is dead.
 
 use std::collections::VecDeque;
+use std::path::PathBuf;
 
+use control::Request;
 use messages::{Fault, ServiceId, Target, s_from_ns};
 use settings::{Ask, Settings};
 use transport::{Io, TransportError};
 
-use crate::control::Request;
 use crate::{STILL_MEANT_NS, Supervisor};
 
 /// What is still to be done.
@@ -56,17 +57,16 @@ impl PlannedRequests {
     }
 }
 
-impl From<Ask> for Request {
-    fn from(ask: Ask) -> Self {
-        match ask {
-            Ask::Cue { cue } => Self::Cue { cue },
-            Ask::Stop => Self::Stop,
-            Ask::Resume => Self::Resume,
-            Ask::PolicySwap { exe, model } => Self::PolicySwap { exe: exe.map(Into::into), model },
-            Ask::PolicyRollback => Self::PolicyRollback,
-            Ask::Inject { target, fault, lasts, seed } => {
-                Self::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }
-            }
+/// The request that a plan stands for.
+fn request(ask: Ask) -> Request {
+    match ask {
+        Ask::Cue { cue } => Request::Cue { cue },
+        Ask::Stop => Request::Stop,
+        Ask::Resume => Request::Resume,
+        Ask::PolicySwap { exe, model } => Request::PolicySwap { exe: exe.map(Into::into), model: model.map(PathBuf::from) },
+        Ask::PolicyRollback => Request::PolicyRollback,
+        Ask::Inject { target, fault, lasts, seed } => {
+            Request::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }
         }
     }
 }
@@ -89,10 +89,9 @@ impl Supervisor {
             }
             let victim = killed_by(&ask).filter(|_| io.domain.clock.is_stepped());
             let victim = victim.and_then(|service| Some((service, self.victim(service)?)));
-            let answer = self.answer(Request::from(ask), io)?;
-            match answer["error"].as_str() {
-                Some(why) => self.figures.note(now_ns, format!("{told}: {why}")),
-                None => {
+            match self.answer(request(ask), io)? {
+                Err(refusal) => self.figures.note(now_ns, format!("{told}: {refusal}")),
+                Ok(_) => {
                     self.figures.note(now_ns, told);
                     self.planned.dying = victim;
                 }

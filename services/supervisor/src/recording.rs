@@ -2,8 +2,8 @@
 
 use std::path::PathBuf;
 
+use control::Refusal;
 use messages::ServiceId;
-use serde_json::{Value, json};
 use transport::{Io, RecordingOrder, TransportError};
 
 use crate::Supervisor;
@@ -22,30 +22,33 @@ impl Supervisor {
     }
 
     /// The operator wants the run recorded in `path`.
-    pub(crate) fn record(&mut self, path: PathBuf, io: &Io) -> Value {
+    ///
+    /// # Errors
+    /// Where it is recorded already, or the order cannot be given.
+    pub(crate) fn record(&mut self, path: PathBuf, io: &Io) -> Result<(), Refusal> {
         if self.recorder(io).is_some_and(|(phase, _)| phase == Phase::Spent) {
             // The recording before came to nothing, and is over.
             self.machine.handle(Event::Release(ServiceId::Recorder), Self::now(io));
         }
         if self.recorder(io).is_none_or(|(phase, _)| phase != Phase::Off) {
-            return json!({ "error": "the run is being recorded already" });
+            return Err(Refusal::RecordedAlready);
         }
         if !path.is_absolute() {
-            return json!({ "error": "the recording's path is not absolute" });
+            return Err(Refusal::RelativePath);
         }
-        match self.want_recording(path, io) {
-            Ok(()) => json!({ "ok": true }),
-            Err(error) => json!({ "error": error.to_string() }),
-        }
+        self.want_recording(path, io).map_err(|error| Refusal::NoOrder(error.to_string()))
     }
 
     /// The operator wants the recording ended.
-    pub(crate) fn end_recording(&mut self, io: &Io) -> Value {
+    ///
+    /// # Errors
+    /// Where there is none.
+    pub(crate) fn end_recording(&mut self, io: &Io) -> Result<(), Refusal> {
         if self.recorder(io).is_none_or(|(phase, _)| phase == Phase::Off) {
-            return json!({ "error": "the run is not being recorded" });
+            return Err(Refusal::NotRecorded);
         }
         self.machine.handle(Event::Release(ServiceId::Recorder), Self::now(io));
-        json!({ "ok": true })
+        Ok(())
     }
 
     fn recorder(&self, io: &Io) -> Option<(Phase, u32)> {

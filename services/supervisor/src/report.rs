@@ -2,14 +2,24 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use messages::{
-    Health, Latency, LatencyHistogram, Microphone, MicrophoneState, Mode, ModeClass, Outcome, PortCounters, PortRole,
-    ServiceId, SpeechSaid, StopReason, TopicId, WorldTruth, s_from_ns,
+use control::{
+    Collisions, CueStatus, LatencyRow, MicrophoneStatus, ModeStatus, Note, Report, RunFigures, SaidStatus,
+    ServicePhase, ServiceStatus, Stop,
 };
-use serde_json::{Map, Value, json};
+use messages::{
+    ClockKind, Health, Latency, LatencyHistogram, Microphone, MicrophoneState, Mode, ModeClass, Outcome, PortCounters,
+    PortRole, ServiceId, SpeechSaid, TopicId, WorldTruth, s_from_ns,
+};
+use serde_json::Value;
 
-use crate::machine::{Phase, Role, ServiceStatus};
-use crate::stops::{Stop, StopLog};
+use crate::Supervisor;
+use crate::machine::{self, Phase, Role};
+use crate::stops::{self, StopLog};
+
+type ByTopic = BTreeMap<String, u64>;
+type ByTopicAndConsumer = BTreeMap<String, BTreeMap<String, u64>>;
+/// What went through a port, and whose port it is.
+type Port<'a> = (&'a PortCounters, ServiceId);
 
 /// The last beat of every incarnation, and what the world said at its end.
 #[derive(Debug, Default)]
@@ -18,7 +28,7 @@ pub struct Figures {
     /// The supervisor's own ports, which it hears no beats of.
     own: Vec<PortCounters>,
     /// What simulator or replay said when the run ended.
-    pub world: Option<Value>,
+    pub world: Option<RunFigures>,
     /// What the policy ran that decided last.
     pub policy: Option<Value>,
     /// Notes for the operator, with run time.
@@ -66,8 +76,8 @@ impl Figures {
     /// What the world last showed, where it died without a word.
     pub fn world_at_least(&mut self, truth: Option<&WorldTruth>) {
         if let (None, Some(truth)) = (&self.world, truth) {
-            let collisions = collisions_json(truth);
-            self.world = Some(json!({ "reached": false, "distance_m": truth.distance_m, "collisions": collisions }));
+            let (distance_m, collisions) = (truth.distance_m, collisions(truth));
+            self.world = Some(RunFigures { distance_m, collisions, ..RunFigures::default() });
         }
     }
 
@@ -90,46 +100,19 @@ impl Figures {
 
     /// What was found in shared memory that is no message, by topic and consumer; nothing where nothing was.
     #[must_use]
-    pub fn invalid_messages(&self) -> Value {
-        let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
+    pub fn invalid_messages(&self) -> ByTopicAndConsumer {
         let own = self.own.iter().map(|port| (port, ServiceId::Supervisor));
-        for (port, consumer) in self.ports(PortRole::Subscriber).chain(own).filter(|(port, _)| port.invalid > 0) {
-            add(counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.invalid);
-        }
-        json!(counts)
+        let invalid = self.ports(PortRole::Subscriber).chain(own).filter(|(port, _)| port.invalid > 0);
+        by_consumer(invalid, |port| port.invalid)
     }
 
     /// Messages published by topic.
     #[must_use]
-    pub fn published(&self) -> Value {
-        let mut counts: BTreeMap<&str, u64> = BTreeMap::new();
-        for port in self.ports(PortRole::Publisher) {
-            add(counts.entry(port.0.topic.name()).or_default(), port.0.count);
-        }
-        json!(counts)
+    pub fn published(&self) -> ByTopic {
+        by_topic(self.ports(PortRole::Publisher), |port| port.count)
     }
 
-    /// Messages taken by topic and consumer.
-    fn taken(&self) -> Value {
-        let mut counts: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
-        for (port, consumer) in self.ports(PortRole::Subscriber) {
-            add(counts.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.count);
-        }
-        json!(counts)
-    }
-
-    /// Messages missed by topic, and by topic and consumer.
-    fn lost(&self) -> (Value, Value) {
-        let mut by_topic: BTreeMap<&str, u64> = BTreeMap::new();
-        let mut by_consumer: BTreeMap<&str, BTreeMap<&str, u64>> = BTreeMap::new();
-        for (port, consumer) in self.ports(PortRole::Subscriber) {
-            add(by_topic.entry(port.topic.name()).or_default(), port.lost);
-            add(by_consumer.entry(port.topic.name()).or_default().entry(consumer.name()).or_default(), port.lost);
-        }
-        (json!(by_topic), json!(by_consumer))
-    }
-
-    fn ports(&self, role: PortRole) -> impl Iterator<Item = (&messages::PortCounters, ServiceId)> {
+    fn ports(&self, role: PortRole) -> impl Iterator<Item = Port<'_>> {
         self.lives.values().flat_map(move |life| {
             life.ports()
                 .iter()
@@ -138,82 +121,33 @@ impl Figures {
         })
     }
 
-    fn latencies(&self) -> Value {
+    fn latencies(&self) -> BTreeMap<String, LatencyRow> {
         let mut all: BTreeMap<&str, LatencyHistogram> = BTreeMap::new();
         for histogram in self.lives.values().flat_map(|life| &life.latencies) {
             if histogram.what != Latency::None {
                 all.entry(histogram.what.name()).or_default().add(histogram);
             }
         }
-        let mut map = Map::new();
-        for (name, histogram) in all {
-            let us = |q| histogram.quantile_us(q).map(|us| (us * 10.0).round() / 10.0);
-            let max = histogram.max_ns as f64 / 1000.0;
-            let row = json!({
-                "n": histogram.n, "p50": us(0.5), "p95": us(0.95), "p99": us(0.99), "p999": us(0.999), "max": max,
-            });
-            map.insert(name.to_owned(), row);
-        }
-        Value::Object(map)
+        all.into_iter().map(|(name, histogram)| (name.to_owned(), latency_row(&histogram))).collect()
     }
 
     fn of(&self, service: ServiceId) -> impl Iterator<Item = &Health> {
         self.lives.iter().filter(move |((s, _), _)| *s == service).map(|(_, life)| life.as_ref())
     }
 
-    /// Decisions drawn and missed, scans judged and refused by reason, and the digest over actions and permits.
-    fn shield(&self, map: &mut Map<String, Value>) {
-        let sum = |of: fn(&Health) -> u64| sum_of(self.of(ServiceId::Shield).map(of));
-        map.insert("decisions".to_owned(), json!(sum(|life| life.decisions)));
-        map.insert("missed_decisions".to_owned(), json!(sum(|life| life.missed_decisions)));
-        let count = |outcome: Outcome| sum_of(self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]));
-        let verdicts = Outcome::ALL.into_iter().filter(|o| o.is_verdict());
-        let refusals = Outcome::ALL.into_iter().filter(|o| !o.is_verdict());
-        let by_name = |outcomes: Vec<Outcome>| -> BTreeMap<&str, u64> {
-            outcomes.into_iter().map(|o| (o.name(), count(o))).filter(|(_, n)| *n > 0).collect()
-        };
-        let verdicts = by_name(verdicts.collect());
-        let refusals = by_name(refusals.collect());
-        // One for each life of the shield: a death in between does not hide what was before it.
+    /// One digest over actions and permits for each life of the shield: a death in between does not hide what was
+    /// before it.
+    fn digest(&self) -> String {
         let hex = |life: &Health| life.digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>();
-        let digest = self.of(ServiceId::Shield).map(hex).collect::<Vec<_>>().join("-");
-        map.insert("verdicts".to_owned(), json!(sum_of(verdicts.values().copied())));
-        map.insert("verdicts_by_outcome".to_owned(), json!(verdicts));
-        map.insert("refusals".to_owned(), json!(refusals));
-        map.insert("digest".to_owned(), json!(digest));
+        self.of(ServiceId::Shield).map(hex).collect::<Vec<_>>().join("-")
     }
 
-    /// The report at the end of the run.
-    #[must_use]
-    pub fn report(&self, run: &str, clock: &Value, run_ns: u64, stops: &StopLog, services: &[ServiceStatus]) -> Value {
-        let mut map = Map::new();
-        map.insert("run".to_owned(), json!(run));
-        map.insert("clock".to_owned(), clock.clone());
-        map.insert("duration_s".to_owned(), json!(s_from_ns(run_ns)));
-        if let Some(Value::Object(world)) = &self.world {
-            map.extend(world.clone());
-        }
-        map.insert("stops".to_owned(), stops.stops().iter().map(|stop| stop_json(stop, run_ns)).collect());
-        map.insert("policy".to_owned(), json!(self.policy));
-        map.insert("stops_not_kept".to_owned(), json!(stops.not_kept));
-        map.insert("stopped_s_by_reason".to_owned(), stopped_by_reason(stops, run_ns));
-        map.insert("longest_freeze_s".to_owned(), json!(s_from_ns(stops.longest_freeze_ns)));
-        self.shield(&mut map);
-        map.insert("latency_us".to_owned(), self.latencies());
-        map.insert("published".to_owned(), self.published());
-        map.insert("taken".to_owned(), self.taken());
-        let (lost, lost_by_consumer) = self.lost();
-        map.insert("lost".to_owned(), lost);
-        map.insert("lost_by_consumer".to_owned(), lost_by_consumer);
-        map.insert("invalid_messages".to_owned(), self.invalid_messages());
-        map.insert("invalid_inputs".to_owned(), json!(sum_of(self.lives.values().map(|life| life.invalid_inputs))));
-        map.insert("not_recorded".to_owned(), json!(sum_of(self.lives.values().map(|life| life.not_recorded))));
-        let restarts: BTreeMap<&str, u32> =
-            services.iter().filter(|s| s.restarts > 0).map(|s| (s.service.name(), s.restarts)).collect();
-        map.insert("restarts".to_owned(), json!(restarts));
-        map.insert("notes".to_owned(), self.notes_json());
-        map.insert("notes_not_kept".to_owned(), json!(self.notes_not_kept));
-        Value::Object(map)
+    /// Scans by what the shield found, of the outcomes that are meant, and only those that there were.
+    fn outcomes(&self, meant: impl Fn(Outcome) -> bool) -> BTreeMap<String, u64> {
+        let count = |outcome: Outcome| sum_of(self.of(ServiceId::Shield).map(|life| life.outcomes[outcome as usize]));
+        let counts =
+            Outcome::ALL.into_iter().filter(|outcome| meant(*outcome)).map(|o| (o.name().to_owned(), count(o)));
+        counts.filter(|(_, n)| *n > 0).collect()
     }
 
     /// How the handler's voice is heard, where it is to be.
@@ -225,28 +159,97 @@ impl Figures {
 
     /// The notes, with run time.
     #[must_use]
-    pub fn notes_json(&self) -> Value {
-        notes_json(self.notes.iter())
+    pub fn notes(&self) -> Vec<Note> {
+        notes(self.notes.iter())
     }
 
     /// The newest of them: so many that an answer holds them.
     #[must_use]
-    pub fn last_notes_json(&self) -> Value {
+    pub fn last_notes(&self) -> Vec<Note> {
         const LAST: usize = 100;
-        notes_json(self.notes.iter().skip(self.notes.len().saturating_sub(LAST)))
+        notes(self.notes.iter().skip(self.notes.len().saturating_sub(LAST)))
     }
+}
+
+impl Supervisor {
+    /// The report at the end of the run.
+    #[must_use]
+    pub(crate) fn report(&self, run: &str, clock: ClockKind) -> Report {
+        let (figures, run_ns) = (&self.figures, self.ended_ns);
+        let log = &self.machine.stops;
+        let taken = || figures.ports(PortRole::Subscriber);
+        let (lives, shields) = (|| figures.lives.values(), || figures.of(ServiceId::Shield));
+        let restarted = self.machine.status(run_ns).into_iter().filter(|s| s.restarts > 0);
+        let verdicts_by_outcome = figures.outcomes(Outcome::is_verdict);
+        Report {
+            run: run.to_owned(),
+            clock,
+            duration_s: s_from_ns(run_ns),
+            world: figures.world.clone(),
+            stops: log.stops().iter().map(|told| stop(told, run_ns)).collect(),
+            stops_not_kept: log.not_kept,
+            stopped_s_by_reason: stopped_s_by_reason(log, run_ns),
+            longest_freeze_s: s_from_ns(log.longest_freeze_ns),
+            policy: figures.policy.clone(),
+            policy_swaps: self.machine.policies().last_records().to_vec(),
+            decisions: sum_of(shields().map(|life| life.decisions)),
+            missed_decisions: sum_of(shields().map(|life| life.missed_decisions)),
+            verdicts: sum_of(verdicts_by_outcome.values().copied()),
+            verdicts_by_outcome,
+            refusals: figures.outcomes(|outcome| !outcome.is_verdict()),
+            digest: figures.digest(),
+            latency_us: figures.latencies(),
+            published: figures.published(),
+            taken: by_consumer(taken(), |port| port.count),
+            lost: by_topic(taken(), |port| port.lost),
+            lost_by_consumer: by_consumer(taken(), |port| port.lost),
+            invalid_messages: figures.invalid_messages(),
+            invalid_inputs: sum_of(lives().map(|life| life.invalid_inputs)),
+            not_recorded: sum_of(lives().map(|life| life.not_recorded)),
+            restarts: restarted.map(|s| (s.service.name().to_owned(), s.restarts)).collect(),
+            notes: figures.notes(),
+            notes_not_kept: figures.notes_not_kept,
+            failure: self.failure.clone(),
+        }
+    }
+}
+
+fn by_topic<'a>(ports: impl Iterator<Item = Port<'a>>, count: impl Fn(&PortCounters) -> u64) -> ByTopic {
+    let mut counts = ByTopic::new();
+    for (port, _) in ports {
+        add(counts.entry(port.topic.name().to_owned()).or_default(), count(port));
+    }
+    counts
+}
+
+fn by_consumer<'a>(ports: impl Iterator<Item = Port<'a>>, count: impl Fn(&PortCounters) -> u64) -> ByTopicAndConsumer {
+    let mut counts = ByTopicAndConsumer::new();
+    for (port, consumer) in ports {
+        let of_topic = counts.entry(port.topic.name().to_owned()).or_default();
+        add(of_topic.entry(consumer.name().to_owned()).or_default(), count(port));
+    }
+    counts
+}
+
+/// To a tenth of a microsecond.
+fn latency_row(histogram: &LatencyHistogram) -> LatencyRow {
+    let us = |q| histogram.quantile_us(q).map(|us| (us * 10.0).round() / 10.0);
+    let max = histogram.max_ns as f64 / 1000.0;
+    LatencyRow { n: histogram.n, p50: us(0.5), p95: us(0.95), p99: us(0.99), p999: us(0.999), max }
+}
+
+fn stopped_s_by_reason(stops: &StopLog, now_ns: u64) -> BTreeMap<String, f64> {
+    stops.lasted_ns(now_ns).into_iter().map(|(name, ns)| (name.to_owned(), s_from_ns(ns))).collect()
 }
 
 /// Collisions as reported.
 #[must_use]
-pub fn collisions_json(truth: &WorldTruth) -> Value {
-    json!({
-        "robot": truth.robot_collisions, "handler": truth.handler_collisions, "hit_by_others": truth.hit_by_others,
-    })
+pub fn collisions(truth: &WorldTruth) -> Collisions {
+    Collisions { robot: truth.robot_collisions, handler: truth.handler_collisions, hit_by_others: truth.hit_by_others }
 }
 
-fn notes_json<'a>(notes: impl Iterator<Item = &'a (u64, String)>) -> Value {
-    notes.map(|(at, text)| json!({ "at_s": s_from_ns(*at), "text": text })).collect()
+fn notes<'a>(notes: impl Iterator<Item = &'a (u64, String)>) -> Vec<Note> {
+    notes.map(|(at_ns, text)| Note { at_s: s_from_ns(*at_ns), text: text.clone() }).collect()
 }
 
 /// A text as it is kept: whoever wrote it, and however long. What would steer a terminal does not.
@@ -282,91 +285,72 @@ fn newly_invalid(before: &[PortCounters], ports: &[PortCounters]) -> Vec<String>
 
 /// One stop as reported.
 #[must_use]
-pub fn stop_json(stop: &Stop, now_ns: u64) -> Value {
-    let lasted = stop.lasted_ns(now_ns);
-    json!({
-        "class": stop.class,
-        "reason": stop.reason.kind.name(),
-        "why": stop.reason.to_string(),
-        "service": (stop.reason.service != ServiceId::None).then(|| stop.reason.service.name()),
-        "stream": (stop.reason.topic != TopicId::None).then(|| stop.reason.topic.name()),
-        "at_s": s_from_ns(stop.at_ns),
-        "lasted_s": s_from_ns(lasted),
-        "ended": stop.ended_ns.is_some(),
-    })
-}
-
-fn stopped_by_reason(stops: &StopLog, now_ns: u64) -> Value {
-    let times = stops.lasted_ns(now_ns).into_iter();
-    times.map(|(name, ns)| (name.to_owned(), json!(s_from_ns(ns)))).collect::<Map<_, _>>().into()
-}
-
-/// A reason as reported.
-#[must_use]
-pub fn reason_json(reason: &StopReason) -> Value {
-    json!(reason.to_string())
+pub fn stop(stop: &stops::Stop, now_ns: u64) -> Stop {
+    let reason = &stop.reason;
+    Stop {
+        class: stop.class.to_owned(),
+        reason: reason.kind.name().to_owned(),
+        why: reason.to_string(),
+        service: (reason.service != ServiceId::None).then(|| reason.service.name().to_owned()),
+        stream: (reason.topic != TopicId::None).then(|| reason.topic.name().to_owned()),
+        at_s: s_from_ns(stop.at_ns),
+        lasted_s: s_from_ns(stop.lasted_ns(now_ns)),
+        ended: stop.ended_ns.is_some(),
+    }
 }
 
 /// The mode as reported.
 #[must_use]
-pub fn mode_json(mode: &Mode) -> Value {
-    let cue =
-        mode.cue.valid.then_some(mode.cue.cue).map(
-            |cue| json!({ "kind": cue.kind.name(), "source": cue.source, "since_s": s_from_ns(cue.header.stamp_ns) }),
-        );
-    let reason = if mode.class == ModeClass::Run { Value::Null } else { reason_json(&mode.reason) };
-    json!({
-        "class": mode.class.name(),
-        "reason": reason,
-        "epoch": mode.epoch,
-        "ready_for_cue": mode.ready_for_cue,
-        "cue": cue,
-        "active_policy": mode.active_policy,
-    })
+pub fn mode_status(mode: &Mode) -> ModeStatus {
+    let cue = mode.cue.valid.then_some(mode.cue.cue);
+    ModeStatus {
+        class: mode.class,
+        reason: (mode.class != ModeClass::Run).then(|| mode.reason.to_string()),
+        epoch: mode.epoch,
+        ready_for_cue: mode.ready_for_cue,
+        cue: cue.map(|cue| CueStatus { kind: cue.kind, source: cue.source, since_s: s_from_ns(cue.header.stamp_ns) }),
+        active_policy: mode.active_policy,
+    }
 }
 
 /// A sentence of the robot as reported.
 #[must_use]
-pub fn said_json(said: &SpeechSaid) -> Value {
-    json!({
-        "text": said.text.as_str(),
-        "at_s": s_from_ns(said.header.stamp_ns),
-        "phase": said.phase,
-        "urgency": said.urgency,
-    })
+pub fn said_status(said: &SpeechSaid) -> SaidStatus {
+    SaidStatus {
+        text: said.text.as_str().to_owned(),
+        at_s: s_from_ns(said.header.stamp_ns),
+        phase: said.phase,
+        urgency: said.urgency,
+    }
 }
 
 /// How the handler's voice is heard, as reported.
 #[must_use]
-pub fn microphone_json(microphone: &Microphone) -> Value {
-    json!({
-        "state": microphone.state,
-        "level_dbfs": microphone.level_dbfs,
-        "above_floor_db": microphone.above_floor_db,
-        "clipped": microphone.clipped,
-    })
+pub fn microphone_status(microphone: &Microphone) -> MicrophoneStatus {
+    let Microphone { state, level_dbfs, above_floor_db, clipped } = *microphone;
+    MicrophoneStatus { state, level_dbfs, above_floor_db, clipped }
 }
 
 /// The services as reported.
 #[must_use]
-pub fn services_json(services: &[ServiceStatus]) -> Value {
-    services
-        .iter()
-        .map(|s| {
-            let state = match s.phase {
-                Phase::Off => "off",
-                Phase::Down { .. } => "down",
-                Phase::Starting { .. } => "starting",
-                Phase::Ready => "ready",
-                Phase::Dying => "dying",
-                Phase::Leaving { .. } => "leaving",
-                Phase::Spent => "spent",
-            };
-            json!({
-                "name": s.service.name(), "pid": s.pid, "state": state, "incarnation": s.incarnation,
-                "restarts": s.restarts, "critical": s.critical, "shadow": s.role == Role::Shadow,
-                "starved_of": s.starved_of.map(TopicId::name),
-            })
-        })
-        .collect()
+pub fn service_statuses(services: &[machine::ServiceStatus]) -> Vec<ServiceStatus> {
+    let told = |s: &machine::ServiceStatus| ServiceStatus {
+        name: s.service.name().to_owned(),
+        pid: s.pid,
+        state: match s.phase {
+            Phase::Off => ServicePhase::Off,
+            Phase::Down { .. } => ServicePhase::Down,
+            Phase::Starting { .. } => ServicePhase::Starting,
+            Phase::Ready => ServicePhase::Ready,
+            Phase::Dying => ServicePhase::Dying,
+            Phase::Leaving { .. } => ServicePhase::Leaving,
+            Phase::Spent => ServicePhase::Spent,
+        },
+        incarnation: s.incarnation,
+        restarts: s.restarts,
+        critical: s.critical,
+        shadow: s.role == Role::Shadow,
+        starved_of: s.starved_of.map(|topic| topic.name().to_owned()),
+    };
+    services.iter().map(told).collect()
 }

@@ -3,10 +3,26 @@
 use crate::{Header, ServiceId};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
+use serde::{Deserialize, Serialize};
 use zerocopy::TryFromBytes;
 
 /// One step of stepped time, nanoseconds.
 pub const QUANTUM_NS: u64 = 10_000_000;
+
+/// How run time passes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case", tag = "kind")]
+pub enum ClockKind {
+    /// Run time is the monotonic clock since the run's start.
+    #[default]
+    Real,
+    /// Run time is virtual: a master gives it out in steps of 10 ms, at most `speed` times faster than real; 0 is as
+    /// fast as the members follow.
+    Stepped {
+        /// Times faster than real; 0 = unlimited.
+        speed: f64,
+    },
+}
 
 /// The most members of a stepped run.
 pub const MAX_MEMBERS: usize = 16;

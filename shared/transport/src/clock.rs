@@ -2,26 +2,11 @@
 
 use std::cell::Cell;
 
-use messages::Header;
+use messages::{ClockKind, Header};
 use rustix::time::{ClockId, clock_gettime};
-use serde::{Deserialize, Serialize};
 
 /// What is stamped further ahead than this is no message; less is for the consumer to judge by the stamp's age.
 const FUTURE_NS: u64 = 1_000_000_000;
-
-/// How run time passes.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case", tag = "kind")]
-pub enum ClockKind {
-    /// Run time is the monotonic clock since the run's start.
-    Real,
-    /// Run time is virtual: a master gives it out in steps of 10 ms, at most `speed` times faster than real; 0 is as
-    /// fast as the members follow.
-    Stepped {
-        /// Times faster than real; 0 = unlimited.
-        speed: f64,
-    },
-}
 
 /// The monotonic clock of this machine, nanoseconds.
 #[must_use]

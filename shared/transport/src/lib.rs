@@ -25,7 +25,7 @@ mod urgent;
 mod usage;
 mod wait_loop;
 
-pub use clock::{Clock, ClockKind, monotonic_ns, unix_time_s};
+pub use clock::{Clock, monotonic_ns, unix_time_s};
 pub use domain::{Domain, Holder, PoolSize, pool_sizes};
 pub use error::TransportError;
 pub use helper::Helper;
@@ -34,6 +34,7 @@ pub use iceoryx2::prelude::ZeroCopySend;
 pub use io::Io;
 pub use janitor::Janitor;
 pub use line::{FromChild, Line, LineListener, Received, ToChild, inherited_fd};
+pub use messages::ClockKind;
 pub use oversleep::Oversleep;
 pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publisher, Subscriber};
 pub use recording_order::RecordingOrder;

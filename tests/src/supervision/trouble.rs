@@ -1,6 +1,7 @@
 //! What befalls a run.
 
-use guidedog_supervisor::machine::{Event, PolicySpec};
+use control::PolicySpec;
+use guidedog_supervisor::machine::Event;
 use messages::{CueKind, ModeClass, ServiceId};
 use rand::RngExt;
 

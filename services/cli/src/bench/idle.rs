@@ -3,13 +3,15 @@
 use std::io::Write;
 use std::time::{Duration, Instant};
 
+use control::{Client, ServicePhase, ServiceStatus, Status};
+use messages::ServiceId;
 use serde_json::{Value, json};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
-use crate::out::{self, count, elements, number, say, table, text};
+use crate::out::{self, elements, number, say, table, text};
 use crate::prepare;
 
 /// All services are ready within this time.
@@ -84,7 +86,7 @@ fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
             "name": name, "pid": pid, "cpu_percent": cpu, "rss_kib": after.rss_kib, "rss_shmem_kib": after.shmem_kib,
         }));
     }
-    let mode = client_status(&mut client)?["mode"].clone();
+    let mode = client_status(&mut client)?.mode;
     let round = |percent: f64| (percent * 100.0).round() / 100.0;
     Ok(json!({
         "seconds": seconds, "services": rows, "cpu_percent": round(total),
@@ -99,10 +101,10 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
     while Instant::now() < until {
         running.sleep(Duration::from_millis(100))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
-        let Ok(status) = client.ask(&json!({ "verb": "status" })) else { continue };
-        let services: Vec<&Value> = wanted(&status).collect();
-        let late = services.iter().filter(|service| text(service, "/state") != "ready");
-        let late: Vec<&str> = late.map(|service| text(service, "/name")).collect();
+        let Ok(status) = client.read() else { continue };
+        let services: Vec<&ServiceStatus> = wanted(&status).collect();
+        let late = services.iter().filter(|service| service.state != ServicePhase::Ready);
+        let late: Vec<&str> = late.map(|service| service.name.as_str()).collect();
         if late.is_empty() && !services.is_empty() {
             return Ok(client);
         }
@@ -111,22 +113,22 @@ fn connect(running: &mut Running) -> Result<Client, Failure> {
     Err(Failure::run(format!("the stack did not come up within {} s; {last}", READY_WITHIN.as_secs())))
 }
 
-fn client_status(client: &mut Client) -> Result<Value, Failure> {
-    client.ask(&json!({ "verb": "status" })).map_err(|error| Failure::run(format!("the supervisor: {error}")))
+fn client_status(client: &mut Client) -> Result<Status, Failure> {
+    client.read().map_err(|error| Failure::run(format!("the supervisor: {error}")))
 }
 
 /// The services of a run but for those that nobody has asked for: a recorder.
-fn wanted(status: &Value) -> impl Iterator<Item = &Value> {
-    elements(status, "/services").iter().filter(|service| text(service, "/state") != "off")
+fn wanted(status: &Status) -> impl Iterator<Item = &ServiceStatus> {
+    status.services.iter().filter(|service| service.state != ServicePhase::Off)
 }
 
-fn processes(status: &Value) -> Vec<(String, u64)> {
-    let supervisor = ("supervisor".to_owned(), count(status, "/supervisor_pid"));
-    let services = wanted(status).map(|s| (text(s, "/name").to_owned(), count(s, "/pid")));
+fn processes(status: &Status) -> Vec<(String, u32)> {
+    let supervisor = (ServiceId::Supervisor.name().to_owned(), status.supervisor_pid);
+    let services = wanted(status).map(|service| (service.name.clone(), service.pid));
     std::iter::once(supervisor).chain(services).collect()
 }
 
-fn usage(pid: u64) -> Option<Usage> {
+fn usage(pid: u32) -> Option<Usage> {
     let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
     parse_usage(&read("stat")?, &read("status")?, rustix::param::clock_ticks_per_second())
 }

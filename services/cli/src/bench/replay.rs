@@ -5,13 +5,14 @@ use std::path::Path;
 use std::time::Instant;
 
 use clap::Parser;
+use control::{ComparedCount, Report};
 use serde_json::{Value, json};
 
 use crate::args::{Cli, ReplayArgs, Verb};
-use crate::control::free_name;
 use crate::exit::{EXIT_DIFFERENT, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::{Launch, Signals};
-use crate::out::{self, count, entries, say, text};
+use crate::out::{self, say};
 use crate::prepare_replay;
 
 /// What came of the replays so far.
@@ -27,18 +28,16 @@ struct Tally {
 }
 
 impl Tally {
-    fn take(&mut self, report: &Value, wall_s: f64) {
+    fn take(&mut self, report: &Report, wall_s: f64) {
         self.walls_s.push(wall_s);
-        *self.digests.entry(text(report, "/digest").to_owned()).or_default() += 1;
-        self.lost += entries(report, "/lost").filter_map(|(_, n)| n.as_u64()).sum::<u64>();
-        let differ = |what: &str| {
-            count(report, &format!("/compared/{what}/different"))
-                + count(report, &format!("/compared/{what}/additional"))
-        };
-        self.equal_to_recording += u32::from(differ("permits") + differ("actions") == 0);
-        self.exact = report["compared"]["exact"].as_bool().unwrap_or(false);
+        *self.digests.entry(report.digest.clone()).or_default() += 1;
+        self.lost += report.lost.values().sum::<u64>();
+        let compared = report.compared().cloned().unwrap_or_default();
+        let differ = |count: ComparedCount| count.different + count.additional;
+        self.equal_to_recording += u32::from(differ(compared.permits) + differ(compared.actions) == 0);
+        self.exact = compared.exact;
         if self.first_difference.is_none() {
-            self.first_difference = report["compared"]["first_difference"].as_str().map(str::to_owned);
+            self.first_difference = compared.first_difference;
         }
     }
 
@@ -101,8 +100,7 @@ pub fn bench(recording: &Path, repeat: u32, config: Option<&Path>, as_json: bool
             say(format!("ended by a signal after {} of {repeat} replays", done - 1));
             break;
         }
-        let failure = text(&outcome.report, "/failure");
-        if !failure.is_empty() {
+        if let Some(failure) = &outcome.report.failure {
             return Err(Failure::run(format!("replay {done}: {failure}")));
         }
         tally.take(&outcome.report, begun.elapsed().as_secs_f64());

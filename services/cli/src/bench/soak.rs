@@ -14,10 +14,10 @@ use serde_json::{Value, json};
 use super::faults::rig::{LOOK, Rig};
 use super::faults::table::RESTARTED;
 use crate::args::{PaceArgs, SoakArgs, WalkArgs, WorldArgs};
-use crate::control::free_name;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
+use crate::find::free_name;
 use crate::launch::Launch;
-use crate::out::{self, elements, number, say, text};
+use crate::out::{self, number, say};
 use crate::prepare;
 
 /// What a service maps and keeps grows with its first lives: it is counted from here on.
@@ -221,10 +221,9 @@ fn quiet_time(seconds: f64) -> Result<Value, Failure> {
             return Err(Failure::run("interrupted"));
         }
         walks += 1;
-        walked_s += number(&outcome.report, "/duration_s");
-        let stops = elements(&outcome.report, "/stops").iter();
-        let wrong = stops.filter(|stop| !RIGHTLY.contains(&text(stop, "/reason")));
-        false_stops.extend(wrong.map(|stop| text(stop, "/why").to_owned()));
+        walked_s += outcome.report.duration_s;
+        let wrong = outcome.report.stops.into_iter().filter(|stop| !RIGHTLY.contains(&stop.reason.as_str()));
+        false_stops.extend(wrong.map(|stop| stop.why));
     }
     Ok(json!({
         "hours": walked_s / 3600.0, "walks": walks, "false_stops": false_stops.len(),

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
+use control::{AskError, Policies, Report, Request, Status, SwapState};
 use serde_json::{Value, json};
 use settings::Millis;
 use sha2::{Digest, Sha256};
@@ -10,7 +11,7 @@ use sha2::{Digest, Sha256};
 use super::Percentiles;
 use super::faults::rig::Rig;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
-use crate::out::{self, count, elements, number, say, text};
+use crate::out::{self, say};
 
 /// The supervisor is asked this often how a swap goes.
 const ASK_EVERY: Duration = Duration::from_millis(10);
@@ -75,15 +76,14 @@ fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: 
             return Err(Failure::run("a run ended, or did not walk, in the middle of its swaps"));
         }
         if outcome.walks_since_s.is_none() {
-            let status = rig.ask(&json!({ "verb": "status" })).unwrap_or_default();
-            outcome.walks_since_s = status["now_s"].as_f64();
+            outcome.walks_since_s = rig.read::<Status>().ok().map(|status| status.now_s);
         }
         let since = Instant::now();
-        let request = json!({ "verb": "policy_swap", "exe": null, "model": models[i as usize % models.len()] });
-        let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
-        match answer["swap"].as_u64() {
-            Some(number) => wait_for(rig, number, since, outcome)?,
-            None => outcome.failed.push(text(&answer, "/error").to_owned()),
+        let model = models[i as usize % models.len()].clone();
+        match rig.tell(&Request::PolicySwap { exe: None, model: Some(model) }) {
+            Ok(begun) => wait_for(rig, begun.swap.unwrap_or(0), since, outcome)?,
+            Err(AskError::Refused(why)) => outcome.failed.push(why.to_string()),
+            Err(AskError::Unanswered(_)) => return Err(Failure::run("the supervisor does not answer")),
         }
     }
     Ok(())
@@ -96,19 +96,19 @@ fn wait_for(rig: &mut Rig, number: u64, since: Instant, outcome: &mut Outcome) -
         if rig.interrupted() || !rig.is_alive() {
             return Err(Failure::run(format!("ended in the middle of swap {number}")));
         }
-        let shown = rig.ask(&json!({ "verb": "policy_show" })).unwrap_or(Value::Null);
-        let swap = elements(&shown, "/swaps").iter().rev().find(|swap| count(swap, "/number") == number);
-        let state = swap.map_or("", |swap| text(swap, "/state"));
-        if matches!(state, "probation" | "ending" | "done") {
+        let policies = rig.read::<Policies>().unwrap_or_default();
+        let swap = policies.swap(number);
+        let state = swap.map(|swap| swap.state);
+        if let Some(SwapState::Probation | SwapState::Ending | SwapState::Done) = state {
             decided.get_or_insert_with(|| since.elapsed());
         }
         match (state, decided) {
-            ("done", Some(after)) => {
+            (Some(SwapState::Done), Some(after)) => {
                 outcome.decided_ns.push(u64::try_from(after.as_nanos()).unwrap_or(u64::MAX));
                 return Ok(());
             }
-            ("failed" | "rolled_back", _) => {
-                outcome.failed.push(swap.map_or("", |swap| text(swap, "/why")).to_owned());
+            (Some(SwapState::Failed | SwapState::RolledBack), _) => {
+                outcome.failed.push(swap.and_then(|swap| swap.why.clone()).unwrap_or_default());
                 return Ok(());
             }
             _ => std::thread::sleep(ASK_EVERY),
@@ -131,15 +131,15 @@ fn write_model(rig: &Rig, name: &str, reserve_m: f64) -> Result<PathBuf, Failure
 
 impl Outcome {
     /// What a run's report says of decisions and stops.
-    fn take_report(&mut self, report: Option<&Value>) {
+    fn take_report(&mut self, report: Option<&Report>) {
         let Some(report) = report else { return };
-        self.missed_decisions += count(report, "/missed_decisions");
+        self.missed_decisions += report.missed_decisions;
         let since_s = self.walks_since_s.take().unwrap_or(0.0);
         // The corridor is straight and nobody gives another cue: once it walks, only what is beside its way stops it
         // rightly.
-        let stops = elements(report, "/stops").iter().filter(|stop| number(stop, "/at_s") >= since_s);
+        let stops = report.stops.iter().filter(|stop| stop.at_s >= since_s);
         let is_the_end = |reason: &&str| ["shutting_down", "arrived"].contains(reason);
-        for reason in stops.map(|stop| text(stop, "/reason")).filter(|reason| !is_the_end(reason)) {
+        for reason in stops.map(|stop| stop.reason.as_str()).filter(|reason| !is_the_end(reason)) {
             if OF_ITS_WAY.contains(&reason) {
                 self.holds_of_its_way += 1;
             } else {

@@ -4,15 +4,14 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
+use control::{Client, Status};
 use messages::TopicId;
-use serde_json::{Value, json};
 use settings::{Millis, Settings, Source};
 
 use super::Check;
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
-use crate::out::{count, elements, number};
 use crate::prepare;
 
 /// A device that has not given anything by then is not there.
@@ -60,43 +59,40 @@ fn sensors(settings: &Settings) -> Vec<Sensor> {
 
 /// What had been published before and after, by topic, the time between, and what the run had to say.
 struct Counts {
-    before: Value,
-    after: Value,
+    before: Status,
+    after: Status,
     seconds: f64,
 }
 
 impl Counts {
     fn rate_hz(&self, topic: TopicId) -> f64 {
-        let path = format!("/published/{}", topic.name().replace('/', "~1"));
-        count(&self.after, &path).saturating_sub(count(&self.before, &path)) as f64 / self.seconds
+        self.after.published(topic).saturating_sub(self.before.published(topic)) as f64 / self.seconds
     }
 
     /// The last that was noted, such as why a device cannot be opened.
     fn last_note(&self, about: &str) -> Option<String> {
-        let notes = elements(&self.after, "/notes").iter().rev().filter_map(|note| note["text"].as_str());
-        notes.filter(|note| note.contains(about)).map(str::to_owned).next()
+        self.after.notes.iter().rev().map(|note| &note.text).find(|note| note.contains(about)).cloned()
     }
 }
 
 /// Waits until every sensor has given something, or does not any more; then counts.
 fn look(running: &mut Running, sensors: &[Sensor], span: Duration) -> Result<Counts, Failure> {
     let until = Instant::now() + BEGUN_WITHIN;
-    let mut status = json!({});
+    let mut before = Status::default();
     while Instant::now() < until {
         running.sleep(Duration::from_millis(200))?;
         let Ok(mut client) = Client::connect(&socket(running.name())) else { continue };
-        let Ok(answer) = client.ask(&json!({ "verb": "status" })) else { continue };
-        status = answer;
-        if sensors.iter().all(|sensor| status["published"][sensor.topic.name()].as_u64() > Some(0)) {
+        let Ok(status) = client.read() else { continue };
+        before = status;
+        if sensors.iter().all(|sensor| before.published(sensor.topic) > 0) {
             break;
         }
     }
-    let from_s = number(&status, "/now_s");
     running.sleep(span)?;
     let mut client = Client::connect(&socket(running.name())).map_err(Failure::of_run)?;
-    let after = client.ask(&json!({ "verb": "status" })).map_err(Failure::of_run)?;
-    let seconds = (number(&after, "/now_s") - from_s).max(f64::EPSILON);
-    Ok(Counts { before: status, after, seconds })
+    let after: Status = client.read().map_err(Failure::of_run)?;
+    let seconds = (after.now_s - before.now_s).max(f64::EPSILON);
+    Ok(Counts { before, after, seconds })
 }
 
 fn check(sensor: &Sensor, counts: &Counts) -> Check {

@@ -4,11 +4,8 @@
 //! A planned swap misses no decision and stops nothing. Whatever fails before a permit carries the candidate's
 //! decision leaves the active policy as it was. What dies on probation is a fault like any other: one stop, and back.
 
-use std::path::PathBuf;
-
+use control::{PolicySpec, SwapRecord, SwapState};
 use messages::{ModeClass, Permit, PolicyAction, ServiceId};
-use serde::{Deserialize, Serialize};
-use settings::PolicyModel;
 
 use super::watched::{Phase, Role, Watched};
 use super::{Action, Machine, Now};
@@ -17,32 +14,6 @@ use super::{Action, Machine, Now};
 const MAX_RECORDS: usize = 200;
 /// Whoever is no longer named is killed this much later, wall time: locomotion then knows that its line stops nobody.
 const KILL_AFTER_NS: u64 = 60_000_000;
-
-/// Which policy: the executable and the model that it loads. Both none: as configured.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub struct PolicySpec {
-    /// Another executable in place of `guidedog-policy`.
-    pub exe: Option<PathBuf>,
-    /// The model that it is to load.
-    pub model: Option<PolicyModel>,
-}
-
-impl PolicySpec {
-    /// An operator's wish, once it says what can be started.
-    ///
-    /// # Errors
-    /// Where it names nothing, or a path that would be looked for from wherever the supervisor works.
-    pub fn checked(self) -> Result<Self, String> {
-        if self.exe.is_none() && self.model.is_none() {
-            return Err("neither an executable nor a model is named".to_owned());
-        }
-        let paths = [self.exe.as_deref(), self.model.as_ref().and_then(PolicyModel::file)];
-        if let Some(path) = paths.into_iter().flatten().find(|path| !path.is_absolute()) {
-            return Err(format!("{}: the path is not absolute", path.display()));
-        }
-        Ok(self)
-    }
-}
 
 /// What a candidate has to show.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,24 +32,6 @@ pub struct SwapLimits {
     pub action_count: u32,
 }
 
-/// How a swap went, or goes.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct SwapRecord {
-    /// Counts the swaps of the run, from 1.
-    pub number: u64,
-    /// "starting", "shadow", "activating", "probation", "returning", "ending"; at last "done", "rolled_back" or
-    /// "failed".
-    pub state: &'static str,
-    /// The candidate's incarnation; 0 where it was not started yet.
-    pub candidate: u32,
-    /// The incarnation that was active before.
-    pub previous: u32,
-    /// What was swapped in.
-    pub spec: PolicySpec,
-    /// Why it failed, or what the operator should know.
-    pub why: Option<String>,
-}
-
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Stage {
     /// Starts, loads and verifies its model.
@@ -92,18 +45,18 @@ enum Stage {
     /// The operator went back; the candidate's last action ends by then (run time).
     Returning { until_ns: u64 },
     /// Decided; whoever is not named any more has not ended yet. What it then comes to.
-    Ending { to: &'static str },
+    Ending { to: SwapState },
 }
 
 impl Stage {
-    const fn name(self) -> &'static str {
+    const fn state(self) -> SwapState {
         match self {
-            Self::Starting => "starting",
-            Self::Shadow { .. } => "shadow",
-            Self::Activating { .. } => "activating",
-            Self::Probation { .. } => "probation",
-            Self::Returning { .. } => "returning",
-            Self::Ending { .. } => "ending",
+            Self::Starting => SwapState::Starting,
+            Self::Shadow { .. } => SwapState::Shadow,
+            Self::Activating { .. } => SwapState::Activating,
+            Self::Probation { .. } => SwapState::Probation,
+            Self::Returning { .. } => SwapState::Returning,
+            Self::Ending { .. } => SwapState::Ending,
         }
     }
 }
@@ -147,11 +100,11 @@ impl Policies {
     fn enter(&mut self, stage: Stage) {
         self.stage = Some(stage);
         if let Some(record) = self.records.last_mut() {
-            record.state = stage.name();
+            record.state = stage.state();
         }
     }
 
-    fn end(&mut self, to: &'static str, why: Option<String>) {
+    fn end(&mut self, to: SwapState, why: Option<String>) {
         self.enter(Stage::Ending { to });
         if let Some(record) = self.records.last_mut() {
             record.why = why;
@@ -181,7 +134,7 @@ impl Machine {
     /// Where a swap is under way or the run is stopped: the policy in force goes on.
     pub fn swap_policy(&mut self, spec: PolicySpec, now: Now) -> Result<u64, String> {
         if let Some((stage, record)) = self.policies.swap() {
-            return Err(format!("swap {} is under way ({})", record.number, stage.name()));
+            return Err(format!("swap {} is under way ({})", record.number, stage.state()));
         }
         if self.mode.class != ModeClass::Run {
             return Err(format!("the run is stopped: {}", self.mode.reason));
@@ -192,7 +145,7 @@ impl Machine {
         let previous = self.mode.active_policy;
         let policies = &mut self.policies;
         policies.count += 1;
-        let (number, state) = (policies.count, Stage::Starting.name());
+        let (number, state) = (policies.count, Stage::Starting.state());
         policies.stage = Some(Stage::Starting);
         if policies.records.len() >= MAX_RECORDS {
             policies.records.remove(0);
@@ -223,7 +176,7 @@ impl Machine {
                 self.policies.enter(Stage::Returning { until_ns: now.run_ns + 3 * self.limits.swap.dt_ns });
             }
             Stage::Returning { .. } | Stage::Ending { .. } => {
-                return Err(format!("swap {number} is not over yet ({})", stage.name()));
+                return Err(format!("swap {number} is not over yet ({})", stage.state()));
             }
         }
         Ok(number)
@@ -307,9 +260,9 @@ impl Machine {
             Stage::Activating { named_ns } if now.run_ns > named_ns + 4 * dt_ns => {
                 self.fail_swap("was named, and no permit carried a decision of its", now);
             }
-            Stage::Probation { until_ns } if now.run_ns >= until_ns => self.end_swap("done", None, now),
+            Stage::Probation { until_ns } if now.run_ns >= until_ns => self.end_swap(SwapState::Done, None, now),
             Stage::Returning { until_ns } if now.run_ns >= until_ns => {
-                self.end_swap("rolled_back", Some("rolled back by the operator".to_owned()), now);
+                self.end_swap(SwapState::RolledBack, Some("rolled back by the operator".to_owned()), now);
             }
             Stage::Ending { to } if self.policy_slot(Role::Shadow).is_none_or(|s| s.phase == Phase::Off) => {
                 self.policies.stage = None;
@@ -331,10 +284,10 @@ impl Machine {
     }
 
     /// The policy that is not named any more leaves, and the swap is over.
-    fn end_swap(&mut self, state: &'static str, why: Option<String>, now: Now) {
+    fn end_swap(&mut self, state: SwapState, why: Option<String>, now: Now) {
         self.mode.previous_policy = 0;
         self.mode_changed = true;
-        if state == "done"
+        if state == SwapState::Done
             && let Some(spec) = self.policies.records.last().map(|record| record.spec.clone())
         {
             self.policies.before = Some(std::mem::replace(&mut self.policies.spec, spec));
@@ -353,16 +306,16 @@ impl Machine {
     /// The policy before goes on, without a stop; the operator is told why.
     pub(super) fn fail_swap(&mut self, why: &str, now: Now) {
         let Some((stage, record)) = self.policies.swap() else { return };
-        let told = format!("policy swap {} failed ({}): {why}", record.number, stage.name());
+        let told = format!("policy swap {} failed ({}): {why}", record.number, stage.state());
         if matches!(stage, Stage::Activating { .. } | Stage::Probation { .. }) {
             if self.policy_slot(Role::Shadow).is_none_or(|s| s.phase != Phase::Ready) {
                 // Nobody is there to go back to: what is named stays, and is restarted as any other.
-                return self.end_swap("done", Some(format!("{why}; there is no way back")), now);
+                return self.end_swap(SwapState::Done, Some(format!("{why}; there is no way back")), now);
             }
             self.exchange_policies();
         }
         self.mode.previous_policy = 0;
-        self.policies.end("failed", Some(why.to_owned()));
+        self.policies.end(SwapState::Failed, Some(why.to_owned()));
         self.actions.push(Action::Note(told));
         if let Some(s) = self.policy_slot(Role::Shadow) {
             s.joined = false;
@@ -414,13 +367,13 @@ impl Machine {
             Stage::Activating { .. } | Stage::Probation { .. } if incarnation == previous => {
                 let told = format!("the policy before ({incarnation}) is gone: {why}; there is no way back");
                 self.actions.push(Action::Note(told.clone()));
-                self.end_swap("done", Some(told), now);
+                self.end_swap(SwapState::Done, Some(told), now);
                 // One that hangs does not hear that it may leave.
                 self.kill_shadow(now);
                 true
             }
             Stage::Returning { .. } => {
-                self.end_swap("rolled_back", Some(format!("rolled back; meanwhile {incarnation}: {why}")), now);
+                self.end_swap(SwapState::RolledBack, Some(format!("rolled back; meanwhile {incarnation}: {why}")), now);
                 self.kill_shadow(now);
                 incarnation == candidate
             }

@@ -5,7 +5,8 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use serde_json::{Value, json};
+use control::{AskError, Client, Done, Reading, Report, Request, ServicePhase, Status};
+use messages::{CueKind, ServiceId};
 use settings::{LinkKind, Millis, PolicyModel};
 use tempfile::TempDir;
 use transport::runs_root;
@@ -13,10 +14,9 @@ use unitree::{Profile, Silence};
 
 use super::tap::{Seen, Tap};
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
-use crate::control::{Client, free_name, socket};
 use crate::exit::Failure;
+use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
-use crate::out::{elements, text};
 use crate::prepare;
 
 /// The corridor's length, metres: some thousand trials of a metre or two.
@@ -140,7 +140,7 @@ impl Rig {
         let mut live = loop {
             std::thread::sleep(Duration::from_millis(20));
             let mut client = Client::connect(&socket(running.name())).ok();
-            if client.as_mut().and_then(|client| client.ask(&json!({ "verb": "status" })).ok()).is_some() {
+            if client.as_mut().and_then(|client| client.read::<Status>().ok()).is_some() {
                 let tap = Tap::on(&runs_root().join(running.name()));
                 break Live { running, tap, client };
             }
@@ -200,22 +200,38 @@ impl Rig {
         self.live.as_ref().is_some_and(|live| live.running.interrupted())
     }
 
-    /// Asks the supervisor; none where it does not answer.
-    pub fn ask(&mut self, request: &Value) -> Option<Value> {
-        let live = self.live.as_mut()?;
-        if live.client.is_none() {
-            live.client = Client::connect(&socket(live.running.name())).ok();
-        }
-        let answer = live.client.as_mut()?.ask(request).ok();
-        if answer.is_none() {
-            live.client = None;
+    /// Reads something of the run.
+    ///
+    /// # Errors
+    /// Where the supervisor refuses or does not answer, and where no run goes on.
+    pub fn read<T: Reading>(&mut self) -> Result<T, AskError> {
+        self.with_client(Client::read)
+    }
+
+    /// Has the run do something.
+    ///
+    /// # Errors
+    /// As [`Rig::read`].
+    pub fn tell(&mut self, request: &Request) -> Result<Done, AskError> {
+        self.with_client(|client| client.tell(request))
+    }
+
+    fn with_client<T>(&mut self, ask: impl FnOnce(&mut Client) -> Result<T, AskError>) -> Result<T, AskError> {
+        let live = self.live.as_mut().ok_or(std::io::Error::from(std::io::ErrorKind::NotConnected))?;
+        let mut client = match live.client.take() {
+            Some(client) => client,
+            None => Client::connect(&socket(live.running.name()))?,
+        };
+        let answer = ask(&mut client);
+        if !matches!(answer, Err(AskError::Unanswered(_))) {
+            live.client = Some(client);
         }
         answer
     }
 
     /// Gives a cue, as an operator does: whether it was taken.
     pub fn cue(&mut self) -> bool {
-        self.ask(&json!({ "verb": "cue", "cue": "forward" })).is_some_and(|answer| answer["ok"] == true)
+        self.tell(&Request::Cue { cue: CueKind::Forward }).is_ok()
     }
 
     /// Has the run recorded, and waits until it is.
@@ -225,16 +241,22 @@ impl Rig {
     pub fn record(&mut self) -> Result<(), Failure> {
         self.end_recording();
         let folder = tempfile::tempdir_in(self.place.path()).map_err(Failure::of_run)?;
-        self.ask(&json!({ "verb": "record", "path": folder.path().join("walk.mcap") }));
+        // Whether it is recorded is seen at the recorder.
+        let _ = self.tell(&Request::Record { path: folder.path().join("walk.mcap") });
         self.recording = Some(folder);
-        if self.wait_for_recorder("ready") { Ok(()) } else { Err(Failure::run("the recorder does not record")) }
+        if self.wait_for_recorder(ServicePhase::Ready) {
+            Ok(())
+        } else {
+            Err(Failure::run("the recorder does not record"))
+        }
     }
 
     /// Has the run recorded no longer; the recording goes.
     pub fn end_recording(&mut self) {
         if let Some(folder) = self.recording.take() {
-            self.ask(&json!({ "verb": "record_stop" }));
-            self.wait_for_recorder("off");
+            // It may have ended by itself.
+            let _ = self.tell(&Request::RecordStop);
+            self.wait_for_recorder(ServicePhase::Off);
             drop(folder);
         }
     }
@@ -244,12 +266,11 @@ impl Rig {
         self.recording.is_some()
     }
 
-    fn wait_for_recorder(&mut self, state: &str) -> bool {
+    fn wait_for_recorder(&mut self, state: ServicePhase) -> bool {
         let until = Instant::now() + WALKS_WITHIN;
         while Instant::now() < until && self.is_alive() && !self.interrupted() {
-            let status = self.ask(&json!({ "verb": "status" })).unwrap_or_default();
-            let is_it = |service: &&Value| text(service, "/name") == "recorder";
-            if elements(&status, "/services").iter().find(is_it).is_some_and(|s| text(s, "/state") == state) {
+            let status: Option<Status> = self.read().ok();
+            if status.and_then(|status| Some(status.service(ServiceId::Recorder)?.state)) == Some(state) {
                 return true;
             }
             std::thread::sleep(RECORDER_LOOK);
@@ -294,7 +315,7 @@ impl Rig {
             if Instant::now() >= cue_at {
                 cue_at = Instant::now() + CUE_AGAIN;
                 match class {
-                    Some((messages::ModeClass::Lock, ..)) => drop(self.ask(&json!({ "verb": "resume" }))),
+                    Some((messages::ModeClass::Lock, ..)) => drop(self.tell(&Request::Resume)),
                     Some((messages::ModeClass::Fault, true, _) | (messages::ModeClass::Run, _, false)) => {
                         self.cue();
                     }
@@ -308,7 +329,7 @@ impl Rig {
     }
 
     /// Ends the run, if there is one: its report, if it left one.
-    pub fn end(&mut self) -> Option<Value> {
+    pub fn end(&mut self) -> Option<Report> {
         self.recording = None;
         let mut live = self.live.take()?;
         live.running.end();

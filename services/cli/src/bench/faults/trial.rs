@@ -2,10 +2,10 @@
 
 use std::time::{Duration, Instant};
 
+use control::{AskError, Request};
 use messages::fault::{Device, Dice, Fault, Target};
 use messages::{ModeClass, ServiceId, StopKind, TopicId};
 use rustix::process::{Pid, Signal, kill_process};
-use serde_json::json;
 use transport::monotonic_ns;
 
 use super::rig::{LOOK, Rig};
@@ -179,19 +179,20 @@ fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
         kill_process(pid, signal).map_err(Failure::of_run)?;
         return Ok(at_ns);
     }
-    let seed = dice.bits() >> 1;
-    let request = json!({
-        "verb": "inject", "target": cell.target.to_string(), "fault": cell.fault.name(), "seed": seed,
-    });
+    let request = inject(cell, cell.fault.name(), Some(dice.bits() >> 1));
     let at_ns = monotonic_ns();
-    let answer = rig.ask(&request).ok_or_else(|| Failure::run("the supervisor does not answer"))?;
-    if let Some(why) = answer["error"].as_str() {
-        return Err(Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())));
-    }
+    rig.tell(&request).map_err(|error| match error {
+        AskError::Refused(why) => Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())),
+        AskError::Unanswered(_) => Failure::run("the supervisor does not answer"),
+    })?;
     if cell.is_of_cues() {
         rig.cue();
     }
     Ok(at_ns)
+}
+
+fn inject(cell: &Cell, fault: &str, seed: Option<u64>) -> Request {
+    Request::Inject { target: cell.target.to_string(), fault: fault.to_owned(), for_ms: None, seed }
 }
 
 /// Watches until the robot stands, or nothing more is to be expected.
@@ -233,12 +234,13 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
         let _ = kill_process(pid, Signal::CONT);
     } else {
         // A service that is being restarted has lost its fault already.
-        rig.ask(&json!({ "verb": "inject", "target": cell.target.to_string(), "fault": "none" }));
+        let _ = rig.tell(&inject(cell, "none", None));
     }
     if cell.locks() {
         // Whoever pressed it lets go of it first.
         std::thread::sleep(UNDISTURBED);
-        rig.ask(&json!({ "verb": "resume" }));
+        // Whether it is out of the lock is seen by its mode.
+        let _ = rig.tell(&Request::Resume);
     }
     if cell.is_of_cues() {
         // The handler says again what was lost or misheard.

@@ -1,9 +1,22 @@
-//! What a client has sent so far, cut into lines. Pure: bytes in, lines out, whatever the bytes.
+//! One line of JSON each way: limits, how a line is written, and how what a client has sent is cut into lines. Pure:
+//! bytes in, lines out, whatever the bytes.
+
+use serde::Serialize;
 
 /// Longest request, bytes.
 pub const MAX_REQUEST: usize = 4096;
+/// Longest answer, bytes.
+pub const MAX_ANSWER: u64 = 16 << 20;
 /// Requests that may wait at once: a client asks, and waits for the answer.
 pub const MAX_WAITING: usize = 4;
+
+/// What is sent as a line, its end included; members are in the order of their names.
+///
+/// # Errors
+/// Where it is not JSON, such as a path that is not UTF-8.
+pub fn line(sent: &impl Serialize) -> Result<String, serde_json::Error> {
+    Ok(format!("{}\n", serde_json::to_value(sent)?))
+}
 
 /// Why a client is let go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

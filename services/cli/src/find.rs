@@ -1,90 +1,73 @@
-//! Finding a run and asking its supervisor: JSON lines over the Unix socket in the run directory.
+//! Finding a run, and asking its supervisor.
 
-use std::io::{self, BufRead, BufReader, Write};
-use std::os::unix::net::UnixStream;
-use std::path::{Path, PathBuf};
+use std::io;
+use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
+use control::{ANSWER_WITHIN, AskError, Client, Done, Reading, Refusal, Request};
 use serde_json::Value;
 use transport::{RunDir, TransportError, live_runs, runs_root};
 
 use crate::exit::Failure;
 
-/// The supervisor answers at its next wake-up; one that takes longer than this is stopped or dead.
-const ANSWER_WITHIN: Duration = Duration::from_secs(3);
-/// Longest answer, bytes.
-const MAX_ANSWER: u64 = 16 << 20;
-
-/// A connection to a supervisor.
-#[derive(Debug)]
-pub struct Client {
-    stream: BufReader<UnixStream>,
-}
-
-impl Client {
-    /// Connects to the socket at `path`.
-    ///
-    /// # Errors
-    /// Where nobody listens there.
-    pub fn connect(path: &Path) -> io::Result<Self> {
-        let stream = UnixStream::connect(path)?;
-        stream.set_read_timeout(Some(ANSWER_WITHIN))?;
-        stream.set_write_timeout(Some(ANSWER_WITHIN))?;
-        Ok(Self { stream: BufReader::new(stream) })
-    }
-
-    /// Asks, and waits for the answer.
-    ///
-    /// # Errors
-    /// Where the supervisor does not answer, or not with JSON.
-    pub fn ask(&mut self, request: &Value) -> io::Result<Value> {
-        self.stream.get_mut().write_all(format!("{request}\n").as_bytes())?;
-        let mut line = Vec::new();
-        io::Read::take(&mut self.stream, MAX_ANSWER).read_until(b'\n', &mut line)?;
-        if line.is_empty() {
-            return Err(io::Error::new(io::ErrorKind::UnexpectedEof, "the supervisor closed the connection"));
-        }
-        Ok(serde_json::from_slice(&line)?)
-    }
-}
-
-/// Asks the supervisor of a run, which is the only live one where none is named.
+/// Asks the supervisor of a run, which is the only live one where none is named: its answer, as it comes.
 ///
 /// # Errors
 /// Where there is no such run, it does not answer, or it refuses.
-pub fn ask(run: Option<&str>, request: &Value) -> Result<Value, Failure> {
+pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
     transport::check_runs_root().map_err(Failure::of_input)?;
     // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
     let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
     let name = choose(&live, run)?;
-    let failed = |error: io::Error| match error.kind() {
+    let since = Instant::now();
+    loop {
+        let mut client = Client::connect(&socket(&name)).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
+            _ => unanswered(&name, &error),
+        })?;
+        match client.ask(request) {
+            Ok(answer) => return Ok(answer),
+            // Other clients came before it was heard: nothing was done yet.
+            Err(AskError::Refused(Refusal::CrowdedOut)) if since.elapsed() < ANSWER_WITHIN => {}
+            // A stop may be asked for twice.
+            Err(AskError::Refused(Refusal::AnswerLost))
+                if *request == Request::Stop && since.elapsed() < ANSWER_WITHIN => {}
+            Err(AskError::Refused(refusal)) => return Err(refused(&name, &refusal)),
+            Err(AskError::Unanswered(error)) => return Err(unanswered(&name, &error)),
+        }
+    }
+}
+
+/// Reads something of a run.
+///
+/// # Errors
+/// As [`ask`], and where the supervisor's answer is another.
+pub fn read<T: Reading>(run: Option<&str>) -> Result<T, Failure> {
+    serde_json::from_value(ask(run, &T::REQUEST)?).map_err(Failure::of_run)
+}
+
+/// Has a run do something.
+///
+/// # Errors
+/// As [`read`].
+pub fn tell(run: Option<&str>, request: &Request) -> Result<Done, Failure> {
+    serde_json::from_value(ask(run, request)?).map_err(Failure::of_run)
+}
+
+fn refused(name: &str, refusal: &Refusal) -> Failure {
+    let told = format!("run {name}: {refusal}");
+    if *refusal == Refusal::NotPermitted { Failure::not_permitted(told) } else { Failure::refused(told) }
+}
+
+fn unanswered(name: &str, error: &io::Error) -> Failure {
+    match error.kind() {
         io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
-            let pid = RunDir::open(&runs_root().join(&name)).read_info().map_or(0, |info| info.supervisor_pid);
+            let pid = RunDir::open(&runs_root().join(name)).read_info().map_or(0, |info| info.supervisor_pid);
             let limit_s = ANSWER_WITHIN.as_secs();
             Failure::run(format!("run {name}: its supervisor (process {pid}) has not answered for {limit_s} s"))
         }
         _ => Failure::run(format!("run {name}: its supervisor does not answer: {error}")),
-    };
-    let once = || {
-        let mut client = Client::connect(&socket(&name)).map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
-            _ => failed(error),
-        })?;
-        client.ask(request).map_err(failed)
-    };
-    let since = Instant::now();
-    let mut answer = once()?;
-    // Other clients came before it was heard: nothing was done yet. A stop may be asked for twice.
-    while (answer["refused"] == "crowded_out" || answer["refused"] == "answer_lost" && request["verb"] == "stop")
-        && since.elapsed() < ANSWER_WITHIN
-    {
-        answer = once()?;
-    }
-    match answer.get("error").and_then(Value::as_str) {
-        Some(why) if answer["refused"] == "not_permitted" => Err(Failure::not_permitted(format!("run {name}: {why}"))),
-        Some(why) => Err(Failure::refused(format!("run {name}: {why}"))),
-        None => Ok(answer),
     }
 }
 

@@ -1,23 +1,18 @@
-//! The operator's socket: JSON lines, one answer for each request. It needs no shared memory.
+//! The operator's socket, at the supervisor's end of the protocol (`control`). It needs no shared memory.
 //!
 //! Who may connect is the kernel's business: the socket is the user's and the group's. Who may change anything is
 //! decided here, by the peer's credentials: the run's own user and root; the group may only read, unless the settings
 //! say otherwise.
-
-mod inbox;
 
 use std::io::{Read, Write};
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
 use std::os::unix::net::{UnixListener, UnixStream};
 use std::path::{Path, PathBuf};
 
-use messages::CueKind;
-use serde::Deserialize;
-use serde_json::{Value, json};
-use settings::PolicyModel;
+use control::framing::{self, Abuse, Inbox, MAX_REQUEST};
+use control::{Refusal, Request, Right};
+use serde::Serialize;
 use transport::{Io, TransportError};
-
-pub use inbox::{Abuse, Inbox, MAX_REQUEST, MAX_WAITING};
 
 /// Clients at once that may change the run. One more takes the place of the one that has said nothing for longest, so
 /// that nobody's idle connections keep a stop out.
@@ -26,100 +21,6 @@ const MAX_OPERATORS: usize = 16;
 const MAX_READERS: usize = 8;
 /// Connections taken at one wake-up: a flood of them must not keep the supervisor from its beats.
 const MAX_ACCEPTED: usize = 32;
-/// What the answer to a request that the client has no right to says in its member `refused`.
-pub const NOT_PERMITTED: &str = "not_permitted";
-/// A client that had to make room for another one, and had asked nothing; or had, and what it asked is done, unless it
-/// was to be told something.
-const CROWDED_OUT: &str = "crowded_out";
-const ANSWER_LOST: &str = "answer_lost";
-
-/// What an operator asks.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(tag = "verb", rename_all = "snake_case", deny_unknown_fields)]
-pub enum Request {
-    /// Mode, services, the walk so far.
-    Status,
-    /// The last stops, with evidence.
-    Why,
-    /// A cue for the handler.
-    Cue {
-        /// Which.
-        cue: CueKind,
-    },
-    /// The robot is to stand, and stay.
-    Stop,
-    /// Out of a lock.
-    Resume,
-    /// The run is to be recorded from now on.
-    Record {
-        /// The recording, absolute.
-        path: PathBuf,
-    },
-    /// The recording is to end.
-    RecordStop,
-    /// Another policy is to be swapped in.
-    PolicySwap {
-        /// Another executable in place of `guidedog-policy`, its path absolute.
-        exe: Option<PathBuf>,
-        /// The model to load, a file's path absolute.
-        model: Option<PolicyModel>,
-    },
-    /// Back to the policy before.
-    PolicyRollback,
-    /// The policy in force, and the last swaps.
-    PolicyShow,
-    /// A fault is injected, or mended, in a run that allows it.
-    Inject {
-        /// A stream, a service, or the host, by name.
-        target: String,
-        /// Which fault, by name; "none" mends the target.
-        fault: String,
-        /// How long it lasts, milliseconds of run time; without it, until it is mended.
-        #[serde(default)]
-        for_ms: Option<u64>,
-        /// Seed of what is random about it.
-        #[serde(default)]
-        seed: Option<u64>,
-    },
-    /// The run is to end.
-    Quit,
-}
-
-/// What a client may do, and what a request needs. In this order: who may change may read.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Right {
-    /// Ask how things are.
-    Read,
-    /// Have the robot walk or stand, and end the run.
-    Change,
-    /// Have a program run as the run's own user.
-    Own,
-}
-
-impl Request {
-    /// The request that a line is.
-    ///
-    /// # Errors
-    /// Says what is wrong with it.
-    pub fn parse(line: &[u8]) -> Result<Self, String> {
-        serde_json::from_slice(line).map_err(|error| format!("bad request: {error}"))
-    }
-
-    /// The right that it needs.
-    #[must_use]
-    pub const fn needs(&self) -> Right {
-        match self {
-            Self::Status | Self::Why | Self::PolicyShow => Right::Read,
-            Self::Cue { .. } | Self::Stop | Self::Resume | Self::Quit => Right::Change,
-            // They start programs, or write files, with the rights of the run.
-            Self::PolicySwap { .. }
-            | Self::PolicyRollback
-            | Self::Record { .. }
-            | Self::RecordStop
-            | Self::Inject { .. } => Right::Own,
-        }
-    }
-}
 
 #[derive(Debug)]
 struct Client {
@@ -177,18 +78,15 @@ impl ControlServer {
         for line in lines {
             match Request::parse(&line) {
                 Ok(request) if request.needs() <= right => requests.push((token, request)),
-                Ok(_) => {
-                    let why = "you may read how the run is, and not do that; its own user and root may";
-                    self.answer(token, &json!({ "error": why, "refused": NOT_PERMITTED }), io);
-                }
-                Err(why) => self.answer(token, &json!({ "error": why }), io),
+                Ok(_) => self.answer(token, &Refusal::NotPermitted, io),
+                Err(refusal) => self.answer(token, &refusal, io),
             }
         }
         match end {
             None => {}
             Some(End::Gone) => self.drop_client(token, io),
             Some(End::Abuse(abuse)) => {
-                self.answer(token, &json!({ "error": abuse.to_string() }), io);
+                self.answer(token, &Refusal::Abuse(abuse), io);
                 self.drop_client(token, io);
             }
         }
@@ -211,10 +109,10 @@ impl ControlServer {
         }
         let Some(idle) = alike.min_by_key(|client| client.heard).map(|client| client.token) else { return Vec::new() };
         let mut requests = self.read(idle, io);
-        let refused = if requests.is_empty() { CROWDED_OUT } else { ANSWER_LOST };
+        let refusal = if requests.is_empty() { Refusal::CrowdedOut } else { Refusal::AnswerLost };
         // Its answer could reach nobody.
         requests.retain(|(_, request)| request.needs() != Right::Read);
-        self.answer(idle, &json!({ "error": "idle for too long: another client came", "refused": refused }), io);
+        self.answer(idle, &refusal, io);
         self.drop_client(idle, io);
         requests
     }
@@ -253,11 +151,10 @@ impl ControlServer {
 
     /// Answers a client. One that does not read is let go, lest it take half an answer for a whole one: the supervisor
     /// waits for nobody.
-    pub fn answer(&mut self, token: u64, answer: &Value, io: &Io) {
+    pub fn answer(&mut self, token: u64, answer: &impl Serialize, io: &Io) {
         let Some(client) = self.clients.iter_mut().find(|client| client.token == token) else { return };
-        let mut line = answer.to_string();
-        line.push('\n');
-        if client.stream.write_all(line.as_bytes()).is_err() {
+        let told = framing::line(answer).is_ok_and(|line| client.stream.write_all(line.as_bytes()).is_ok());
+        if !told {
             self.drop_client(token, io);
         }
     }
@@ -281,29 +178,6 @@ impl Client {
             }
             Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => (Vec::new(), None),
             Err(_) => (Vec::new(), Some(End::Gone)),
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::{Request, Right};
-    use messages::CueKind;
-
-    #[test]
-    fn a_request_is_exactly_what_it_may_be() {
-        assert_eq!(Request::parse(br#"{"verb":"cue","cue":"left"}"#).ok(), Some(Request::Cue { cue: CueKind::Left }));
-        for bad in [r#"{"verb":"fly"}"#, r#"{"verb":"cue","cue":"up"}"#, "", "[]", r#"{"verb":"cue"}"#] {
-            assert!(Request::parse(bad.as_bytes()).is_err(), "{bad}");
-        }
-    }
-
-    #[test]
-    fn reading_is_not_changing() {
-        assert!(Right::Read < Right::Change);
-        for (request, needs) in [("status", Right::Read), ("why", Right::Read), ("stop", Right::Change)] {
-            let request = Request::parse(format!("{{\"verb\":\"{request}\"}}").as_bytes()).expect("a request");
-            assert_eq!(request.needs(), needs);
         }
     }
 }

@@ -1,0 +1,36 @@
+//! The operator's protocol: what a client may ask the supervisor of a run, and what the supervisor answers.
+//!
+//! Client and supervisor exchange lines of JSON over the Unix socket in the run directory: one line for each request,
+//! one line for its answer, in the order of the requests. An answer is either what was asked for or a [`Refusal`],
+//! which alone has the member `error`.
+//!
+//! Versions may differ, for a supervisor outlives an upgrade. A request denies members that it does not know: what the
+//! operator meant by them must not be left out in silence. An answer does not: a program reads the members that it
+//! knows. Names of services, topics and kinds of stops are texts here, because a later supervisor has more of them.
+//!
+//! Members of an answer are in the order of their names, as `serde_json::Value` sorts them ([`framing::line`]).
+//!
+//! Architecture invariant: this crate knows neither shared memory nor settings. A client needs the socket alone.
+
+mod answer;
+mod client;
+pub mod framing;
+mod number;
+mod policies;
+mod refusal;
+mod report;
+mod request;
+mod status;
+mod why;
+
+pub use answer::{Answer, Done, Reading};
+pub use client::{ANSWER_WITHIN, AskError, Client};
+pub use policies::{Policies, PolicyLife, PolicySpec, SwapRecord, SwapState};
+pub use refusal::Refusal;
+pub use report::{Compared, ComparedCount, LatencyRow, ReplayFigures, Report, RunFigures, SimulatorFigures};
+pub use request::{Request, Right};
+pub use status::{
+    Collisions, CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, SaidStatus, ServicePhase,
+    ServiceStatus, Status, WorldStatus,
+};
+pub use why::{Stop, Why};
