@@ -63,7 +63,9 @@ fn request(ask: Ask) -> Request {
         Ask::Cue { cue } => Request::Cue { cue },
         Ask::Stop => Request::Stop,
         Ask::Resume => Request::Resume,
-        Ask::PolicySwap { exe, model } => Request::PolicySwap { exe: exe.map(Into::into), model: model.map(PathBuf::from) },
+        Ask::PolicySwap { exe, model } => {
+            Request::PolicySwap { exe: exe.map(Into::into), model: model.map(PathBuf::from) }
+        }
         Ask::PolicyRollback => Request::PolicyRollback,
         Ask::Inject { target, fault, lasts, seed } => {
             Request::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }
