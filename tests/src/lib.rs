@@ -18,6 +18,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use control::{Client, ServiceStatus, Status};
+use messages::{CueKind, CueSource, MicrophoneState, ModeClass, ServiceId};
 use serde_json::Value;
 use transport::RunDir;
 
@@ -187,21 +189,33 @@ impl<'a> Live<'a> {
         Some(Self { place, name: name.to_owned(), child })
     }
 
-    /// What `guidedog status --json` says; null while it says nothing.
+    /// What the supervisor says of the run; nothing while it says nothing.
     #[must_use]
-    pub fn status(&self) -> Value {
+    pub fn try_status(&self) -> Option<Status> {
         self.place.note_prefix(&self.name);
-        let output = self.place.guidedog(&["status", "--json", "--run", &self.name]);
-        serde_json::from_slice(&output.stdout).unwrap_or(Value::Null)
+        Client::connect(&RunDir::open(&self.dir()).control_socket()).ok()?.read().ok()
+    }
+
+    /// What the supervisor says of the run, once it says something.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        let since = Instant::now();
+        loop {
+            if let Some(status) = self.try_status() {
+                return status;
+            }
+            assert!(since.elapsed() < WATCHDOG, "the supervisor of {} never answers", self.name);
+            std::thread::sleep(Duration::from_millis(10));
+        }
     }
 
     /// Waits until the status is as wanted.
-    pub fn wait(&mut self, what: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn wait(&mut self, what: &str, wanted: impl Fn(&Status) -> bool) -> Status {
         let since = Instant::now();
         loop {
-            let status = self.status();
-            if wanted(&status) {
-                return status;
+            let status = self.try_status();
+            if let Some(status) = status.as_ref().filter(|status| wanted(status)) {
+                return status.clone();
             }
             if let Some(exit) = self.child.try_wait().expect("the run is ours") {
                 let mut text = String::new();
@@ -210,17 +224,14 @@ impl<'a> Live<'a> {
                 }
                 panic!("the run ended ({exit}) before: {what}: {text}");
             }
-            assert!(since.elapsed() < WATCHDOG, "never: {what}: {status:#}");
+            assert!(since.elapsed() < WATCHDOG, "never: {what}: {status:#?}");
             std::thread::sleep(Duration::from_millis(10));
         }
     }
 
     /// Waits until the robot walks.
-    pub fn wait_walking(&mut self) -> Value {
-        self.wait("the robot walks", |status| {
-            status["mode"]["class"] == "run"
-                && status["locomotion"]["velocity"][0].as_f64().is_some_and(|vx| vx.abs() > 0.2)
-        })
+    pub fn wait_walking(&mut self) -> Status {
+        self.wait("the robot walks", |status| status.mode.class == ModeClass::Run && vx_mps(status).abs() > 0.2)
     }
 
     /// The run's directory.
@@ -269,15 +280,45 @@ pub fn signal(pid: u32, name: &str) {
 
 /// The service of that name in a status.
 #[must_use]
-pub fn service<'a>(status: &'a Value, name: &str) -> &'a Value {
-    let services = status["services"].as_array().expect("a status has services");
-    services.iter().find(|service| service["name"] == name).unwrap_or_else(|| panic!("no {name} in {status:#}"))
+pub fn service<'a>(status: &'a Status, name: &str) -> &'a ServiceStatus {
+    let service = ServiceId::from_name(name).and_then(|service| status.service(service));
+    service.unwrap_or_else(|| panic!("no {name} in {status:#?}"))
 }
 
 /// Process id of a service.
 #[must_use]
-pub fn pid_of(status: &Value, name: &str) -> u32 {
-    service(status, name)["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok()).expect("a process id")
+pub fn pid_of(status: &Status, name: &str) -> u32 {
+    service(status, name).pid
+}
+
+/// Process ids of all services that are there.
+#[must_use]
+pub fn pids(status: &Status) -> Vec<u32> {
+    status.services.iter().map(|service| service.pid).filter(|pid| *pid > 0).collect()
+}
+
+/// The velocity forward that locomotion commands, metres per second; 0 before its first word.
+#[must_use]
+pub fn vx_mps(status: &Status) -> f64 {
+    status.locomotion.as_ref().map_or(0.0, |locomotion| locomotion.velocity[0])
+}
+
+/// Whether a note tells of it.
+#[must_use]
+pub fn told(status: &Status, what: &str) -> bool {
+    status.notes.iter().any(|note| note.text.contains(what))
+}
+
+/// Whether the handler's voice is heard, or what there is instead.
+#[must_use]
+pub fn microphone(status: &Status) -> MicrophoneState {
+    status.microphone.as_ref().map_or(MicrophoneState::None, |microphone| microphone.state)
+}
+
+/// Whether a spoken cue of that kind is in force.
+#[must_use]
+pub fn spoken_cue(status: &Status, kind: CueKind) -> bool {
+    status.mode.cue.as_ref().is_some_and(|cue| cue.kind == kind && cue.source == CueSource::Voice)
 }
 
 /// Whether a process is alive (a zombie is not).

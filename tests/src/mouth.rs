@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use serde_json::Value;
+use control::Status;
 
 use crate::spoken::{RATE_HZ, spoken};
 use crate::{Live, WATCHDOG, until};
@@ -69,7 +69,7 @@ impl Mouth {
     }
 
     /// Says a word until it is in force: on a busy machine a fault may come between. The status in which it is.
-    pub fn say_until(&self, run: &mut Live<'_>, word: &str, wanted: impl Fn(&Value) -> bool) -> Value {
+    pub fn say_until(&self, run: &mut Live<'_>, word: &str, wanted: impl Fn(&Status) -> bool) -> Status {
         let (begun, mut said) = (Instant::now(), None::<Instant>);
         loop {
             let status = run.status();
@@ -80,7 +80,7 @@ impl Mouth {
                 self.say(word);
                 said = Some(Instant::now());
             }
-            assert!(begun.elapsed() < WATCHDOG, "\"{word}\" was never heard: {status:#}");
+            assert!(begun.elapsed() < WATCHDOG, "\"{word}\" was never heard: {status:#?}");
             std::thread::sleep(Duration::from_millis(50));
         }
     }

@@ -12,8 +12,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
-use guidedog_tests::{Live, Place, pid_of, programs, until};
-use serde_json::Value;
+use control::{Policies, Status, Why};
+use guidedog_tests::{Live, Place, WATCHDOG, pids, programs, until};
+use messages::ModeClass;
+use serde_json::{Value, json};
 use transport::RunDir;
 
 /// A user and a group that own nothing here.
@@ -142,7 +144,7 @@ fn the_group_commands_where_the_settings_say_so_but_runs_no_program() {
     assert_eq!(output.status.code(), Some(8), "{}", said(&output));
     let output = as_user(&place, STRANGER, GROUP, &["stop"]);
     assert_eq!(output.status.code(), Some(0), "{}", said(&output));
-    run.wait("it is locked", |status| status["mode"]["class"] == "lock");
+    run.wait("it is locked", |status| status.mode.class == ModeClass::Lock);
     assert_eq!(run.end().1, 0);
 }
 
@@ -195,9 +197,7 @@ fn nothing_listens_on_a_network() {
     let place = Place::new();
     let mut run = Live::up(&place, "net", &["--scenario", "corridor"]);
     let status = run.wait_walking();
-    let services = status["services"].as_array().expect("services");
-    let names: Vec<&str> = services.iter().filter_map(|service| service["name"].as_str()).collect();
-    let mut pids: Vec<u32> = names.iter().map(|name| pid_of(&status, name)).collect();
+    let mut pids = pids(&status);
     pids.push(run.pid());
     let ours: BTreeSet<String> = pids.iter().flat_map(|pid| sockets(*pid)).collect();
     assert!(ours.len() >= pids.len(), "every process has a line: {ours:?}");
@@ -260,7 +260,7 @@ fn no_flood_of_clients_keeps_a_stop_out() {
     for flood in floods {
         flood.join().expect("it does not panic");
     }
-    run.wait("it is locked", |status| status["mode"]["class"] == "lock");
+    run.wait("it is locked", |status| status.mode.class == ModeClass::Lock);
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();
@@ -269,8 +269,15 @@ fn no_flood_of_clients_keeps_a_stop_out() {
 #[test]
 fn what_is_no_request_is_answered_with_why_and_the_next_one_is_heard() {
     let place = Place::new();
-    let mut run = Live::up(&place, "talk", &["--scenario", "corridor"]);
-    run.wait("it answers", |status| status["mode"].is_object());
+    let run = Live::up(&place, "talk", &["--scenario", "corridor"]);
+    // Once it answers.
+    let _ = run.status();
+    // What the command prints is the answer as it came, and the types hold every member of it.
+    let printed = |args: &[&str]| place.json(&[args, &["--json", "--run", "talk"]].concat()).0;
+    let (status, why, policies) = (printed(&["status"]), printed(&["why"]), printed(&["policy", "show"]));
+    assert_eq!(json!(serde_json::from_value::<Status>(status.clone()).expect("a status")), status);
+    assert_eq!(json!(serde_json::from_value::<Why>(why.clone()).expect("a why")), why);
+    assert_eq!(json!(serde_json::from_value::<Policies>(policies.clone()).expect("policies")), policies);
     let ask = |sent: &[u8]| -> Vec<Value> {
         let mut stream = UnixStream::connect(run.dir().join("control.sock")).expect("it listens");
         stream.write_all(sent).expect("it reads");

@@ -6,8 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use camera::Head;
-use guidedog_tests::{Live, Place, project, service, until};
-use serde_json::Value;
+use guidedog_tests::{Live, Place, WATCHDOG, project, service, told, until};
 use transport::monotonic_ns;
 
 /// A run in the simulated corridor whose depth comes from the socket.
@@ -28,22 +27,18 @@ fn example(socket: &Path) -> Child {
     command.arg(script).arg(socket).arg("wall").stderr(Stdio::null()).spawn().expect("python starts")
 }
 
-fn told(status: &Value, text: &str) -> bool {
-    status.to_string().contains(text)
-}
-
 #[test]
 fn a_program_with_a_camera_is_what_the_robot_sees_by_and_its_end_stops() {
     let place = Place::new();
     let (mut run, socket) = run(&place);
     for _ in 0..2 {
         let mut program = example(&socket);
-        run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+        run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
         program.kill().and_then(|()| program.wait()).expect("it ends");
-        run.wait("it is ready no more", |status| status["mode"]["ready_for_cue"] == false);
+        run.wait("it is ready no more", |status| !status.mode.ready_for_cue);
         run.wait("the end is told of", |status| told(status, "the program at the depth socket has gone"));
     }
-    assert_eq!(service(&run.status(), "depth")["restarts"], 0, "the driver needed no restart");
+    assert_eq!(service(&run.status(), "depth").restarts, 0, "the driver needed no restart");
     let _ = run.end();
     assert!(!socket.exists(), "the socket goes with the driver");
     place.assert_empty();
@@ -55,7 +50,7 @@ fn who_sends_what_is_no_frame_is_cut_off_and_told() {
     let (mut run, socket) = run(&place);
     // Until somebody listens.
     let mut first = example(&socket);
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     let connect = || UnixStream::connect(&socket).expect("the driver listens");
     let second = connect();
     run.wait("one at a time", |status| told(status, "a second program connected"));
@@ -77,6 +72,6 @@ fn who_sends_what_is_no_frame_is_cut_off_and_told() {
         let _ = program.write_all(&bytes);
         run.wait(text, |status| told(status, text));
     }
-    assert_eq!(service(&run.status(), "depth")["restarts"], 0, "none of it reached the driver");
+    assert_eq!(service(&run.status(), "depth").restarts, 0, "none of it reached the driver");
     let _ = run.end();
 }

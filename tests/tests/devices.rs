@@ -6,7 +6,9 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
-use guidedog_tests::{Came, Live, Place, Wire, project, service, signal, until};
+use control::{ModeStatus, Status};
+use guidedog_tests::{Came, Live, Place, WATCHDOG, Wire, project, service, signal, told, until};
+use messages::{ModeClass, ServiceId};
 use serde_json::Value;
 
 /// An emulated lidar, plugged in until it is dropped.
@@ -58,8 +60,9 @@ fn sees_corridor(came: &Came) -> bool {
         && (at(0.0).is_nan() || at(0.0) > 20.0)
 }
 
-fn told(status: &Value, text: &str) -> bool {
-    status.to_string().contains(text)
+/// Whether a note of a report tells of it.
+fn report_tells(report: &Value, text: &str) -> bool {
+    report["notes"].to_string().contains(text)
 }
 
 #[test]
@@ -78,7 +81,7 @@ fn every_lidar_is_read_at_its_speed() {
         let _lidar = Plugged::lidar(&place, model);
         let config = config(&place, &port(&place), &format!("baud = {baud}"));
         let mut run = Live::up(&place, "device", &["--config", &config]);
-        run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+        run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
         let wire = Wire::on(run.dir());
         wire.wait(&format!("{model} sees the corridor"), sees_corridor);
         wire.stop();
@@ -98,13 +101,13 @@ fn an_unplugged_lidar_stops_the_robot_and_a_replugged_one_is_read_again() {
     for _ in 0..2 {
         // The speed is found by itself.
         let lidar = Plugged::lidar(&place, "s2");
-        run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+        run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
         drop(lidar);
-        run.wait("it is ready no more", |status| status["mode"]["ready_for_cue"] == false);
+        run.wait("it is ready no more", |status| !status.mode.ready_for_cue);
     }
     run.wait("the plug is told of", |status| told(status, "it was unplugged"));
     let status = run.status();
-    assert_eq!(service(&status, "lidar")["restarts"], 0, "the driver needed no restart: {status:#}");
+    assert_eq!(service(&status, "lidar").restarts, 0, "the driver needed no restart: {status:#?}");
     let _ = run.end();
     place.assert_empty();
 }
@@ -146,7 +149,7 @@ fn robots_on_dds_are_guided_through_bridge_and_backstop() {
         let (report, _) = place.json(&walk);
         assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 3.0), "{link}: {report:#}");
         for text in ["bridge: the robot on DDS answers", "backstop: the robot on DDS answers"] {
-            assert!(told(&report["notes"], text), "{link}, {text}: {report:#}");
+            assert!(report_tells(&report, text), "{link}, {text}: {report:#}");
         }
         place.assert_empty();
     }
@@ -163,7 +166,7 @@ fn walked(robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
     let collisions = &report["collisions"];
     assert_eq!((&collisions["robot"], &collisions["handler"]), (&0.into(), &0.into()), "{report:#}");
     for text in ["answers", "samples a second", "a program is connected"] {
-        assert!(told(&report["notes"], text), "{text}: {report:#}");
+        assert!(report_tells(&report, text), "{text}: {report:#}");
     }
     place.assert_empty();
     (report, code)
@@ -235,7 +238,7 @@ fn a_robot_that_is_there_needs_no_scenario_and_takes_none() {
         run.wait(text, |status| told(status, text));
     }
     let status = run.status();
-    assert!(status["mode"]["ready_for_cue"] == false && !told(&status, "simulator"), "{status:#}");
+    assert!(!status.mode.ready_for_cue && status.service(ServiceId::Simulator).is_none(), "{status:#?}");
     let _ = run.end();
     place.assert_empty();
 }
@@ -263,7 +266,8 @@ fn a_pressed_or_unplugged_button_locks_a_walk_until_it_is_released_and_resumed()
     let mut run = Live::up(&place, "estop", &["--scenario", "corridor", "--config", &config]);
     run.wait_walking();
     let resume = || place.guidedog(&["resume", "--run", "estop"]);
-    let is_locked = |status: &Value| status["mode"]["class"] == "lock" && told(&status["mode"], "emergency_stop");
+    let is_pressed = |mode: &ModeStatus| mode.reason.as_ref().is_some_and(|why| why.contains("emergency_stop"));
+    let is_locked = |status: &Status| status.mode.class == ModeClass::Lock && is_pressed(&status.mode);
     button.write_all(&[key(true), key(false), key(true)].concat()).expect("written");
     run.wait("a press locks", is_locked);
     resume();
@@ -272,7 +276,7 @@ fn a_pressed_or_unplugged_button_locks_a_walk_until_it_is_released_and_resumed()
     let mut resumed = |what: &str| {
         run.wait(what, |status| {
             resume();
-            status["mode"]["ready_for_cue"] == true
+            status.mode.ready_for_cue
         });
     };
     resumed("it is released");

@@ -6,7 +6,9 @@ use std::io::{BufRead, BufReader, Write};
 use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, service, signal, until};
+use control::Status;
+use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, pids, service, signal, until, vx_mps};
+use messages::ModeClass;
 use serde_json::Value;
 
 const CRITICAL: [&str; 8] = ["locomotion", "brake", "odometry", "lidar", "depth", "cue", "policy", "shield"];
@@ -18,12 +20,12 @@ const STANDING: f64 = 0.02;
 /// of that service.
 fn strike(run: &mut Live<'_>, victim: &str, with: &str, tap: Option<&Tap>) {
     let before = run.wait_walking();
-    let incarnation = service(&before, victim)["incarnation"].as_u64();
-    let epoch = before["mode"]["epoch"].as_u64();
+    let incarnation = service(&before, victim).incarnation;
+    let epoch = before.mode.epoch;
     let struck_ns = monotonic_ns();
     signal(pid_of(&before, victim), with);
     run.wait(&format!("{victim} is struck by {with} and the fault is seen"), |status| {
-        status["mode"]["epoch"].as_u64() > epoch && service(status, victim)["incarnation"].as_u64() > incarnation
+        status.mode.epoch > epoch && service(status, victim).incarnation > incarnation
     });
     if let Some(tap) = tap {
         saw_it_stand(tap, struck_ns, victim);
@@ -111,13 +113,7 @@ fn when_the_supervisor_dies_nobody_is_left_and_the_next_run_cleans_up() {
     let place = Place::new();
     let mut run = Live::up(&place, "orphan", &["--scenario", "corridor"]);
     let status = run.wait_walking();
-    let pids: Vec<u32> = status["services"]
-        .as_array()
-        .expect("services")
-        .iter()
-        .filter_map(|service| service["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok()))
-        .filter(|pid| *pid > 0)
-        .collect();
+    let pids = pids(&status);
     assert_eq!(pids.len(), 9);
     let tap = Tap::on(run.dir());
     until("the tap hears", || !tap.since(0).is_empty());
@@ -144,8 +140,8 @@ fn the_operators_stop_locks_and_only_resume_and_a_cue_go_on() {
     let mut run = Live::up(&place, "stop", &["--scenario", "corridor"]);
     run.wait_walking();
     assert_eq!(place.json(&["stop", "--json", "--run", "stop"]).1, 0);
-    let standing = |status: &Value| status["locomotion"]["velocity"][0].as_f64() == Some(0.0);
-    run.wait("locked and standing", |status| status["mode"]["class"] == "lock" && standing(status));
+    let standing = |status: &Status| vx_mps(status) == 0.0;
+    run.wait("locked and standing", |status| status.mode.class == ModeClass::Lock && standing(status));
     let (refused, code) = place.json(&["cue", "forward", "--json", "--run", "stop"]);
     assert_eq!(code, 5, "{refused:#}");
     assert!(refused["error"].as_str().is_some_and(|error| error.contains("locked")), "{refused:#}");
@@ -165,15 +161,11 @@ fn a_run_boots_in_fault_and_an_operators_cue_starts_it() {
     fs::write(&route, "cue = []\n").expect("written");
     let route = route.to_string_lossy().into_owned();
     let mut run = Live::up(&place, "boot", &["--scenario", "corridor", "--cues", &route]);
-    run.wait("ready, and in fault", |status| {
-        status["mode"]["class"] == "fault" && status["mode"]["ready_for_cue"] == true
-    });
+    run.wait("ready, and in fault", |status| status.mode.class == ModeClass::Fault && status.mode.ready_for_cue);
     assert_eq!(place.json(&["cue", "forward", "--json", "--run", "boot"]).1, 0);
     run.wait_walking();
     assert_eq!(place.json(&["cue", "stop", "--json", "--run", "boot"]).1, 0);
-    run.wait("standing, in run", |status| {
-        status["mode"]["class"] == "run" && status["locomotion"]["velocity"][0].as_f64() == Some(0.0)
-    });
+    run.wait("standing, in run", |status| status.mode.class == ModeClass::Run && vx_mps(status) == 0.0);
     let _ = run.end();
     place.assert_empty();
 }
@@ -233,7 +225,7 @@ fn idle_connections_do_not_keep_a_stop_out() {
     let idle: Vec<_> = (0..40).filter_map(|_| UnixStream::connect(&socket).ok()).collect();
     assert_eq!(idle.len(), 40);
     assert_eq!(place.json(&["stop", "--json", "--run", "idle"]).1, 0);
-    run.wait("locked", |status| status["mode"]["class"] == "lock");
+    run.wait("locked", |status| status.mode.class == ModeClass::Lock);
     let _ = run.end();
     place.assert_empty();
 }
@@ -244,12 +236,12 @@ fn a_stop_is_not_undone_by_a_resume_that_came_with_it() {
     let mut run = Live::up(&place, "both", &["--scenario", "corridor"]);
     run.wait_walking();
     assert_eq!(place.json(&["stop", "--json", "--run", "both"]).1, 0);
-    run.wait("locked", |status| status["mode"]["class"] == "lock");
+    run.wait("locked", |status| status.mode.class == ModeClass::Lock);
     let mut client = UnixStream::connect(place.path().join("r/both/control.sock")).expect("it listens");
     client.write_all(b"{\"verb\":\"resume\"}\n{\"verb\":\"stop\"}\n").expect("sent");
     let answers: Vec<String> = BufReader::new(client).lines().take(2).map_while(Result::ok).collect();
     assert!(answers.iter().any(|answer| answer.contains("overtaken by a stop")), "{answers:?}");
-    assert_eq!(run.status()["mode"]["class"], "lock");
+    assert_eq!(run.status().mode.class, ModeClass::Lock);
     let _ = run.end();
     place.assert_empty();
 }

@@ -3,7 +3,8 @@
 use std::path::Path;
 
 use camera::Trust;
-use guidedog_tests::{Live, Place, data, service};
+use control::Note;
+use guidedog_tests::{Live, Place, data, service, told};
 use messages::DepthHeader;
 use recording::{Reader, Record};
 
@@ -43,8 +44,8 @@ fn raw_file(path: &Path, frames: &[Vec<u16>], [width, height]: [usize; 2]) -> St
     format!("filesrc location={path} ! rawvideoparse format=gray16-le width={width} height={height} framerate=15/1")
 }
 
-fn told(status: &serde_json::Value, text: &str) -> bool {
-    status.to_string().contains(text)
+fn finds(doctor: &serde_json::Value, text: &str) -> bool {
+    doctor.to_string().contains(text)
 }
 
 /// Plays the frames through the driver twice at least: what was recorded, the number of each in the file first.
@@ -53,10 +54,10 @@ fn play(frames: &[Vec<u16>], size: [usize; 2]) -> Vec<(usize, DepthHeader)> {
     let config = configure(&place, &raw_file(&place.path().join("raw"), frames, size), size);
     let mut run = up(&place, &config);
     let status = run.wait("it ends twice", |status| {
-        let notes = status["notes"].as_array().map(Vec::as_slice).unwrap_or_default();
-        notes.iter().filter(|note| told(note, "the pipeline has ended; it is opened anew")).count() >= 2
+        let ends = |note: &&Note| note.text.contains("the pipeline has ended; it is opened anew");
+        status.notes.iter().filter(ends).count() >= 2
     });
-    assert_eq!(service(&status, "depth")["restarts"], 0, "the driver needed no restart");
+    assert_eq!(service(&status, "depth").restarts, 0, "the driver needed no restart");
     let _ = run.end();
     let trusted: Vec<Vec<u16>> = frames
         .iter()
@@ -132,9 +133,9 @@ fn a_live_pipeline_is_what_the_robot_sees_by() {
     let pipeline = "videotestsrc is-live=true ! video/x-raw,format=GRAY16_LE,width=320,height=240,framerate=30/1";
     let config = configure(&place, pipeline, [320, 240]);
     let (doctor, _) = place.json(&["doctor", "--json", "--config", &config]);
-    assert!(told(&doctor, "the pipeline and its elements are there"), "{doctor:#}");
+    assert!(finds(&doctor, "the pipeline and its elements are there"), "{doctor:#}");
     let mut run = up(&place, &config);
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     let _ = run.end();
     place.assert_empty();
 }
@@ -163,13 +164,13 @@ fn a_wrong_pipeline_is_told_with_what_to_do() {
         let config = configure(&place, pipeline, [64, 48]);
         let mut run = up(&place, &config);
         let status = run.wait(found, |status| told(status, found));
-        assert!(told(&status, fix), "{fix}: {status:#}");
-        assert_eq!(status["mode"]["ready_for_cue"], false, "{pipeline}");
-        assert_eq!(service(&status, "depth")["restarts"], 0, "the driver goes on");
+        assert!(told(&status, fix), "{fix}: {status:#?}");
+        assert!(!status.mode.ready_for_cue, "{pipeline}");
+        assert_eq!(service(&status, "depth").restarts, 0, "the driver goes on");
         let _ = run.end();
         if found.contains("nosuchsrc") {
             let (doctor, code) = place.json(&["doctor", "--json", "--config", &config]);
-            assert!(told(&doctor, found) && code != 0, "{doctor:#}");
+            assert!(finds(&doctor, found) && code != 0, "{doctor:#}");
         }
     }
 }

@@ -3,8 +3,9 @@
 
 use std::fs;
 
-use guidedog_tests::{Came, Live, Place, Wire, is_alive, pid_of, service};
-use messages::Odometry;
+use control::{ServicePhase, Status};
+use guidedog_tests::{Came, Live, Place, Wire, is_alive, pid_of, service, told};
+use messages::{ModeClass, Odometry};
 
 const MS: u64 = 1_000_000;
 
@@ -77,7 +78,7 @@ fn a_full_disk_ends_the_recording_and_stops_no_walk() {
     run.wait_walking();
     let (answer, code) = place.json(&["inject", "host", "full-disk", "--run", "disk", "--json"]);
     assert_eq!(code, 0, "{answer:#}");
-    run.wait("the recorder says so", |status| status["notes"].to_string().contains("recording ended"));
+    run.wait("the recorder says so", |status| told(status, "recording ended"));
     run.wait_walking();
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
@@ -172,9 +173,9 @@ fn every_fault_of_a_frame_is_seen_by_its_readers() {
     inject(&place, "scan", "lidar/scan", "off", &[]);
     inject(&place, "scan", "lidar", "kill", &[]);
     run.wait("a new lidar is up, and says nothing", |status| {
-        service(status, "lidar")["incarnation"].as_u64() > service(&before, "lidar")["incarnation"].as_u64()
-            && service(status, "lidar")["state"] == "ready"
-            && status["mode"]["ready_for_cue"] == false
+        service(status, "lidar").incarnation > service(&before, "lidar").incarnation
+            && service(status, "lidar").state == ServicePhase::Ready
+            && !status.mode.ready_for_cue
     });
     inject(&place, "scan", "lidar/scan", "none", &[]);
     run.wait_walking();
@@ -196,16 +197,16 @@ fn every_fault_of_a_process_is_seen_on_it() {
     let mut run = Live::up(&place, "proc", &["--scenario", "corridor", "--faults"]);
     for (fault, lives) in [("kill", 1), ("hang", 1), ("slow", 1), ("exit-on-start", 3)] {
         let before = run.wait_walking();
-        let incarnation = service(&before, "shield")["incarnation"].as_u64().expect("a number");
+        let incarnation = service(&before, "shield").incarnation;
         let pid = pid_of(&before, "shield");
         inject(&place, "proc", "shield", fault, &[]);
         run.wait(&format!("{fault}: life {incarnation} and {lives} more"), |status| {
-            service(status, "shield")["incarnation"].as_u64() >= Some(incarnation + lives)
-                && service(status, "shield")["state"] == "ready"
+            service(status, "shield").incarnation >= incarnation + lives
+                && service(status, "shield").state == ServicePhase::Ready
         });
         assert!(!is_alive(pid), "{fault}");
-        let notes = run.status()["notes"].to_string();
-        assert!(fault != "exit-on-start" || notes.contains("an injected fault"), "{notes}");
+        let status = run.status();
+        assert!(fault != "exit-on-start" || told(&status, "an injected fault"), "{status:#?}");
     }
     let before = run.wait_walking();
     let (pid, from_kib) = (pid_of(&before, "shield"), resident_kib(pid_of(&before, "shield")));
@@ -225,16 +226,16 @@ fn a_full_shm_stops_no_walk_and_who_dies_meanwhile_comes_back_once_there_is_room
     };
     run.wait_walking();
     inject(&place, "full", "host", "full-shm", &[]);
-    let walked_m = |status: &serde_json::Value| status["world"]["distance_m"].as_f64().unwrap_or(0.0);
+    let walked_m = |status: &Status| status.world.as_ref().map_or(0.0, |world| world.distance_m);
     let from_m = walked_m(&run.status());
     run.wait("it walks on", |status| walked_m(status) > from_m + 1.0);
     run.wait_walking();
     inject(&place, "full", "depth", "kill", &[]);
     run.wait("it does not come back, and says why", |status| {
-        service(status, "depth")["restarts"].as_u64() >= Some(2) && status["notes"].to_string().contains("is full")
+        service(status, "depth").restarts >= 2 && told(status, "is full")
     });
     inject(&place, "full", "host", "none", &[]);
-    run.wait("it is back", |status| service(status, "depth")["state"] == "ready");
+    run.wait("it is back", |status| service(status, "depth").state == ServicePhase::Ready);
     run.wait_walking();
     let (report, code) = run.end();
     assert_eq!((code, &report["collisions"]["robot"]), (0, &0.into()), "{report:#}");

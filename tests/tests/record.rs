@@ -4,12 +4,13 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::process::Child;
 
+use control::ServicePhase;
 use guidedog_tests::{Live, Place, pid_of, service, signal};
 
 /// `guidedog record` at work.
 fn recording_of<'a>(place: &Place, run: &mut Live<'a>, args: &[&str]) -> Child {
     let child = place.command(&[&["record", "--run", &run.name], args].concat()).spawn().expect("guidedog starts");
-    run.wait("the recorder is up", |status| service(status, "recorder")["state"] == "ready");
+    run.wait("the recorder is up", |status| service(status, "recorder").state == ServicePhase::Ready);
     child
 }
 
@@ -22,9 +23,9 @@ fn a_recording_whose_record_was_killed_can_be_ended() {
     let mut record = recording_of(&place, &mut run, &["-o", &path]);
     signal(record.id(), "KILL");
     record.wait().expect("it is ours");
-    assert_eq!(service(&run.status(), "recorder")["state"], "ready", "the run's recorder is nobody's child");
+    assert_eq!(service(&run.status(), "recorder").state, ServicePhase::Ready, "the run's recorder is nobody's child");
     let (_, code) = place.json(&["record", "--stop", "--run", "live", "--json"]);
-    assert_eq!((code, &service(&run.status(), "recorder")["state"]), (0, &"off".into()));
+    assert_eq!((code, service(&run.status(), "recorder").state), (0, ServicePhase::Off));
     assert_eq!(place.json(&["recording", "check", &path, "--json"]).1, 0, "it is whole");
     assert_eq!(place.json(&["record", "--stop", "--run", "live", "--json"]).1, 5, "nothing is recorded any more");
     let _ = run.end();
@@ -43,7 +44,7 @@ fn record_tells_of_a_recorder_that_died_and_of_both_its_files() {
     signal(first, "KILL");
     run.wait("the next recorder is up", |status| {
         let recorder = service(status, "recorder");
-        recorder["state"] == "ready" && recorder["pid"] != first
+        recorder.state == ServicePhase::Ready && recorder.pid != first
     });
     signal(record.id(), "INT");
     let output = record.wait_with_output().expect("it is ours");

@@ -5,7 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Instant;
 
+use control::ServicePhase;
 use guidedog_tests::{Live, Place, WATCHDOG, pid_of, service, signal};
+use messages::ModeClass;
 use recording::{Reader, Record};
 use serde_json::Value;
 
@@ -135,15 +137,16 @@ fn a_killed_recorder_loses_at_most_half_a_second_and_the_next_goes_on_beside() {
     // Slow enough to last, and with time for a look; what is lost does not depend on the machine's load.
     let args = ["--scenario", "corridor", "--speed", "4", "--config", &config, "--record", &name];
     let mut run = Live::up(&place, "rec", &args);
-    run.wait("it walks and is recorded", |status| status["now_s"].as_f64().is_some_and(|s| s > 4.0));
+    run.wait("it walks and is recorded", |status| status.now_s > 4.0);
     let status = run.status();
-    let (now_s, epoch) = (status["now_s"].as_f64().expect("a time"), status["mode"]["epoch"].clone());
+    let (now_s, epoch) = (status.now_s, status.mode.epoch);
     signal(pid_of(&status, "recorder"), "KILL");
     run.wait("the recorder is back", |status| {
         let recorder = service(status, "recorder");
-        recorder["incarnation"] == 2 && recorder["state"] == "ready" && status["now_s"].as_f64() > Some(now_s + 2.0)
+        recorder.incarnation == 2 && recorder.state == ServicePhase::Ready && status.now_s > now_s + 2.0
     });
-    assert_eq!((&run.status()["mode"]["epoch"], &run.status()["mode"]["class"]), (&epoch, &"run".into()), "no stop");
+    let mode = run.status().mode;
+    assert_eq!((mode.epoch, mode.class), (epoch, ModeClass::Run), "no stop");
     let (report, _) = run.end();
     assert_eq!(report["restarts"]["recorder"], 1, "{report:#}");
 
@@ -226,7 +229,7 @@ fn a_live_run_is_recorded_on_demand_and_nothing_is_overwritten() {
         {
             assert!(info["records"][topic].as_u64().is_some_and(|n| n > 0), "{topic}: {info:#}");
         }
-        assert_eq!(service(&run.status(), "recorder")["state"], "off");
+        assert_eq!(service(&run.status(), "recorder").state, ServicePhase::Off);
     }
     let (refused, code) = place.json(&["record", "-o", &path("one.mcap"), "--run", "live", "--json"]);
     assert!(code == 2 && refused["error"].as_str().is_some_and(|e| e.contains("already exists")), "{refused:#}");

@@ -8,8 +8,8 @@ use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, until};
-use serde_json::Value;
+use control::Report;
+use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pids, until};
 use transport::RunDir;
 
 /// The services whose words are scribbled over. Not the simulator: what it writes is the world itself.
@@ -69,12 +69,8 @@ fn scribble(path: &PathBuf, numbers: &mut Numbers, most: u64, messages_only: boo
 }
 
 /// The invalid messages that consumers told of, all together; these numbers are scribbled over as well.
-fn invalid(status: &Value) -> u64 {
-    let topics = status["invalid_messages"].as_object().into_iter().flatten();
-    topics
-        .flat_map(|(_, by)| by.as_object().into_iter().flatten())
-        .filter_map(|(_, n)| n.as_u64())
-        .fold(0, u64::saturating_add)
+fn invalid(by_topic: &BTreeMap<String, BTreeMap<String, u64>>) -> u64 {
+    by_topic.values().flat_map(BTreeMap::values).copied().fold(0, u64::saturating_add)
 }
 
 /// Waits until nothing faster than standing has been seen for half a second.
@@ -105,17 +101,13 @@ fn messages_that_are_scribbled_over_move_nobody_and_the_stop_gets_through() {
     let mut status = run.status();
     let mut rounds = 0;
     // Until somebody has dropped something, and for a while at least.
-    while invalid(&status) < 20 || rounds < 40 {
-        assert!(since.elapsed() < WATCHDOG, "nobody notices: {status:#}");
+    while invalid(&status.invalid_messages) < 20 || rounds < 40 {
+        assert!(since.elapsed() < WATCHDOG, "nobody notices: {status:#?}");
         let pids: BTreeMap<&str, u32> = WRITERS
             .into_iter()
             .filter_map(|name| match name {
                 "supervisor" => Some((name, run.pid())),
-                name => status["services"]
-                    .as_array()?
-                    .iter()
-                    .any(|s| s["name"] == name)
-                    .then(|| (name, pid_of(&status, name))),
+                name => Some((name, status.services.iter().find(|service| service.name == name)?.pid)),
             })
             .collect();
         let pools: Vec<PathBuf> = pids.values().flat_map(|pid| pools_of(*pid)).collect();
@@ -124,10 +116,14 @@ fn messages_that_are_scribbled_over_move_nobody_and_the_stop_gets_through() {
                 scribble(path, &mut numbers, 64, true);
             }
         }
-        status = run.wait("the supervisor answers", |status| status["mode"].is_object());
+        status = run.status();
         rounds += 1;
     }
-    eprintln!("{} invalid messages in {rounds} rounds: {}", invalid(&status), status["invalid_messages"]);
+    eprintln!(
+        "{} invalid messages in {rounds} rounds: {:?}",
+        invalid(&status.invalid_messages),
+        status.invalid_messages
+    );
     let output = place.guidedog(&["stop", "--run", "ink"]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
     wait_standing(&tap);
@@ -139,7 +135,8 @@ fn messages_that_are_scribbled_over_move_nobody_and_the_stop_gets_through() {
     tap.stop();
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
-    assert!(invalid(&report) > 0, "the report tells as well");
+    let report: Report = serde_json::from_value(report).expect("a report");
+    assert!(invalid(&report.invalid_messages) > 0, "the report tells as well");
     place.assert_empty();
 }
 
@@ -155,9 +152,7 @@ fn where_the_transports_own_books_are_scribbled_over_the_run_ends_and_nobody_is_
     let place = Place::new();
     let mut run = Live::up(&place, "books", &["--scenario", "corridor"]);
     let status = run.wait_walking();
-    let services = status["services"].as_array().expect("services");
-    let mut pids: Vec<u32> =
-        services.iter().filter_map(|s| s["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok())).collect();
+    let mut pids = pids(&status);
     pids.push(run.pid());
     let prefix = RunDir::open(&run.dir()).prefix();
     let mut numbers = Numbers(0x0b00_c5ee_d000_0001);

@@ -5,15 +5,13 @@ use std::fs;
 use std::io::{BufRead, BufReader};
 use std::time::Instant;
 
+use control::Status;
 use guidedog_tests::{
-    Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, project, service, speech_s,
+    Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, microphone, project, service, speech_s,
+    spoken_cue, told,
 };
-use messages::{SpeechPhase, SpeechSaid, Urgency};
+use messages::{CueKind, MicrophoneState, SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
-
-fn notes(status: &Value) -> String {
-    status["notes"].to_string()
-}
 
 fn config(place: &Place, text: &str) -> String {
     let path = place.path().join("sound.toml");
@@ -28,10 +26,6 @@ fn scenario(place: &Place) -> String {
     let goal = "goal = { at = [18, 5], within_m = 1.5 }\ntime_limit_s = 200";
     fs::write(&path, format!("world = {world:?}\nstart = {{ at = [9, 0], yaw_deg = 0 }}\n{goal}\n")).expect("written");
     path.to_string_lossy().into_owned()
-}
-
-fn in_force(status: &Value, cue: &str) -> bool {
-    status["mode"]["cue"]["kind"] == cue && status["mode"]["cue"]["source"] == "voice"
 }
 
 /// Seconds that the loudspeaker was to be heard, as the robot tells it.
@@ -51,18 +45,19 @@ fn spoken_cues_lead_through_a_junction_and_the_answers_are_heard() {
     let mouth = Mouth::into(rig.mouth());
     let (config, scenario) = (config(&place, "[cue.voice]\nmicrophone = \"default\"\n"), scenario(&place));
     let mut run = Live::walk(&place, "walk", &["--voice", "--config", &config, "--scenario", &scenario]);
-    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
+    run.wait("it hears", |status| microphone(status) == MicrophoneState::Hearing);
     let ears = Ears::on(run.dir());
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
-    mouth.say_until(&mut run, "forward", |status| in_force(status, "forward"));
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
+    mouth.say_until(&mut run, "forward", |status| spoken_cue(status, CueKind::Forward));
     // A fault on a busy machine voids the cue; whoever walks says it again.
-    let near = |status: &Value| status["world"]["robot"][0].as_f64().is_some_and(|x| x > 13.0);
+    let near = |status: &Status| status.world.as_ref().is_some_and(|world| world.robot[0] > 13.0);
     let since = Instant::now();
     while !near(&run.status()) {
-        let status = mouth.say_until(&mut run, "forward", |status| in_force(status, "forward") || near(status));
-        assert!(since.elapsed() < WATCHDOG, "it never comes near the junction: {status:#}");
+        let status =
+            mouth.say_until(&mut run, "forward", |status| spoken_cue(status, CueKind::Forward) || near(status));
+        assert!(since.elapsed() < WATCHDOG, "it never comes near the junction: {status:#?}");
     }
-    mouth.say_until(&mut run, "left", |status| in_force(status, "left"));
+    mouth.say_until(&mut run, "left", |status| spoken_cue(status, CueKind::Left));
     let (report, code) = run.finish();
     assert_eq!((code, &report["reached"]), (0, &Value::from(true)), "{report:#}");
     let (said, texts) = (ears.said(), ears.texts());
@@ -82,7 +77,7 @@ fn spoken_cues_lead_through_a_junction_and_the_answers_are_heard() {
 
 /// Whatever the voice's state, an operator's cue makes the robot walk.
 fn others_go_on(place: &Place, run: &mut Live<'_>) {
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     let _ = place.guidedog(&["cue", "forward", "--run", "sound"]);
     run.wait_walking();
 }
@@ -94,35 +89,35 @@ fn a_microphone_that_is_none_dead_or_lost_is_told_and_one_that_comes_back_is_hea
     }
     let mut rig = SoundRig::new();
     let place = Place::with_sound(&rig);
-    let told = |run: &mut Live<'_>, what: &str| run.wait(what, |status| notes(status).contains(what));
+    let wait_told = |run: &mut Live<'_>, what: &str| run.wait(what, |status| told(status, what));
     let source = "[speak]\non = true\nfile = \"said.wav\"\n[cue.voice]\nsource = \"microphone\"\n";
     let none = config(&place, &format!("{source}microphone = \"hw:17\"\n"));
     let mut run = Live::up(&place, "sound", &["--config", &none]);
-    let status = told(&mut run, "the microphone \\\"hw:17\\\" cannot be opened");
-    assert!(notes(&status).contains("arecord -L"), "{status:#}");
-    run.wait("it is not heard", |status| status["microphone"]["state"] == "lost");
+    let status = wait_told(&mut run, "the microphone \"hw:17\" cannot be opened");
+    assert!(told(&status, "arecord -L"), "{status:#?}");
+    run.wait("it is not heard", |status| microphone(status) == MicrophoneState::Lost);
     others_go_on(&place, &mut run);
     assert_eq!(run.end().1, 0);
 
     let there = config(&place, source);
     let mut run = Live::up(&place, "sound", &["--config", &there]);
     // Nobody speaks into it: a null device gives exact zeros.
-    told(&mut run, "exact zeros");
-    run.wait("it is dead", |status| status["microphone"]["state"] == "dead");
+    wait_told(&mut run, "exact zeros");
+    run.wait("it is dead", |status| microphone(status) == MicrophoneState::Dead);
     others_go_on(&place, &mut run);
     let mouth = Mouth::into(rig.mouth());
-    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
-    told(&mut run, "gives sound again");
-    mouth.say_until(&mut run, "stop", |status| status["mode"]["cue"].is_null());
+    run.wait("it hears", |status| microphone(status) == MicrophoneState::Hearing);
+    wait_told(&mut run, "gives sound again");
+    mouth.say_until(&mut run, "stop", |status| status.mode.cue.is_none());
     rig.unplug();
     drop(mouth);
-    run.wait("it is lost", |status| status["microphone"]["state"] == "lost");
+    run.wait("it is lost", |status| microphone(status) == MicrophoneState::Lost);
     rig.plug_in();
     let mouth = Mouth::into(rig.mouth());
-    run.wait("it hears again", |status| status["microphone"]["state"] == "hearing");
-    mouth.say_until(&mut run, "forward", |status| in_force(status, "forward"));
+    run.wait("it hears again", |status| microphone(status) == MicrophoneState::Hearing);
+    mouth.say_until(&mut run, "forward", |status| spoken_cue(status, CueKind::Forward));
     run.wait_walking();
-    assert_eq!(service(&run.status(), "cue")["restarts"], 0);
+    assert_eq!(service(&run.status(), "cue").restarts, 0);
     assert_eq!(run.end().1, 0);
     place.assert_empty();
 }
@@ -136,7 +131,7 @@ fn a_loudspeaker_that_is_none_is_told_and_the_walk_goes_on() {
     let place = Place::with_sound(&rig);
     let none = config(&place, "[speak]\non = true\nplayer = [\"aplay\", \"-q\", \"-D\", \"hw:17\", \"-\"]\n");
     let mut run = Live::up(&place, "sound", &["--config", &none]);
-    run.wait("it is told", |status| notes(status).contains("not heard: aplay"));
+    run.wait("it is told", |status| told(status, "not heard: aplay"));
     others_go_on(&place, &mut run);
     assert_eq!(run.end().1, 0);
     place.assert_empty();

@@ -5,8 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use guidedog_tests::{Ears, Live, Place, is_alive, pid_of, service, signal, until};
-use messages::{SpeechPhase, SpeechSaid, Urgency};
+use control::{ServicePhase, Status};
+use guidedog_tests::{Ears, Live, Place, WATCHDOG, is_alive, pid_of, pids, service, signal, told, until, vx_mps};
+use messages::{ModeClass, SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
 
 /// Whether the voice is there.
@@ -26,9 +27,9 @@ fn config(place: &Place, more: &str) -> String {
 /// A run that speaks and is ready for a cue, and who listens to it.
 fn speaking<'a>(place: &'a Place, more: &str) -> (Live<'a>, Ears) {
     let mut run = Live::up(place, "speak", &["--faults", "--config", &config(place, more)]);
-    run.wait("the voice is up", |status| status["services"].is_array() && service(status, "speak")["state"] == "ready");
+    run.wait("the voice is up", |status| service(status, "speak").state == ServicePhase::Ready);
     let ears = Ears::on(run.dir());
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     (run, ears)
 }
 
@@ -36,13 +37,18 @@ fn speaking<'a>(place: &'a Place, more: &str) -> (Live<'a>, Ears) {
 fn walk(place: &Place, run: &mut Live<'_>) {
     let given = Cell::new(None::<Instant>);
     run.wait("the robot walks", |status| {
-        let ready = status["mode"]["ready_for_cue"] == true && status["mode"]["class"] == "fault";
+        let ready = status.mode.ready_for_cue && status.mode.class == ModeClass::Fault;
         if ready && given.get().is_none_or(|at| at.elapsed() > Duration::from_secs(1)) {
             given.set(Some(Instant::now()));
             let _ = place.guidedog(&["cue", "forward", "--run", "speak"]);
         }
-        status["mode"]["class"] == "run" && status["locomotion"]["velocity"][0].as_f64().is_some_and(|vx| vx > 0.2)
+        status.mode.class == ModeClass::Run && vx_mps(status) > 0.2
     });
+}
+
+/// Whether that is what the robot said last.
+fn says(status: &Status, text: &str) -> bool {
+    status.said.as_ref().is_some_and(|said| said.text == text)
 }
 
 /// From the stop to the first sample of each sentence about one, milliseconds.
@@ -65,10 +71,6 @@ fn speech_s(path: &Path) -> f64 {
     guidedog_tests::speech_s(&samples, rate_hz)
 }
 
-fn notes(status: &Value) -> String {
-    status["notes"].to_string()
-}
-
 #[test]
 fn a_walk_is_told_from_the_first_cue_to_the_end() {
     if !has_voice() {
@@ -88,8 +90,10 @@ fn a_walk_is_told_from_the_first_cue_to_the_end() {
     ears.wait("Stopped by the operator.", 1);
     assert!(!place.guidedog(&["cue", "left", "--run", "speak"]).status.success(), "the run is locked");
     ears.wait("Not now: I am locked.", 1);
-    let status = run.wait("what is said is told", |status| status["said"]["phase"] == "ended");
-    assert_eq!(status["said"]["text"], "Not now: I am locked.");
+    let status = run.wait("what is said is told", |status| {
+        status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended)
+    });
+    assert!(says(&status, "Not now: I am locked."), "{status:#?}");
     assert!(place.guidedog(&["resume", "--run", "speak"]).status.success());
     ears.wait("Ready.", 3);
     let (report, code) = run.end();
@@ -159,7 +163,7 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
         signal(pid_of(&run.status(), "speak"), with);
         run.wait("the voice is back", |status| {
             let speak = service(status, "speak");
-            speak["incarnation"] == lives && speak["state"] == "ready"
+            speak.incarnation == lives && speak.state == ServicePhase::Ready
         });
         let tone = place.path().join("tone.wav");
         until("a tone is heard", || tone.exists());
@@ -169,7 +173,7 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
     }
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
     ears.wait("Stopped by the operator.", 1);
-    run.wait("it is heard", |status| status["said"]["phase"] == "ended");
+    run.wait("it is heard", |status| status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended));
     let (report, code) = run.end();
     assert_eq!((code, &report["restarts"]["speak"]), (0, &Value::from(2)), "{report:#}");
     // A busy machine may stop the robot for want of beats of others.
@@ -190,12 +194,7 @@ fn the_supervisors_own_death_is_told_and_then_nobody_is_left() {
     let (mut run, ears) = speaking(&place, "");
     walk(&place, &mut run);
     let status = run.status();
-    let ours: Vec<u32> = status["services"]
-        .as_array()
-        .expect("services")
-        .iter()
-        .filter_map(|service| service["pid"].as_u64().filter(|pid| *pid > 0).and_then(|pid| u32::try_from(pid).ok()))
-        .collect();
+    let ours = pids(&status);
     signal(run.pid(), "KILL");
     ears.wait("Stopped for good. Get help.", 1);
     until("every process has ended", || !ours.iter().any(|pid| is_alive(*pid)));
@@ -244,10 +243,10 @@ fn without_a_voice_the_texts_are_published_and_the_walk_goes_on() {
         signal(pid_of(&run.status(), "lidar"), "KILL");
         ears.wait("Stopped: lidar lost, restarting.", 1);
         let is_stop = |said: &SpeechSaid| said.text.as_str() == "Stopped: lidar lost, restarting.";
-        let told = ears.said().into_iter().find(is_stop).expect("it is there");
-        assert_eq!((told.phase, told.duration_ns), (SpeechPhase::Unheard, 0), "{more}");
-        let status = run.wait("what is wrong is told", |status| notes(status).contains(what));
-        assert_eq!(service(&status, "speak")["restarts"], 0, "{status:#}");
+        let said = ears.said().into_iter().find(is_stop).expect("it is there");
+        assert_eq!((said.phase, said.duration_ns), (SpeechPhase::Unheard, 0), "{more}");
+        let status = run.wait("what is wrong is told", |status| told(status, what));
+        assert_eq!(service(&status, "speak").restarts, 0, "{status:#?}");
         walk(&place, &mut run);
         let (report, code) = run.end();
         assert_eq!(code, 0, "{report:#}");
@@ -266,11 +265,11 @@ fn a_player_that_fails_is_told_and_one_that_is_cut_short_leaves_nobody() {
     let player = "player = [\"sh\", \"-c\", \"cat > /dev/null; sleep 600; true\"]";
     std::fs::write(&path, format!("[speak]\non = true\n{player}\n")).expect("written");
     let mut run = Live::up(&place, "speak", &["--config", &path.to_string_lossy()]);
-    run.wait("ready is told", |status| status["said"]["text"] == "Ready.");
+    run.wait("ready is told", |status| says(status, "Ready."));
     // It plays for too long, and is cut short by what is more urgent.
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
-    run.wait("the stop is told", |status| status["said"]["text"] == "Stopped by the operator.");
-    run.wait("the player is given up", |status| notes(status).contains("it plays for too long"));
+    run.wait("the stop is told", |status| says(status, "Stopped by the operator."));
+    run.wait("the player is given up", |status| told(status, "it plays for too long"));
     let (report, code) = run.end();
     assert_eq!(code, 0, "{report:#}");
     place.assert_empty();

@@ -5,6 +5,7 @@ use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::PathBuf;
 
+use control::{ServiceStatus, Status};
 use guidedog_tests::{Live, Place, pid_of, programs, service, signal};
 use serde_json::Value;
 use sha2::{Digest, Sha256};
@@ -47,6 +48,11 @@ fn stops(run: &Live<'_>, place: &Place) -> Vec<String> {
     // Holds come and go by themselves; what is counted is what needs a cue to go on.
     let stops = stops.filter(|stop| stop["class"] != "hold");
     stops.map(|stop| stop["reason"].as_str().unwrap_or_default().to_owned()).collect()
+}
+
+/// The policies that are there, the one in force first.
+fn policies(status: &Status) -> impl Iterator<Item = &ServiceStatus> {
+    status.services.iter().filter(|service| service.name == "policy")
 }
 
 fn active(run: &Live<'_>, place: &Place) -> u64 {
@@ -117,10 +123,7 @@ fn a_model_is_swapped_in_and_rolled_back_while_the_robot_walks() {
     assert_eq!(policy(&run, &place, &["swap", "--model", &model]).1, 0);
     let (swap, code) = policy(&run, &place, &["rollback", "--settle"]);
     assert_eq!((code, swap["state"].as_str()), (0, Some("rolled_back")), "{swap:#}");
-    run.wait("one policy is left", |status| {
-        let services = status["services"].as_array().expect("services");
-        services.iter().filter(|service| service["name"] == "policy").count() == 1
-    });
+    run.wait("one policy is left", |status| policies(status).count() == 1);
     assert_eq!(stops(&run, &place), ["boot"]);
     let (report, code) = run.end();
     assert_eq!((code, report["missed_decisions"].as_u64()), (0, Some(0)), "{report:#}");
@@ -171,7 +174,7 @@ fn a_swap_is_refused_where_it_cannot_be_and_says_why() {
     let (model, _) = write_model(&place, "careful", "500ms");
     let mut under_way =
         place.command(&["policy", "swap", "--model", &model, "--json", "--run", "refuse"]).spawn().expect("starts");
-    run.wait("a candidate is there", |status| status["services"].to_string().contains("\"shadow\":true"));
+    run.wait("a candidate is there", |status| policies(status).any(|policy| policy.shadow));
     let (refused, code) = policy(&run, &place, &["swap", "--model", &model]);
     assert_eq!(code, 5, "{refused:#}");
     assert!(refused["error"].as_str().is_some_and(|error| error.contains("is under way")), "{refused:#}");
@@ -191,18 +194,17 @@ fn where_the_policy_before_dies_the_swap_stands_and_there_is_no_way_back() {
     let (model, _) = write_model(&place, "careful", "500ms");
     assert_eq!(policy(&run, &place, &["swap", "--model", &model]).1, 0);
     let status = run.status();
-    assert_eq!(service(&status, "policy")["shadow"], false, "the active one stands first");
-    let services = status["services"].as_array().expect("services");
-    let before = services.iter().rfind(|service| service["name"] == "policy").expect("two policies");
-    assert_eq!(before["shadow"], true);
-    signal(before["pid"].as_u64().and_then(|pid| u32::try_from(pid).ok()).expect("a pid"), "KILL");
+    assert!(!service(&status, "policy").shadow, "the active one stands first");
+    let before = policies(&status).last().expect("two policies");
+    assert!(before.shadow);
+    signal(before.pid, "KILL");
     run.wait("the swap is over", |_| policy_state(&place) == "done");
     let swap = policy(&run, &place, &["show"]).0["swaps"][0].clone();
     assert!(swap["why"].as_str().is_some_and(|why| why.contains("there is no way back")), "{swap:#}");
     assert_eq!(stops(&run, &place), ["boot"], "it stopped nothing");
     // The one in force is now restarted as any other, with its model.
     signal(pid_of(&run.status(), "policy"), "KILL");
-    run.wait("it is restarted", |status| service(status, "policy")["incarnation"] == 3);
+    run.wait("it is restarted", |status| service(status, "policy").incarnation == 3);
     run.wait_walking();
     let shown = policy(&run, &place, &["show"]).0;
     assert_eq!(shown["active"]["runs"]["model"].as_str(), Some(model.as_str()), "{shown:#}");

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
 
-use guidedog_tests::{Ears, Live, Mouth, Place, WATCHDOG, can_hear};
-use messages::Urgency;
-use serde_json::Value;
+use control::Status;
+use guidedog_tests::{Ears, Live, Mouth, Place, WATCHDOG, can_hear, microphone, spoken_cue, told};
+use messages::{CueKind, MicrophoneState, ModeClass, Urgency};
 
 /// Somebody who speaks into a pipe, which this makes.
 fn into_pipe(pipe: &Path) -> Mouth {
@@ -24,13 +24,9 @@ fn hearing<'a>(place: &'a Place, config: &str) -> (Live<'a>, Mouth) {
     let (pipe, file) = (pipe.to_string_lossy(), file.to_string_lossy());
     let scenario = ["--scenario", "left-at-tee", "--policy", "geometric"];
     let mut run = Live::up(place, "voice", &[&scenario[..], &["--config", &file, "--voice", &pipe]].concat());
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
-    run.wait("it hears", |status| status["microphone"]["state"] == "hearing");
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
+    run.wait("it hears", |status| microphone(status) == MicrophoneState::Hearing);
     (run, mouth)
-}
-
-fn given(status: &Value, cue: &str) -> bool {
-    status["mode"]["cue"]["kind"] == cue && status["mode"]["cue"]["source"] == "voice"
 }
 
 #[test]
@@ -41,13 +37,13 @@ fn spoken_cues_start_turn_and_stop_the_robot_and_a_tone_is_heard_before_it_start
     let place = Place::new();
     let (mut run, mouth) = hearing(&place, "[speak]\nfile = \"said.wav\"\n");
     let ears = Ears::on(run.dir());
-    mouth.say_until(&mut run, "forward", |status| given(status, "forward"));
+    mouth.say_until(&mut run, "forward", |status| spoken_cue(status, CueKind::Forward));
     let walked = run.wait_walking();
-    assert_eq!(walked["mode"]["cue"]["source"], "voice", "{walked:#}");
+    assert!(spoken_cue(&walked, CueKind::Forward), "{walked:#?}");
     ears.wait("Forward.", 1);
-    mouth.say_until(&mut run, "left", |status| given(status, "left"));
+    mouth.say_until(&mut run, "left", |status| spoken_cue(status, CueKind::Left));
     ears.wait("Left.", 1);
-    mouth.say_until(&mut run, "stop", |status| status["mode"]["cue"].is_null());
+    mouth.say_until(&mut run, "stop", |status| status.mode.cue.is_none());
     let _ = run.end();
     let said = ears.stop();
     let place_of = |text: &str| said.iter().position(|said| said.text.as_str() == text).expect(text);
@@ -74,10 +70,10 @@ fn without_its_tone_a_spoken_cue_does_not_start_the_robot_unless_that_is_wanted(
     ] {
         let place = Place::new();
         let (mut run, mouth) = hearing(&place, config);
-        let is_told = |status: &Value| status["notes"].to_string().contains("is not given: the tone before it");
-        mouth.say_until(&mut run, "forward", |status| is_told(status) || given(status, "forward"));
+        let is_told = |status: &Status| told(status, "is not given: the tone before it");
+        mouth.say_until(&mut run, "forward", |status| is_told(status) || spoken_cue(status, CueKind::Forward));
         let status = run.status();
-        assert_eq!((is_told(&status), status["mode"]["class"] == "run"), (!starts, starts), "{config}: {status:#}");
+        assert_eq!((is_told(&status), status.mode.class == ModeClass::Run), (!starts, starts), "{config}: {status:#?}");
         let _ = run.end();
         drop(mouth);
         place.assert_empty();
@@ -91,8 +87,8 @@ fn without_its_files_a_voice_is_told_what_to_run_and_the_other_cues_go_on() {
     let text = "[cue.voice]\ntone = false\nsource = \"stream\"\nstream = \"none\"\nembedding = \"missing.onnx\"\n";
     std::fs::write(&config, text).expect("written");
     let mut run = Live::up(&place, "voice", &["--config", &config.to_string_lossy()]);
-    run.wait("it is told", |status| status.to_string().contains("scripts/cue-embedding"));
-    run.wait("it is ready for a cue", |status| status["mode"]["ready_for_cue"] == true);
+    run.wait("it is told", |status| told(status, "scripts/cue-embedding"));
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     let _ = place.guidedog(&["cue", "forward", "--run", "voice"]);
     run.wait_walking();
     let _ = run.end();
@@ -116,14 +112,13 @@ fn a_stop_that_is_said_right_after_forward_stops_the_robot_though_it_speaks_itse
         while told("Forward.") == before {
             assert!(since.elapsed() < WATCHDOG, "never given: {:?}", ears.texts());
             run.wait("a cue would be taken", |status| {
-                status["mode"]["cue"].is_null()
-                    && (status["mode"]["ready_for_cue"] == true || status["mode"]["class"] == "run")
+                status.mode.cue.is_none() && (status.mode.ready_for_cue || status.mode.class == ModeClass::Run)
             });
             mouth.say("forward");
             mouth.wait(pause_s);
             mouth.say("stop");
             mouth.wait_until_said();
-            run.wait("the robot stands", |status| status["mode"]["cue"].is_null());
+            run.wait("the robot stands", |status| status.mode.cue.is_none());
         }
     }
     let (report, _) = run.end();

@@ -354,3 +354,75 @@ pub fn service_statuses(services: &[machine::ServiceStatus]) -> Vec<ServiceStatu
     };
     services.iter().map(told).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Figures, mode_status, service_statuses, stop};
+    use crate::machine::{Phase, Role, ServiceStatus};
+    use crate::stops::Stop;
+    use messages::{
+        Cue, CueInForce, CueKind, CueSource, Header, Health, Mode, ModeClass, PortCounters, PortRole, ServiceId,
+        StopKind, StopReason, TopicId,
+    };
+    use serde_json::json;
+
+    #[test]
+    fn mode_stops_and_services_are_told_by_their_names() {
+        let header = Header { stamp_ns: 1_500_000_000, ..Header::default() };
+        let cue = Cue { header, kind: CueKind::Forward, source: CueSource::Script, ..Cue::default() };
+        let cue = CueInForce { valid: true, cue };
+        let run = Mode { class: ModeClass::Run, epoch: 2, cue, active_policy: 1, ..Mode::default() };
+        assert_eq!(
+            json!(mode_status(&run)).to_string(),
+            r#"{"active_policy":1,"class":"run","cue":{"kind":"forward","since_s":1.5,"source":"script"},"epoch":2,"ready_for_cue":false,"reason":null}"#
+        );
+        let reason = StopReason::service(StopKind::ServiceDied, ServiceId::Lidar, 3);
+        let lock = Mode { class: ModeClass::Lock, reason, ready_for_cue: true, ..Mode::default() };
+        assert_eq!(
+            json!(mode_status(&lock)).to_string(),
+            r#"{"active_policy":0,"class":"lock","cue":null,"epoch":0,"ready_for_cue":true,"reason":"service_died: lidar (incarnation 3)"}"#
+        );
+        let begun = Stop { class: "fault", reason, at_ns: 2_000_000_000, ended_ns: None };
+        assert_eq!(
+            json!(stop(&begun, 2_250_000_000)).to_string(),
+            r#"{"at_s":2.0,"class":"fault","ended":false,"lasted_s":0.25,"reason":"service_died","service":"lidar","stream":null,"why":"service_died: lidar (incarnation 3)"}"#
+        );
+        let policy = ServiceStatus {
+            service: ServiceId::Policy,
+            pid: 7,
+            phase: Phase::Starting { ready_by_ns: 5 },
+            incarnation: 2,
+            restarts: 1,
+            critical: true,
+            role: Role::Shadow,
+            starved_of: Some(TopicId::LidarScan),
+        };
+        assert_eq!(
+            json!(service_statuses(&[policy])).to_string(),
+            r#"[{"critical":true,"incarnation":2,"name":"policy","pid":7,"restarts":1,"shadow":true,"starved_of":"lidar/scan","state":"starting"}]"#
+        );
+    }
+
+    #[test]
+    fn messages_are_counted_by_topic_and_consumer_over_all_lives() {
+        let mut figures = Figures::default();
+        for (service, incarnation, role) in [
+            (ServiceId::Lidar, 1, PortRole::Publisher),
+            (ServiceId::Lidar, 2, PortRole::Publisher),
+            (ServiceId::Shield, 1, PortRole::Subscriber),
+        ] {
+            let mut beat = Health { service, port_count: 1, ..Health::default() };
+            beat.header.incarnation = incarnation;
+            let invalid = u64::from(role == PortRole::Subscriber);
+            beat.ports[0] =
+                PortCounters { topic: TopicId::LidarScan, role, count: 10, invalid, ..PortCounters::default() };
+            figures.beat(&beat);
+        }
+        assert_eq!(json!(figures.published()).to_string(), r#"{"lidar/scan":20}"#);
+        assert_eq!(json!(figures.invalid_messages()).to_string(), r#"{"lidar/scan":{"shield":1}}"#);
+        assert_eq!(
+            figures.last_notes().first().map(|note| note.text.as_str()),
+            Some("shield dropped what is no message: lidar/scan")
+        );
+    }
+}
