@@ -56,8 +56,8 @@ impl Profile {
     }
 }
 
-/// The settings of a profile with the operator's file on top. Relative paths start at that file's own folder; without it,
-/// at the present one.
+/// The settings of a profile with the operator's file on top. Relative paths start at that file's own folder; without
+/// it, at the present one.
 ///
 /// # Errors
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.

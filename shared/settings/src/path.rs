@@ -1,9 +1,10 @@
 //! Paths of a configuration. A relative one starts at the folder of the file that it is written in.
 //!
-//! Serde tells a field nothing about the file. [`starting_at`] therefore notes the file's folder for the thread while the
-//! settings are read, and every [`ConfigPath`] joins it as it is read: no list of paths exists that could lack one.
-//! Neither a `DeserializeSeed` nor a deserializer around the file's own can carry the folder instead. Derived code hands
-//! no seed on, and an internally tagged enum (`planned.ask`) buffers its fields and reads them by serde's own deserializer.
+//! Serde tells a field nothing about the file. [`starting_at`] therefore notes the file's folder for the thread while
+//! the settings are read, and every [`ConfigPath`] joins it as it is read: no list of paths exists that could lack one.
+//! Neither a `DeserializeSeed` nor a deserializer around the file's own can carry the folder instead. Derived code
+//! hands no seed on, and an internally tagged enum (`planned.ask`) buffers its fields and reads them by serde's own
+//! deserializer.
 
 use std::cell::RefCell;
 use std::ops::Deref;

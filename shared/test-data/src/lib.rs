@@ -5,8 +5,8 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// A file or folder of the real inputs, which lie in `$GUIDEDOG_DATA`, or in `../shared/data` beside the project; `None`
-/// where it is missing and the test is to be skipped.
+/// A file or folder of the real inputs, which lie in `$GUIDEDOG_DATA`, or in `../shared/data` beside the project;
+/// `None` where it is missing and the test is to be skipped.
 ///
 /// # Panics
 /// Where it is missing under `CI=true`.
@@ -17,7 +17,8 @@ pub fn data(name: &str) -> Option<PathBuf> {
     has(path.exists(), &format!("{} is missing (GUIDEDOG_DATA names the folder)", path.display())).then_some(path)
 }
 
-/// Whether what a test needs is `there`; `missing` says what it lacks, and how it is got. `false`: the test is to be skipped.
+/// Whether what a test needs is `there`; `missing` says what it lacks, and how it is got. `false`: the test is to be
+/// skipped.
 ///
 /// # Panics
 /// Where it is not there under `CI=true`.
