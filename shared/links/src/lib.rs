@@ -64,10 +64,12 @@ pub trait BrakePath {
     fn zero(&mut self, fenced: u32);
 }
 
+type Opened<T> = Result<Box<T>, TransportError>;
+
 /// The code of a link: locomotion's way to the robot, and the brake's.
 struct LinkCode {
-    link: fn(&Locomotion, &mut Io) -> Result<Box<dyn Link>, TransportError>,
-    brake: fn(&Locomotion, &Io) -> Result<Box<dyn BrakePath>, TransportError>,
+    link: fn(&Locomotion, &mut Io) -> Opened<dyn Link>,
+    brake: fn(&Locomotion, &Io) -> Opened<dyn BrakePath>,
 }
 
 fn code(kind: LinkKind) -> LinkCode {

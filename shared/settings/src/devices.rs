@@ -120,6 +120,13 @@ mod tests {
         }
     }
 
+    /// Recordings carry the settings: those of a run with the default lidar stay as they were.
+    #[test]
+    fn the_default_lidar_is_not_written() {
+        let written = toml::Table::try_from(Settings::default()).expect("settings can be written");
+        assert!(written["lidar"].get("source").is_some() && written["lidar"].get("device").is_none());
+    }
+
     #[test]
     fn the_shipped_file_names_every_lidar_and_every_link() {
         let shipped = include_str!("../../../config/guidedog.toml");
