@@ -374,18 +374,27 @@ mod tests {
         let run = Mode { class: ModeClass::Run, epoch: 2, cue, active_policy: 1, ..Mode::default() };
         assert_eq!(
             json!(mode_status(&run)).to_string(),
-            r#"{"active_policy":1,"class":"run","cue":{"kind":"forward","since_s":1.5,"source":"script"},"epoch":2,"ready_for_cue":false,"reason":null}"#
+            concat!(
+                r#"{"active_policy":1,"class":"run","cue":{"kind":"forward","since_s":1.5,"source":"script"},"#,
+                r#""epoch":2,"ready_for_cue":false,"reason":null}"#
+            )
         );
         let reason = StopReason::service(StopKind::ServiceDied, ServiceId::Lidar, 3);
         let lock = Mode { class: ModeClass::Lock, reason, ready_for_cue: true, ..Mode::default() };
         assert_eq!(
             json!(mode_status(&lock)).to_string(),
-            r#"{"active_policy":0,"class":"lock","cue":null,"epoch":0,"ready_for_cue":true,"reason":"service_died: lidar (incarnation 3)"}"#
+            concat!(
+                r#"{"active_policy":0,"class":"lock","cue":null,"epoch":0,"ready_for_cue":true,"#,
+                r#""reason":"service_died: lidar (incarnation 3)"}"#
+            )
         );
         let begun = Stop { class: "fault", reason, at_ns: 2_000_000_000, ended_ns: None };
         assert_eq!(
             json!(stop(&begun, 2_250_000_000)).to_string(),
-            r#"{"at_s":2.0,"class":"fault","ended":false,"lasted_s":0.25,"reason":"service_died","service":"lidar","stream":null,"why":"service_died: lidar (incarnation 3)"}"#
+            concat!(
+                r#"{"at_s":2.0,"class":"fault","ended":false,"lasted_s":0.25,"reason":"service_died","#,
+                r#""service":"lidar","stream":null,"why":"service_died: lidar (incarnation 3)"}"#
+            )
         );
         let policy = ServiceStatus {
             service: ServiceId::Policy,
@@ -399,7 +408,10 @@ mod tests {
         };
         assert_eq!(
             json!(service_statuses(&[policy])).to_string(),
-            r#"[{"critical":true,"incarnation":2,"name":"policy","pid":7,"restarts":1,"shadow":true,"starved_of":"lidar/scan","state":"starting"}]"#
+            concat!(
+                r#"[{"critical":true,"incarnation":2,"name":"policy","pid":7,"restarts":1,"#,
+                r#""shadow":true,"starved_of":"lidar/scan","state":"starting"}]"#
+            )
         );
     }
 

@@ -99,7 +99,10 @@ mod tests {
         for (refusal, told) in [
             (
                 Refusal::NotPermitted,
-                r#"{"error":"you may read how the run is, and not do that; its own user and root may","refused":"not_permitted"}"#,
+                concat!(
+                    r#"{"error":"you may read how the run is, and not do that; its own user and root may","#,
+                    r#""refused":"not_permitted"}"#
+                ),
             ),
             (Refusal::CrowdedOut, r#"{"error":"idle for too long: another client came","refused":"crowded_out"}"#),
             (Refusal::AnswerLost, r#"{"error":"idle for too long: another client came","refused":"answer_lost"}"#),

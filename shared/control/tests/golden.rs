@@ -177,8 +177,9 @@ fn members_of_a_later_supervisor_are_passed_over() {
     with_more::<Report>(include_str!("golden/report-run.json"));
     with_more::<Report>(include_str!("golden/report-replay.json"));
     with_more::<Done>(r#"{"ok":true,"swap":1}"#);
-    with_more::<Stop>(
-        r#"{"at_s":0.0,"class":"latched","ended":true,"lasted_s":1.0,"reason":"x","service":null,"stream":null,"why":"x"}"#,
-    );
+    with_more::<Stop>(concat!(
+        r#"{"at_s":0.0,"class":"latched","ended":true,"lasted_s":1.0,"reason":"x","#,
+        r#""service":null,"stream":null,"why":"x"}"#
+    ));
     assert_eq!(PolicyLife::default().says("engine"), None);
 }
