@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use control::{Policies, Status, Why};
-use guidedog_tests::{Live, Place, WATCHDOG, pids, programs, until};
+use guidedog_tests::{Live, Place, pids, programs, until};
 use messages::ModeClass;
 use serde_json::{Value, json};
 use transport::RunDir;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use camera::Head;
-use guidedog_tests::{Live, Place, WATCHDOG, project, service, told, until};
+use guidedog_tests::{Live, Place, project, service, told, until};
 use transport::monotonic_ns;
 
 /// A run in the simulated corridor whose depth comes from the socket.

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 
 use control::{ModeStatus, Status};
-use guidedog_tests::{Came, Live, Place, WATCHDOG, Wire, project, service, signal, told, until};
+use guidedog_tests::{Came, Live, Place, Wire, project, service, signal, told, until};
 use messages::{ModeClass, ServiceId};
 use serde_json::Value;
 

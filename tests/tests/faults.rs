@@ -7,7 +7,9 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use control::Status;
-use guidedog_tests::{Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, pids, service, signal, until, vx_mps};
+use guidedog_tests::{
+    Live, Place, Seen, Tap, WATCHDOG, is_alive, monotonic_ns, pid_of, pids, service, signal, until, vx_mps,
+};
 use messages::ModeClass;
 use serde_json::Value;
 

@@ -5,7 +5,7 @@ use std::fs;
 
 use control::{ServicePhase, Status};
 use guidedog_tests::{Came, Live, Place, Wire, is_alive, pid_of, service, told};
-use messages::{ModeClass, Odometry};
+use messages::Odometry;
 
 const MS: u64 = 1_000_000;
 

@@ -6,7 +6,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use control::{ServicePhase, Status};
-use guidedog_tests::{Ears, Live, Place, WATCHDOG, is_alive, pid_of, pids, service, signal, told, until, vx_mps};
+use guidedog_tests::{Ears, Live, Place, is_alive, pid_of, pids, service, signal, told, until, vx_mps};
 use messages::{ModeClass, SpeechPhase, SpeechSaid, Urgency};
 use serde_json::Value;
 
