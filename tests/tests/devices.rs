@@ -203,7 +203,7 @@ fn a_lidar_that_cannot_be_read_is_told_with_what_to_do() {
     let _lidar = Plugged::lidar(&place, "a1");
     for (more, text) in [
         ("baud = 256000", "nothing answers at 256000 baud"),
-        ("baud = 115200\nmode = \"Turbo\"", "has no mode \\\"Turbo\\\", only Standard, Express, Boost, Sensitivity"),
+        ("baud = 115200\nmode = \"Turbo\"", "has no mode \"Turbo\", only Standard, Express, Boost, Sensitivity"),
     ] {
         let config = config(&place, &port(&place), more);
         let mut run = Live::up(&place, "device", &["--config", &config]);

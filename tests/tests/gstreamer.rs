@@ -146,7 +146,7 @@ fn a_wrong_pipeline_is_told_with_what_to_do() {
         return;
     }
     for (pipeline, found, fix) in [
-        ("nosuchsrc", "no element \\\"nosuchsrc\\\"", "apt-get install gstreamer1.0-plugins-base"),
+        ("nosuchsrc", "no element \"nosuchsrc\"", "apt-get install gstreamer1.0-plugins-base"),
         ("videotestsrc ! !", "no pipeline: syntax error", "as gst-launch-1.0 takes it"),
         ("v4l2src device=/dev/video77", "/dev/video77", "opened anew"),
         (
