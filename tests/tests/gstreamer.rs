@@ -45,7 +45,8 @@ fn raw_file(path: &Path, frames: &[Vec<u16>], [width, height]: [usize; 2]) -> St
 }
 
 fn finds(doctor: &serde_json::Value, text: &str) -> bool {
-    doctor.to_string().contains(text)
+    let checks = doctor["checks"].as_array().into_iter().flatten();
+    checks.into_iter().any(|check| check["found"].as_str().is_some_and(|found| found.contains(text)))
 }
 
 /// Plays the frames through the driver twice at least: what was recorded, the number of each in the file first.
