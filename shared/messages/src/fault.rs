@@ -191,8 +191,8 @@ pub const FAULTS: [FaultSpec; 24] = [
     row(Fault::Pressed, "pressed", "line/estop: somebody presses the emergency stop, and releases it at the end"),
 ];
 
-/// The streams that a fault can be injected into by their names, as the topic table says; each service's health besides.
-/// Those of the simulated world and of the clock are none: they stand for what is outside.
+/// The streams that a fault can be injected into by their names, as the topic table says; each service's health
+/// besides. Those of the simulated world and of the clock are none: they stand for what is outside.
 pub fn streams() -> impl Iterator<Item = TopicId> {
     TOPICS.iter().filter(|spec| spec.injectable).map(|spec| spec.id)
 }

@@ -92,12 +92,13 @@ mirrored! {
         pub signal_db: f32 = default,
         /// Of a voice: share of samples that were cut off in the last second.
         pub clipped: f32 = default,
-        /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel direction.
+        /// The cue's start frame in the odometry frame: its origin is the robot's place, its x axis the travel
+        /// direction.
         pub odom_from_start: Pose2,
         /// The odometry incarnation in whose frame `odom_from_start` is.
         pub odometry_incarnation: u32,
-        /// For an operator's cue the seq of the request that it answers, for one that goes on from a done turn the seq of
-        /// that turn's cue; otherwise 0.
+        /// For an operator's cue the seq of the request that it answers, for one that goes on from a done turn the seq
+        /// of that turn's cue; otherwise 0.
         pub request_seq: u64,
     }
 }
@@ -221,8 +222,8 @@ mirrored! {
 }
 
 mirrored! {
-    /// A cue that the recogniser has heard and does not give before a tone was heard: *forward*, where the robot stands by
-    /// a stop. The stamp is when it was said.
+    /// A cue that the recogniser has heard and does not give before a tone was heard: *forward*, where the robot stands
+    /// by a stop. The stamp is when it was said.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
     #[cfg_attr(feature = "ipc", type_name("guidedog/CueHeard/1"))]

@@ -139,8 +139,8 @@ mirrored! {
         pub ready_for_cue: bool,
         /// The policy incarnation whose decisions the shield draws from.
         pub active_policy: u32,
-        /// While a swapped policy is on probation, the one before it: its decision is drawn where the active one's does not
-        /// come, and its running action goes on. 0: none.
+        /// While a swapped policy is on probation, the one before it: its decision is drawn where the active one's does
+        /// not come, and its running action goes on. 0: none.
         pub previous_policy: u32,
         /// The shield incarnation on the armed line: locomotion obeys no other.
         pub active_shield: u32,

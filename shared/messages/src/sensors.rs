@@ -63,8 +63,8 @@ impl Frame for DepthFrame {
 }
 
 mirrored! {
-    /// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad` and
-    /// then tilted down by `pitch_rad`.
+    /// Where a camera is on the robot: x forward, y left, z up from the floor; the optical axis is turned by `yaw_rad`
+    /// and then tilted down by `pitch_rad`.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize, FromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
     #[cfg_attr(feature = "ipc", type_name("guidedog/Pose3/1"))]

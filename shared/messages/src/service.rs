@@ -382,8 +382,8 @@ services! {
         memory: MemoryClass::Small,
         clock: ClockRole::Member,
     }
-    /// Tells the handler aloud what the robot does, and why it stands. It starts beside what stops the robot, comes back
-    /// whatever else is down, and has a last word after the supervisor's death.
+    /// Tells the handler aloud what the robot does, and why it stands. It starts beside what stops the robot, comes
+    /// back whatever else is down, and has a last word after the supervisor's death.
     Speak = 17 {
         name: "speak",
         stage: 0,

@@ -108,8 +108,8 @@ mirrored! {
         pub number: u64,
         /// Run time of what it tells of: of the stop, of the answer to a cue, nanoseconds.
         pub about_ns: u64,
-        /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was. A player has been
-        /// started then, and what it takes to open its device comes on top.
+        /// Run time at which its first sample was handed to the output, nanoseconds; 0 where none was. A player has
+        /// been started then, and what it takes to open its device comes on top.
         pub first_sample_ns: u64,
         /// How long it takes, nanoseconds; 0 where there is no sound of it.
         pub duration_ns: u64,

@@ -50,7 +50,9 @@ pub struct StopInfo {
 
 /// Declares the kinds of stop: `Kind = "name" { class: .., meaning: .., advice: .. }`, in the order of their numbers.
 macro_rules! stops {
-    ($($kind:ident = $name:literal { class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)? })+) => {
+    ($(
+        $kind:ident = $name:literal { class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)? }
+    )+) => {
         /// What kind of stop it is. Its row in [`STOPS`] says what happened and what to do.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
         #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]

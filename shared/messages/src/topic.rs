@@ -1,8 +1,8 @@
 //! The topic table: who may talk to whom, how deep, and why. Every process opens its ports from here, so that two
 //! processes cannot disagree about a topic.
 //!
-//! A row is all that a topic needs beside its type: the pools, the topics that the supervisor creates, what the recorder
-//! takes, the files of a recording and docs/topics.md follow from it.
+//! A row is all that a topic needs beside its type: the pools, the topics that the supervisor creates, what the
+//! recorder takes, the files of a recording and docs/topics.md follow from it.
 
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -187,8 +187,8 @@ macro_rules! on_topic {
 
 /// Declares the topics in the order in which they are recorded:
 ///
-/// `Id = number, message Type [count <= MAX], recorded in Part as Form { .. }`, or `frame Marker Header` in the place of
-/// `message Type`. The number is the one in shared memory: it never changes. `[count <= MAX]` names the field that
+/// `Id = number, message Type [count <= MAX], recorded in Part as Form { .. }`, or `frame Marker Header` in the place
+/// of `message Type`. The number is the one in shared memory: it never changes. `[count <= MAX]` names the field that
 /// counts, and its limit: a message that is over it is none. What follows `recorded in` is the file of a recording that
 /// has the topic, and whether it stands there field by field (`Mirrored`) or in a form of its own that viewers draw
 /// (`Viewed`); without it, the topic is not recorded.

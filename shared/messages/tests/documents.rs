@@ -80,8 +80,8 @@ fn the_services() {
     text += "The table in `shared/messages/src/service.rs`, in the order of start. A service starts when everything of \
              lower stages is\nready. *Watched by*: the service that stops the robot when this one's lifeline closes. \
              *Beats*: from one to the next, and\nhow old the last one may be. A run's configuration changes a few of \
-             these: depth is critical where\n`depth.needed` says so, a `cue` that listens is `Large`, and a `replay` in \
-             place of the world is as the simulator.\n\n";
+             these: depth is critical where\n`depth.needed` says so, a `cue` that listens is `Large`, and a `replay` \
+             in place of the world is as the simulator.\n\n";
     text += "| service | stage | critical | watched by | restarted | priority | at the supervisor's death | beats | \
              memory | clock |\n|---|---|---|---|---|---|---|---|---|---|\n";
     SERVICES.iter().for_each(|spec| text += &service_row(spec));

@@ -4,8 +4,8 @@ use messages::{Frame, Header, Message, TopicId};
 
 /// A frame as it was recorded: what stands beside the slice, and the slice.
 ///
-/// Of `lidar/scan`: metres, in the order of their angles; at or over `range_max_m` nothing was hit; NaN, negative or under
-/// `range_min_m` is unknown. Of `depth/frame`: millimetres, 0 = none, row by row from the top left.
+/// Of `lidar/scan`: metres, in the order of their angles; at or over `range_max_m` nothing was hit; NaN, negative or
+/// under `range_min_m` is unknown. Of `depth/frame`: millimetres, 0 = none, row by row from the top left.
 pub struct Slice<F: Frame> {
     /// What stands beside the slice.
     pub header: F::Meta,

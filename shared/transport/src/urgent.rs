@@ -13,8 +13,8 @@ use crate::TransportError;
 const NETWORK_PRIORITY: libc::c_int = 19;
 const GATE_PRIORITY: libc::c_int = 20;
 const BRAKE_PRIORITY: libc::c_int = 21;
-/// The simulated robot, and a thread that talks to a real one at a fixed rate. That takes microseconds of a tick; were it
-/// late, a brake that runs would have nothing to talk against.
+/// The simulated robot, and a thread that talks to a real one at a fixed rate. That takes microseconds of a tick; were
+/// it late, a brake that runs would have nothing to talk against.
 const ROBOT_PRIORITY: libc::c_int = 22;
 /// Whoever measures what the machine itself costs waits for none of them.
 const WATCH_PRIORITY: libc::c_int = 23;

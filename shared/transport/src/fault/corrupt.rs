@@ -41,8 +41,8 @@ pub(crate) fn falsify<M: Message>(message: &mut M, first: &M) {
     });
 }
 
-/// Puts random numbers beside a slice and into it. Every other header stays as it is, so that what lies behind its checks
-/// is met too.
+/// Puts random numbers beside a slice and into it. Every other header stays as it is, so that what lies behind its
+/// checks is met too.
 pub(crate) fn garble_frame<F: Frame>(meta: &mut F::Meta, data: &mut [F::Element], dice: &mut Dice) {
     if dice.bits().is_multiple_of(2) {
         garble(meta, dice);
