@@ -87,6 +87,15 @@ impl Place {
         self.dir.path()
     }
 
+    /// A scenario file in this built-in world, with these lines besides.
+    #[must_use]
+    pub fn scenario(&self, world: &str, lines: &str) -> String {
+        let world = project().join("config/worlds").join(world);
+        let path = self.path().join("scenario.toml");
+        fs::write(&path, format!("world = {world:?}\n{lines}\n")).expect("written");
+        path.to_string_lossy().into_owned()
+    }
+
     /// Notes the prefix of a run that is alive, so that [`Place::assert_empty`] can look for what it leaves.
     fn note_prefix(&self, run: &str) {
         let Ok(text) = fs::read_to_string(self.path().join("r").join(run).join("run.json")) else { return };

@@ -155,9 +155,8 @@ fn robots_on_dds_are_guided_through_bridge_and_backstop() {
     }
 }
 
-/// A walk through the real drivers and the real link: its report and exit code.
-fn walked(robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
-    let place = Place::new();
+/// A walk from `place` through the real drivers and the real link: its report and exit code.
+fn walked(place: &Place, robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
     let config = place.path().join("robot.toml");
     let text = format!("[locomotion.unitree]\nprofile = \"{robot}\"\n[simulation.emulated]\nrplidar = \"{lidar}\"\n");
     std::fs::write(&config, text).expect("written");
@@ -174,24 +173,18 @@ fn walked(robot: &str, lidar: &str, args: &[&str]) -> (Value, i32) {
 
 #[test]
 fn an_emulated_aliengo_is_guided_to_its_goal_through_real_drivers() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let scenario = folder.path().join("tee.toml");
-    let world = project().join("config/worlds/left-at-tee.toml");
-    let text = format!(
-        "world = \"{}\"\nstart = {{ at = [11, 0], yaw_deg = 0 }}\ngoal = {{ at = [18, 8], within_m = 1.5 }}\n\
-         time_limit_s = 120\n\
-         [[cue]]\nkind = \"forward\"\nat_s = 1.0\n[[cue]]\nkind = \"left\"\nat = [14, 0]\nwithin_m = 1.2\n",
-        world.display()
-    );
-    std::fs::write(&scenario, text).expect("written");
-    let (report, code) = walked("aliengo-3.8.4", "s2", &["--scenario", &scenario.to_string_lossy()]);
+    let place = Place::new();
+    let lines = "start = { at = [11, 0], yaw_deg = 0 }\ngoal = { at = [18, 8], within_m = 1.5 }\ntime_limit_s = 120\n\
+         [[cue]]\nkind = \"forward\"\nat_s = 1.0\n[[cue]]\nkind = \"left\"\nat = [14, 0]\nwithin_m = 1.2";
+    let scenario = place.scenario("left-at-tee.toml", lines);
+    let (report, code) = walked(&place, "aliengo-3.8.4", "s2", &["--scenario", &scenario]);
     assert_eq!((code, &report["reached"]), (0, &true.into()), "{report:#}");
 }
 
 #[test]
 fn every_other_robot_is_guided_through_real_drivers() {
     for (robot, lidar) in [("go1-3.8", "a3"), ("aliengo-3.3.1", "s1")] {
-        let (report, _) = walked(robot, lidar, &["--scenario", "corridor", "--time-limit", "12s"]);
+        let (report, _) = walked(&Place::new(), robot, lidar, &["--scenario", "corridor", "--time-limit", "12s"]);
         // It stands for two seconds and walks at half a metre a second.
         assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 3.0), "{robot}, {lidar}: {report:#}");
     }

@@ -21,11 +21,8 @@ fn config(place: &Place, text: &str) -> String {
 
 /// From near the tee into its left arm.
 fn scenario(place: &Place) -> String {
-    let path = place.path().join("junction.toml");
-    let world = project().join("config/worlds/left-at-tee.toml");
-    let goal = "goal = { at = [18, 5], within_m = 1.5 }\ntime_limit_s = 200";
-    fs::write(&path, format!("world = {world:?}\nstart = {{ at = [9, 0], yaw_deg = 0 }}\n{goal}\n")).expect("written");
-    path.to_string_lossy().into_owned()
+    let lines = "start = { at = [9, 0], yaw_deg = 0 }\ngoal = { at = [18, 5], within_m = 1.5 }\ntime_limit_s = 200";
+    place.scenario("left-at-tee.toml", lines)
 }
 
 /// Seconds that the loudspeaker was to be heard, as the robot tells it.

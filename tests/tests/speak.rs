@@ -214,7 +214,10 @@ fn the_goal_is_told_before_the_run_ends() {
     }
     let place = Place::new();
     let config = config(&place, "language = \"de\"\nverbosity = \"stops\"");
-    let walk = ["walk", "--config", &config, "--scenario", "corridor", "--json", "--name", "walk"];
+    let lines = "start = { at = [24, 0], yaw_deg = 0 }\ngoal = { at = [33.5, 0], within_m = 1.5 }\ntime_limit_s = 240\n\
+        [[cue]]\nkind = \"forward\"\nat_s = 1.0";
+    let scenario = place.scenario("corridor.toml", lines);
+    let walk = ["walk", "--config", &config, "--scenario", &scenario, "--json", "--name", "walk"];
     let walk = place.command(&walk).spawn().expect("guidedog starts");
     let dir = place.path().join("r").join("walk");
     until("the walk begins", || place.guidedog(&["status", "--json", "--run", "walk"]).status.success());
