@@ -69,10 +69,10 @@ fn any_critical_service_may_die_and_the_walk_goes_on() {
     assert_eq!(report["collisions"]["robot"], 0);
     let stops = report["stops"].as_array().expect("stops");
     for victim in CRITICAL {
-        // On a busy machine one may be restarted for want of a beat as well.
-        assert!(report["restarts"][victim].as_u64() >= Some(1), "{victim}: {report:#}");
-        let told = stops.iter().any(|stop| stop["class"] == "fault" && stop["service"] == victim);
-        assert!(told, "no stop names {victim}: {stops:#?}");
+        // On a busy machine one may be restarted for want of a beat as well: then another stop names it.
+        let named = stops.iter().filter(|stop| stop["class"] == "fault" && stop["service"] == victim).count() as u64;
+        let restarts = report["restarts"][victim].as_u64().unwrap_or_default();
+        assert!((1..=named).contains(&restarts), "{victim}: {named} stops name it: {report:#}");
     }
     // Whichever of the two words comes first is the stop's reason.
     let notes = report["notes"].to_string();
@@ -205,6 +205,7 @@ fn every_lifeline_has_two_ends_and_no_third() {
 fn in_stepped_time_only_the_member_that_hangs_is_replaced() {
     let place = Place::new();
     let config = place.path().join("quick.toml");
+    // On a busy machine the others need over a second for a step now and then.
     fs::write(&config, "[supervision]\nstep_limit = \"2s\"\n").expect("written");
     let config = config.to_string_lossy().into_owned();
     let mut run = Live::up(&place, "hold", &["--scenario", "corridor", "--speed", "2", "--config", &config]);

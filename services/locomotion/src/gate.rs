@@ -1,8 +1,8 @@
 //! The gate itself: pure, without clock and I/O. What it does not know to be allowed is zero.
 
 use messages::{
-    Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopInput, StopKind, StopReason,
-    TopicId, Twist2, age_ns,
+    Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopClass, StopInput, StopKind,
+    StopReason, TopicId, Twist2, age_ns,
 };
 use settings::{EstopSource, Settings};
 
@@ -278,6 +278,7 @@ impl Gate {
     }
 
     fn latch_at(&mut self, epoch: u64, reason: StopReason) {
+        debug_assert!(reason.kind.info().is_none_or(|stop| stop.class != StopClass::Hold), "{reason} ends by itself");
         if self.latched_epoch.is_none_or(|latched| epoch > latched) {
             self.latched_epoch = Some(epoch);
             self.latch_reason = reason;

@@ -39,21 +39,6 @@ const LAST_WORD_LIMIT_NS: u64 = 3_000_000_000;
 const TROUBLES_TOLD: usize = 20;
 const TOKEN_VOICE: u64 = 0;
 
-/// Parts of a robot whose loss is told, and is not waited for to be put into words.
-const PARTS: [ServiceId; 11] = [
-    ServiceId::Lidar,
-    ServiceId::Depth,
-    ServiceId::Odometry,
-    ServiceId::Policy,
-    ServiceId::Shield,
-    ServiceId::Cue,
-    ServiceId::Locomotion,
-    ServiceId::Brake,
-    ServiceId::Estop,
-    ServiceId::Bridge,
-    ServiceId::Backstop,
-];
-
 /// The sentence that is being said.
 struct Current {
     utterance: Utterance,
@@ -94,7 +79,10 @@ impl Speak {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let language = language_of(&settings, io)?;
-        let texts = language.texts(&PARTS);
+        // What stops the robot when it is lost is put into words before it is needed.
+        let parts: Vec<ServiceId> =
+            SERVICES.iter().filter(|service| service.watched_by.is_some()).map(|service| service.id).collect();
+        let texts = language.texts(&parts);
         let latency = LatencyHistogram { what: Latency::StopToSpeech, ..LatencyHistogram::default() };
         Ok(Self {
             speaker: Speaker::new(SpeakerConfig::of(&settings)),

@@ -9,7 +9,7 @@ mod watched;
 
 use messages::{
     Cue, CueAnswer, CueInForce, EmergencyStop, Health, LocomotionState, Member, Mode, ModeClass, Permit, PolicyAction,
-    ServiceId, StopInput, StopKind, StopReason, TopicId,
+    ServiceId, StopClass, StopInput, StopKind, StopReason, TopicId,
 };
 
 use crate::plan::{Limits, Plan, ServicePlan};
@@ -183,7 +183,7 @@ impl Machine {
             policies: Policies::default(),
             stops: StopLog::default(),
         };
-        machine.enter(ModeClass::Fault, StopReason::of(StopKind::Boot), Now { run_ns: 0, wall_ns: 0 });
+        machine.enter(StopReason::of(StopKind::Boot), Now { run_ns: 0, wall_ns: 0 });
         // There is nobody to be told yet.
         machine.actions.clear();
         machine
@@ -243,19 +243,19 @@ impl Machine {
             Event::Estop(stop) => self.on_estop(stop.input, now),
             Event::Locomotion(state) => self.on_locomotion(state, now),
             Event::OperatorStop => {
-                self.enter(ModeClass::Lock, StopReason::of(StopKind::OperatorStop), now);
+                self.enter(StopReason::of(StopKind::OperatorStop), now);
             }
             Event::OperatorResume => self.on_resume(now),
             Event::ShutDown(why) => {
                 self.ending = true;
-                self.enter(ModeClass::Lock, StopReason::of(why), now);
+                self.enter(StopReason::of(why), now);
             }
             Event::Overslept(slept_ns) => {
                 let limit_ns = self.limits.mode_max_age_ns;
                 if self.mode.class == ModeClass::Run && slept_ns > limit_ns {
                     // Locomotion that saw this run stands for good; one that has not must not begin it now.
                     let reason = StopReason::of(StopKind::SupervisorStalled);
-                    self.enter(ModeClass::Fault, StopReason { age_ns: slept_ns, limit_ns, ..reason }, now);
+                    self.enter(StopReason { age_ns: slept_ns, limit_ns, ..reason }, now);
                 }
                 // A judge that slept condemns nobody: everything is counted from its wake-up on.
                 self.grace_until_ns = now.run_ns + self.limits.beat_ns;
@@ -275,7 +275,7 @@ impl Machine {
             _ => return,
         }
         let reason = StopReason::service(StopKind::BrakeEngaged, ServiceId::Locomotion, incarnation);
-        self.enter(ModeClass::Fault, reason, now);
+        self.enter(reason, now);
     }
 
     /// Wall time passed: starts what is due, condemns what did not get ready.
@@ -331,7 +331,7 @@ impl Machine {
             if self.mode.class == ModeClass::Run
                 && let Some(reason) = self.stale_stream(now, 2)
             {
-                self.enter(ModeClass::Fault, reason, now);
+                self.enter(reason, now);
             }
             self.tick_swap(now);
         }
@@ -346,7 +346,7 @@ impl Machine {
         let Some(s) = self.find(health.service, health.header.incarnation) else { return };
         if s.take_beat(health, now.run_ns) {
             let reason = StopReason { topic: TopicId::Odometry, ..StopReason::of(StopKind::PoseJump) };
-            self.enter(ModeClass::Fault, reason, now);
+            self.enter(reason, now);
         }
     }
 
@@ -365,8 +365,7 @@ impl Machine {
         self.stuck_states = if stuck { self.stuck_states + 1 } else { 0 };
         if self.stuck_states >= 3 {
             self.stuck_states = 0;
-            let pressed = state.limited_by.kind == StopKind::EmergencyStop;
-            self.enter(if pressed { ModeClass::Lock } else { ModeClass::Fault }, state.limited_by, now);
+            self.enter(state.limited_by, now);
         }
     }
 
@@ -375,13 +374,13 @@ impl Machine {
         // A state of before the resume tells of the stop that was resumed.
         let stopped = state.remote_stop && state.epoch == self.mode.epoch;
         if stopped && self.mode.class != ModeClass::Lock {
-            self.enter(ModeClass::Lock, StopReason::of(StopKind::RemoteStop), now);
+            self.enter(StopReason::of(StopKind::RemoteStop), now);
         }
         let [warn, stop] = self.limits.charge_percent.map(u32::from);
         let low = (1..=stop).contains(&state.charge_percent);
         self.low_states = if low { self.low_states.saturating_add(1) } else { 0 };
         if self.battery_is_low() && self.mode.class == ModeClass::Run {
-            self.enter(ModeClass::Fault, StopReason::of(StopKind::BatteryLow), now);
+            self.enter(StopReason::of(StopKind::BatteryLow), now);
         }
         let warns = (1..=warn).contains(&state.charge_percent);
         if warns && !self.warned_of_charge {
@@ -394,7 +393,7 @@ impl Machine {
     fn on_estop(&mut self, input: StopInput, now: Now) {
         self.estop = input;
         if input.stops() && self.mode.class != ModeClass::Lock {
-            self.enter(ModeClass::Lock, StopReason::of(StopKind::EmergencyStop), now);
+            self.enter(StopReason::of(StopKind::EmergencyStop), now);
         }
     }
 
@@ -421,11 +420,14 @@ impl Machine {
             }
         }
         self.mode.class = ModeClass::Fault;
-        self.enter(ModeClass::Fault, StopReason::of(StopKind::Resumed), now);
+        self.enter(StopReason::of(StopKind::Resumed), now);
     }
 
-    /// Enters fault or lock: the epoch rises, the cue in force is void. A lock is not left by a fault.
-    fn enter(&mut self, class: ModeClass, reason: StopReason, now: Now) {
+    /// Enters fault or lock, as the stop's row says: the epoch rises, the cue in force is void. A lock is not left by a
+    /// fault.
+    fn enter(&mut self, reason: StopReason, now: Now) {
+        let is_lock = reason.kind.info().is_some_and(|stop| stop.class == StopClass::Lock);
+        let class = if is_lock { ModeClass::Lock } else { ModeClass::Fault };
         self.stopped_at_ns = now.run_ns;
         if self.mode.class == ModeClass::Lock && class == ModeClass::Fault {
             self.mode.epoch += 1;

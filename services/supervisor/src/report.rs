@@ -288,7 +288,7 @@ fn newly_invalid(before: &[PortCounters], ports: &[PortCounters]) -> Vec<String>
 pub fn stop(stop: &stops::Stop, now_ns: u64) -> Stop {
     let reason = &stop.reason;
     Stop {
-        class: stop.class.to_owned(),
+        class: stop.class.name().to_owned(),
         reason: reason.kind.name().to_owned(),
         why: reason.to_string(),
         service: (reason.service != ServiceId::None).then(|| reason.service.name().to_owned()),

@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use messages::{LocomotionState, Mode, ModeClass, StopReason};
+use messages::{LocomotionState, Mode, ModeClass, StopClass, StopReason};
 
 /// So many stops are kept, the newest; of those before them only their time is.
 const MAX_STOPS: usize = 1000;
@@ -10,8 +10,8 @@ const MAX_STOPS: usize = 1000;
 /// One stop.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stop {
-    /// "hold", "fault" or "lock".
-    pub class: &'static str,
+    /// Hold or latched within run, fault or lock as a mode.
+    pub class: StopClass,
     /// Why.
     pub reason: StopReason,
     /// Run time of its beginning.
@@ -60,7 +60,7 @@ impl StopLog {
         sums
     }
 
-    fn begin(&mut self, class: &'static str, reason: StopReason, at_ns: u64) -> Option<usize> {
+    fn begin(&mut self, class: StopClass, reason: StopReason, at_ns: u64) -> Option<usize> {
         if self.stops.len() >= MAX_STOPS
             && let Some(oldest) = self.stops.pop_front()
         {
@@ -88,7 +88,8 @@ impl StopLog {
         self.end_mode_stop(now_ns);
         let hold = self.hold.take();
         self.end(hold, now_ns);
-        self.mode_stop = self.begin(class.name(), reason, now_ns);
+        let class = if class == ModeClass::Lock { StopClass::Lock } else { StopClass::Fault };
+        self.mode_stop = self.begin(class, reason, now_ns);
     }
 
     /// Fault or lock ends.
@@ -108,8 +109,11 @@ impl StopLog {
             self.end(hold, now_ns);
         }
         // A state that was on its way when run began still tells of the stop before.
-        if stands && self.hold.is_none() && kind.holds_a_cue() {
-            self.hold = self.begin("hold", state.limited_by, now_ns);
+        if stands
+            && self.hold.is_none()
+            && let Some(stop) = kind.info().filter(|_| kind.holds_a_cue())
+        {
+            self.hold = self.begin(stop.class, state.limited_by, now_ns);
         }
         if stands {
             let since = *self.frozen_since_ns.get_or_insert(now_ns);

@@ -24,7 +24,7 @@ pub struct Why {
 /// One stop.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Stop {
-    /// "hold", "fault" or "lock".
+    /// "hold", "latched", "fault" or "lock".
     pub class: String,
     /// The name of its kind.
     pub reason: String,

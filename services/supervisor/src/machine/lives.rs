@@ -1,6 +1,6 @@
 //! Lives of services: from the start of a process over its readiness to its end, and the next one.
 
-use messages::{ModeClass, ServiceId, StopKind, StopReason};
+use messages::{ServiceId, StopKind, StopReason};
 
 use super::watched::{Phase, Role, Watched};
 use super::{Action, Machine, Now};
@@ -112,9 +112,9 @@ impl Machine {
         let reason = StopReason::service(StopKind::ServiceDied, service, incarnation);
         if spent && critical {
             let reason = StopReason::service(StopKind::RestartBudgetSpent, service, incarnation);
-            self.enter(ModeClass::Lock, reason, now);
+            self.enter(reason, now);
         } else if critical && !condemned && !took_no_part {
-            self.enter(ModeClass::Fault, reason, now);
+            self.enter(reason, now);
         }
         self.update_roster(now);
     }
@@ -127,11 +127,7 @@ impl Machine {
         };
         (s.phase, s.joined) = (Phase::Off, false);
         if is_fault && !swaps_business {
-            self.enter(
-                ModeClass::Fault,
-                StopReason::service(StopKind::ServiceDied, ServiceId::Policy, incarnation),
-                now,
-            );
+            self.enter(StopReason::service(StopKind::ServiceDied, ServiceId::Policy, incarnation), now);
         }
         self.update_roster(now);
         true
@@ -184,7 +180,7 @@ impl Machine {
         let Some(s) = self.find(reason.service, reason.incarnation) else { return };
         s.phase = Phase::Dying;
         if critical {
-            self.enter(ModeClass::Fault, reason, now);
+            self.enter(reason, now);
         }
         if !restartable {
             self.actions.push(Action::EndRun(reason.to_string()));
