@@ -18,8 +18,8 @@ use std::collections::BTreeSet;
 use std::rc::Rc;
 
 use messages::{
-    CueAnswer, CueHeard, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, ServiceId,
-    SpeechPhase, SpeechSaid, StopKind, StopReason, Urgency,
+    CueAnswer, CueHeard, Health, Latency, LatencyHistogram, LocomotionState, Mode, Odometry, Permit, SERVICES,
+    ServiceId, SpeechPhase, SpeechSaid, StopKind, StopReason, Urgency,
 };
 use settings::Settings;
 use speech::{Language, Sentence, Speaker, SpeakerConfig, Tone, Utterance};
