@@ -4,6 +4,7 @@
 use std::net::SocketAddrV4;
 use std::path::Path;
 
+use crate::emulated::Place;
 use crate::sections::{DdsSettings, DepthSettings, Librealsense, Settings, Source};
 
 /// What is known of a device; `S` is the section that names it, as `lidar.device` or `estop.source`.
@@ -17,8 +18,8 @@ pub struct DeviceRow<S: 'static> {
     pub reach: for<'a> fn(&'a S) -> Reach<'a>,
     /// Whether its own settings are right, in use or not; the reason begins with the key.
     pub check: fn(&S) -> Result<(), String>,
-    /// Whether `--emulated` puts one into the simulated world.
-    pub is_emulated: bool,
+    /// Points the settings at the one that `--emulated` puts into the simulated world; none where it is not emulated.
+    pub emulated: Option<Place>,
 }
 
 /// What this machine must have for a device to be used: what `guidedog doctor` looks at, without a word to the device.

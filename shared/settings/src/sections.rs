@@ -10,9 +10,6 @@ mod policy;
 mod shield;
 mod speak;
 
-use std::net::{Ipv4Addr, SocketAddrV4};
-use std::path::PathBuf;
-
 use guidance::se2::Point;
 use guidance::{
     DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness,
@@ -105,33 +102,6 @@ impl Settings {
             ("depth.source", self.depth.source),
             ("odometry.source", self.odometry.source),
         ]
-    }
-
-    /// Puts emulated devices in the place of what is simulated: every sensor and the robot, and an emergency stop
-    /// beside them.
-    pub fn emulate(&mut self) {
-        self.simulation.emulated.on = true;
-        (self.lidar.source, self.lidar.device) = (Source::Device, LidarDevice::Rplidar);
-        (self.odometry.source, self.odometry.device) = (Source::Device, OdometryDevice::Robot);
-        (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
-        if !self.locomotion.link.is_device() {
-            self.locomotion.link = LinkKind::Unitree;
-        }
-        self.estop.source = EstopSource::Serial;
-    }
-
-    /// Where the emulated devices are found.
-    pub fn place_emulated(&mut self, places: EmulatedPlaces) {
-        let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot, dds_domain } = places;
-        self.locomotion.dds = DdsSettings { domain: dds_domain, networks: vec![Ipv4Addr::LOCALHOST] };
-        self.estop.serial.port = estop_port.into();
-        self.depth.socket.path = camera_socket.into();
-        let lidar = &mut self.lidar.rplidar;
-        lidar.port = lidar_port.into();
-        lidar.baud.get_or_insert(self.simulation.emulated.rplidar.baud());
-        let link = &mut self.locomotion.unitree;
-        link.robot = Some(SocketAddrV4::new(robot, link.profile.robot().port()));
-        link.local = Some(SocketAddrV4::new(robot, link.profile.local_port()));
     }
 
     /// Whether a real robot is commanded.
@@ -227,21 +197,6 @@ impl Settings {
             }
         })
     }
-}
-
-/// Where emulated devices are found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct EmulatedPlaces {
-    /// The lidar's serial port.
-    pub lidar_port: PathBuf,
-    /// The socket at which the camera hands its frames over.
-    pub camera_socket: PathBuf,
-    /// The emergency stop's serial port.
-    pub estop_port: PathBuf,
-    /// The robot's address, which is this machine's.
-    pub robot: Ipv4Addr,
-    /// The DDS domain of a robot that speaks DDS.
-    pub dds_domain: u16,
 }
 
 /// The robot's body.

@@ -41,7 +41,7 @@ const SOCKET: DeviceRow<DepthSettings> = DeviceRow {
     told_as: "depth socket",
     reach: |depth| Reach::FrameSocket(&depth.socket.path),
     check: |_| Ok(()),
-    is_emulated: true,
+    emulated: Some(|settings, places| settings.depth.socket.path = places.camera_socket.clone().into()),
 };
 
 const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
@@ -49,7 +49,7 @@ const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
     told_as: "depth camera",
     reach: |depth| Reach::Gstreamer(depth),
     check: DepthSettings::check_gstreamer,
-    is_emulated: false,
+    emulated: None,
 };
 
 const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
@@ -57,7 +57,7 @@ const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
     told_as: "depth camera",
     reach: |depth| Reach::DepthCamera(&depth.realsense),
     check: |_| Ok(()),
-    is_emulated: false,
+    emulated: None,
 };
 
 /// The depth camera and its driver.
