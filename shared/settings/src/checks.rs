@@ -96,7 +96,7 @@ pub fn check_tone(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
-/// What each device and link knows of its own settings, in use or not.
+/// The settings of each device and link, also where it is not in use.
 fn check_rows(settings: &Settings) -> Result<(), String> {
     let Settings { lidar, depth, odometry, estop, locomotion, .. } = settings;
     LidarDevice::ALL.into_iter().try_for_each(|device| (device.row().check)(lidar))?;

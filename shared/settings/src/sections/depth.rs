@@ -38,7 +38,7 @@ impl DepthDevice {
 
 const SOCKET: DeviceRow<DepthSettings> = DeviceRow {
     name: "socket",
-    told_as: "depth socket",
+    doctor_name: "depth socket",
     reach: |depth| Reach::FrameSocket(&depth.socket.path),
     check: |_| Ok(()),
     emulated: Some(|settings, places| settings.depth.socket.path = places.camera_socket.clone().into()),
@@ -46,7 +46,7 @@ const SOCKET: DeviceRow<DepthSettings> = DeviceRow {
 
 const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
     name: "gstreamer",
-    told_as: "depth camera",
+    doctor_name: "depth camera",
     reach: |depth| Reach::Gstreamer(depth),
     check: DepthSettings::check_gstreamer,
     emulated: None,
@@ -54,7 +54,7 @@ const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
 
 const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
     name: "realsense",
-    told_as: "depth camera",
+    doctor_name: "depth camera",
     reach: |depth| Reach::DepthCamera(&depth.realsense),
     check: |_| Ok(()),
     emulated: None,

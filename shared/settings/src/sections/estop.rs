@@ -38,7 +38,7 @@ impl EstopSource {
 
 const ABSENT: DeviceRow<Estop> = DeviceRow {
     name: "absent",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |_| Reach::Nothing,
     check: |_| Ok(()),
     emulated: None,
@@ -46,7 +46,7 @@ const ABSENT: DeviceRow<Estop> = DeviceRow {
 
 const INPUT: DeviceRow<Estop> = DeviceRow {
     name: "input",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |estop| Reach::InputDevice(&estop.input.device),
     check: |estop| estop.input.check(),
     emulated: None,
@@ -54,7 +54,7 @@ const INPUT: DeviceRow<Estop> = DeviceRow {
 
 const SERIAL: DeviceRow<Estop> = DeviceRow {
     name: "serial",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |estop| Reach::SerialPort { path: &estop.serial.port, baud: Some(estop.serial.baud) },
     check: |estop| check_baud("estop.serial.baud", estop.serial.baud),
     emulated: Some(|settings, places| settings.estop.serial.port = places.estop_port.clone().into()),

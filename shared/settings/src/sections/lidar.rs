@@ -33,7 +33,7 @@ impl LidarDevice {
 
 const RPLIDAR: DeviceRow<LidarSettings> = DeviceRow {
     name: "rplidar",
-    told_as: "lidar",
+    doctor_name: "lidar",
     reach: |lidar| Reach::SerialPort { path: &lidar.rplidar.port, baud: lidar.rplidar.baud },
     check: |lidar| lidar.rplidar.check(),
     emulated: Some(place_rplidar),

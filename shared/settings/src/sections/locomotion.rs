@@ -40,7 +40,7 @@ pub struct LinkRow {
     pub far_end: FarEnd,
     /// By what the robot is reached.
     pub reach: for<'a> fn(&'a Locomotion) -> Reach<'a>,
-    /// Whether its own settings are right, in use or not; the reason begins with the key.
+    /// Checks its settings, also where it is not in use; the reason begins with the key.
     pub check: fn(&Locomotion) -> Result<(), String>,
     /// The robot that `--emulated` puts at its other end, where it has one.
     pub emulated: Option<LinkEmulation>,

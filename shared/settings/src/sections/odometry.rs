@@ -37,7 +37,7 @@ impl OdometryDevice {
 /// Its link is a device by itself, with a place of its own.
 const ROBOT: DeviceRow<OdometrySettings> = DeviceRow {
     name: "robot",
-    told_as: "odometry",
+    doctor_name: "odometry",
     reach: |_| Reach::Nothing,
     check: |_| Ok(()),
     emulated: Some(|_, _| ()),
@@ -45,7 +45,7 @@ const ROBOT: DeviceRow<OdometrySettings> = DeviceRow {
 
 const T265: DeviceRow<OdometrySettings> = DeviceRow {
     name: "t265",
-    told_as: "tracking camera",
+    doctor_name: "tracking camera",
     reach: |odometry| Reach::TrackingCamera(&odometry.t265),
     check: |_| Ok(()),
     emulated: None,
