@@ -1,5 +1,8 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
+use messages::ServiceId;
+use messages::topic::{AgeLimit, TOPICS};
+
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
@@ -276,15 +279,18 @@ fn check_rates(settings: &Settings) -> Result<(), String> {
 /// no robot, and may be slower.
 fn check_ages(settings: &Settings) -> Result<(), String> {
     let null = !settings.locomotion.link.is_obeyed();
-    let (age, supervision) = (&settings.max_age, &settings.supervision);
+    let recorded_ms = if null { 2000 } else { 0 };
+    for spec in TOPICS {
+        let AgeLimit::Configured { key, most_ms, .. } = spec.max_age else { continue };
+        let is_recorded = spec.publishers.contains(&ServiceId::Replay);
+        let most_ms = if is_recorded { most_ms.max(recorded_ms) } else { most_ms };
+        if settings.max_age_ns(spec.id) > most_ms * 1_000_000 {
+            return Err(format!("max_age.{key} is over {most_ms} ms"));
+        }
+    }
+    let supervision = &settings.supervision;
     for (name, value, most_ms) in [
-        ("max_age.scan", age.scan, if null { 2000 } else { 300 }),
-        ("max_age.depth", age.depth, if null { 2000 } else { 300 }),
-        ("max_age.odometry", age.odometry, if null { 2000 } else { 150 }),
-        ("max_age.mode", age.mode, 300),
-        ("max_age.estop", age.estop, 150),
-        ("max_age.cue", age.cue, 5000),
-        ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
+        ("locomotion.permit_life", settings.locomotion.permit_life, 200.max(recorded_ms)),
         ("supervision.beat_limit", supervision.beat_limit, 200),
         ("supervision.brake_limit", supervision.brake_limit, 200),
     ] {

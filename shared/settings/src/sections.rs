@@ -5,6 +5,7 @@ mod depth;
 mod estop;
 mod lidar;
 mod locomotion;
+mod max_age;
 mod odometry;
 mod policy;
 mod shield;
@@ -31,6 +32,7 @@ pub use depth::*;
 pub use estop::*;
 pub use lidar::*;
 pub use locomotion::*;
+pub use max_age::MaxAge;
 pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
@@ -271,42 +273,6 @@ pub enum Source {
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// How old an input may be for motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MaxAge {
-    /// `lidar/scan`
-    pub scan: Millis,
-    /// `depth/frame`, where needed
-    pub depth: Millis,
-    /// `odometry`
-    pub odometry: Millis,
-    /// `cue`, to be accepted
-    pub cue: Millis,
-    /// `mode`
-    pub mode: Millis,
-    /// `estop`, where there is one
-    pub estop: Millis,
-}
-
-/// The limit that the topic table has.
-fn default_age(topic: TopicId) -> Millis {
-    Millis::of_ms(topic.default_max_age_ms())
-}
-
-impl Default for MaxAge {
-    fn default() -> Self {
-        Self {
-            scan: default_age(TopicId::LidarScan),
-            depth: default_age(TopicId::DepthFrame),
-            odometry: default_age(TopicId::Odometry),
-            cue: default_age(TopicId::Cue),
-            mode: default_age(TopicId::Mode),
-            estop: default_age(TopicId::Estop),
-        }
-    }
 }
 
 /// Who may do what through the control socket, besides the run's own user and root, who may everything.
