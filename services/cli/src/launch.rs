@@ -92,13 +92,14 @@ impl Launch<'_> {
         let mut settings = self.settings.clone();
         if settings.simulation.emulated.on {
             let dir = RunDir::open(&transport::runs_root().join(&self.name));
-            settings.place_emulated(EmulatedPlaces {
+            let places = EmulatedPlaces {
                 lidar_port: dir.lidar_port(),
                 camera_socket: dir.camera_socket(),
                 estop_port: dir.estop_port(),
                 robot: dir.robot_address(),
                 dds_domain: dir.dds_domain(),
-            });
+            };
+            settings.place_emulated(&places).map_err(Failure::run)?;
         }
         let settings = toml::to_string(&settings).map_err(Failure::of_input)?;
         let mut command = Command::new(program);

@@ -12,7 +12,7 @@ use emulators::{EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRplidar, o
 use messages::fault::Device;
 use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
-use settings::{DepthDevice, Settings, Source};
+use settings::{DepthDevice, EstopSource, LidarDevice, Settings, Source};
 use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
 use unitree::State;
 use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
@@ -52,6 +52,7 @@ impl Emulator {
     /// Where the world cannot be read, the lidar's port or the robot's socket not be made, or a topic not be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
+        check(&settings).map_err(TransportError::service)?;
         let world = world::scenario_of(&settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
         let (seed, incarnation) = (settings.simulation.seed, io.identity().incarnation);
         let odometry = OdometrySensor::new(OdometryConfig::from(&settings.odometry), seed, incarnation);
@@ -117,6 +118,25 @@ impl Emulator {
     }
 }
 
+/// Whether every device that the settings name has its emulator here: another one must not answer in its place.
+fn check(settings: &Settings) -> Result<(), String> {
+    let (lidar, depth, estop) = (settings.lidar.device, &settings.depth, settings.estop.source);
+    for (key, name, is_here) in [
+        ("lidar.device", lidar.row().name, lidar == LidarDevice::Rplidar),
+        ("depth.device", depth.device.row().name, !has_camera(settings) || depth.device == DepthDevice::Socket),
+        ("estop.source", estop.row().name, matches!(estop, EstopSource::Absent | EstopSource::Serial)),
+    ] {
+        if !is_here {
+            return Err(format!("{key} = {name:?} has no emulator"));
+        }
+    }
+    Ok(())
+}
+
+fn has_camera(settings: &Settings) -> bool {
+    settings.depth.source == Source::Device
+}
+
 fn terminal(port: &Path) -> Result<PseudoTerminal, TransportError> {
     PseudoTerminal::open(port).map_err(|error| {
         TransportError::service(format!("no port of an emulated device can be made at {}: {error}", port.display()))
@@ -132,7 +152,7 @@ fn lidar(settings: &Settings) -> Result<EmulatedRplidar, TransportError> {
 
 fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, TransportError> {
     let depth = &settings.depth;
-    if (depth.source, depth.device) != (Source::Device, DepthDevice::Socket) {
+    if !has_camera(settings) {
         return Ok(None);
     }
     let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
@@ -144,10 +164,10 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
 
 fn robot(settings: &Settings) -> Result<Box<dyn EmulatedRobot>, TransportError> {
     let (locomotion, silence) = (&settings.locomotion, settings.simulation.emulated.silence);
-    let Some(kind) = locomotion.link.row().emulated else {
+    let Some(robot) = &locomotion.link.row().emulated else {
         return Err(TransportError::service("locomotion.link names no robot that is emulated"));
     };
-    open_robot(kind, locomotion, silence).map_err(TransportError::service)
+    open_robot(robot.kind, locomotion, silence).map_err(TransportError::service)
 }
 
 impl Service for Emulator {
@@ -187,5 +207,34 @@ impl Service for Emulator {
 
     fn is_done(&self) -> bool {
         self.ends_by_wall_ns.is_some_and(|by| monotonic_ns() >= by)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use settings::{DepthDevice, EstopSource, LidarDevice, Settings};
+
+    /// The rows of the devices say what is emulated; the emulators are here.
+    #[test]
+    fn every_device_that_is_emulated_has_its_emulator() {
+        let mut settings = Settings::default();
+        settings.emulate();
+        let check = |change: &dyn Fn(&mut Settings)| {
+            let mut settings = settings.clone();
+            change(&mut settings);
+            super::check(&settings)
+        };
+        for device in LidarDevice::ALL {
+            let found = check(&|settings| settings.lidar.device = device);
+            assert_eq!(found.is_ok(), device.row().emulated.is_some(), "{device:?}: {found:?}");
+        }
+        for device in DepthDevice::ALL {
+            let found = check(&|settings| settings.depth.device = device);
+            assert_eq!(found.is_ok(), device.row().emulated.is_some(), "{device:?}: {found:?}");
+        }
+        for source in EstopSource::ALL.into_iter().filter(|source| *source != EstopSource::Absent) {
+            let found = check(&|settings| settings.estop.source = source);
+            assert_eq!(found.is_ok(), source.row().emulated.is_some(), "{source:?}: {found:?}");
+        }
     }
 }

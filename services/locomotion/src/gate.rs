@@ -43,9 +43,10 @@ impl GateLimits {
             actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
             obeyed: settings.locomotion.link.is_obeyed(),
             permit_life_ns: settings.locomotion.permit_life.ns(),
-            mode_max_age_ns: settings.max_age.mode.ns(),
-            estop_max_age_ns: (settings.estop.source != EstopSource::Absent).then(|| settings.max_age.estop.ns()),
-            odometry_max_age_ns: settings.max_age.odometry.ns(),
+            mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
+            estop_max_age_ns: (settings.estop.source != EstopSource::Absent)
+                .then(|| settings.max_age_ns(TopicId::Estop)),
+            odometry_max_age_ns: settings.max_age_ns(TopicId::Odometry),
             speed_mps: limits.speed_mps.get(),
             turn_radps: limits.turn_radps.get(),
             acceleration_mps2: limits.acceleration_mps2.get(),

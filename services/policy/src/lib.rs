@@ -7,7 +7,7 @@ use guidance::se2::{pose2, se2};
 use guidance::{ActionTable, Awareness, Measured, PoseTrack};
 use messages::{
     Cue, CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
-    PolicyAction, age_ns,
+    PolicyAction, TopicId, age_ns,
 };
 use policies::{Engine, Expected, GeometricConfig, Model, Pilot, Probabilities, Situation, stand};
 use settings::{PolicyModel, Settings, Source};
@@ -96,8 +96,8 @@ impl PolicyService {
             is_told: false,
             last_cue: (0, 0),
             dt_ns,
-            scan_max_age_ns: settings.max_age.scan.ns(),
-            depth_max_age_ns: settings.max_age.depth.ns(),
+            scan_max_age_ns: settings.max_age_ns(TopicId::LidarScan),
+            depth_max_age_ns: settings.max_age_ns(TopicId::DepthFrame),
             next_decision: io.now_ns() / dt_ns + 1,
             decisions: 0,
             latency: LatencyHistogram { what: Latency::Decision, ..LatencyHistogram::default() },

@@ -44,6 +44,7 @@ pub struct CoreConfig {
     depth_min_m: f64,
     odometry_max_age_ns: u64,
     mode_max_age_ns: u64,
+    action_max_age_ns: u64,
     permit_life_ns: u64,
     depth_needed: bool,
     speed_max_mps: f64,
@@ -66,11 +67,12 @@ impl CoreConfig {
             draw: settings.shield.choice.seeded(settings.shield.seed),
             dt_ns: settings.policy.dt.ns(),
             scan_period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64,
-            scan_max_age_ns: settings.max_age.scan.ns(),
-            depth_max_age_ns: settings.max_age.depth.ns(),
+            scan_max_age_ns: settings.max_age_ns(TopicId::LidarScan),
+            depth_max_age_ns: settings.max_age_ns(TopicId::DepthFrame),
             depth_min_m: settings.depth.range_m[0],
-            odometry_max_age_ns: settings.max_age.odometry.ns(),
-            mode_max_age_ns: settings.max_age.mode.ns(),
+            odometry_max_age_ns: settings.max_age_ns(TopicId::Odometry),
+            mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
+            action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             depth_needed: settings.depth.needed,
             speed_max_mps,
@@ -307,7 +309,7 @@ impl Core {
     /// that a policy that counts wrong cannot block those that count right.
     fn is_of_now(&self, now_ns: u64, action: &PolicyAction) -> bool {
         action.decision.abs_diff(now_ns / self.config.dt_ns) <= 1
-            && age_ns(now_ns, action.header.stamp_ns) <= self.config.dt_ns * 3 / 2
+            && age_ns(now_ns, action.header.stamp_ns) <= self.config.action_max_age_ns
             // A decision is stamped when it is due.
             && action.header.stamp_ns.abs_diff(action.decision * self.config.dt_ns) < self.config.dt_ns / 2
     }

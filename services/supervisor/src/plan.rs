@@ -149,8 +149,8 @@ impl Plan {
             restart_time_ns: supervision.restart_time.ns(),
             allowances: [supervision.memory_mib, supervision.large_memory_mib]
                 .map(|mib| Allowance { private_bytes: u64::from(mib) << 20, files: supervision.open_files }),
-            mode_max_age_ns: settings.max_age.mode.ns(),
-            cue_max_age_ns: settings.max_age.cue.ns(),
+            mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
+            cue_max_age_ns: settings.max_age_ns(TopicId::Cue),
             estop: settings.estop.source != EstopSource::Absent,
             charge_percent: [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent],
             swap: swap_limits(settings),
@@ -275,7 +275,7 @@ fn inputs(from_hz: f64, to_hz: f64) -> u64 {
 }
 
 fn scan_stream(settings: &Settings, driven: bool) -> StreamRule {
-    let max_age = settings.max_age.scan.ns();
+    let max_age = settings.max_age_ns(TopicId::LidarScan);
     StreamRule {
         output: TopicId::LidarScan,
         input: driven.then_some(TopicId::WorldTruth),
@@ -287,7 +287,7 @@ fn scan_stream(settings: &Settings, driven: bool) -> StreamRule {
 }
 
 fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
-    let max_age = settings.max_age.odometry.ns();
+    let max_age = settings.max_age_ns(TopicId::Odometry);
     StreamRule {
         output: TopicId::Odometry,
         input: driven.then_some(TopicId::WorldTruth),
@@ -299,7 +299,7 @@ fn odometry_stream(settings: &Settings, driven: bool) -> StreamRule {
 }
 
 fn estop_stream(settings: &Settings) -> StreamRule {
-    let max_age = settings.max_age.estop.ns();
+    let max_age = settings.max_age_ns(TopicId::Estop);
     StreamRule {
         output: TopicId::Estop,
         input: None,
@@ -311,7 +311,7 @@ fn estop_stream(settings: &Settings) -> StreamRule {
 }
 
 fn depth_stream(settings: &Settings, driven: bool) -> StreamRule {
-    let max_age = settings.max_age.depth.ns();
+    let max_age = settings.max_age_ns(TopicId::DepthFrame);
     StreamRule {
         output: TopicId::DepthFrame,
         input: driven.then_some(TopicId::WorldTruth),
@@ -323,13 +323,12 @@ fn depth_stream(settings: &Settings, driven: bool) -> StreamRule {
 }
 
 fn action_stream(settings: &Settings) -> StreamRule {
-    let dt = settings.policy.dt.ns();
     StreamRule {
         output: TopicId::PolicyAction,
         input: Some(TopicId::Mode),
         inputs_per_output: 1,
-        hang_ns: 3 * dt,
-        max_age_ns: Some(dt * 3 / 2),
+        hang_ns: 3 * settings.policy.dt.ns(),
+        max_age_ns: Some(settings.max_age_ns(TopicId::PolicyAction)),
         // A decision that is missed is seen by its age.
         rate: None,
     }
@@ -341,7 +340,7 @@ fn state_stream(settings: &Settings) -> StreamRule {
         output: TopicId::LocomotionState,
         input: Some(TopicId::Mode),
         inputs_per_output: 1,
-        hang_ns: settings.max_age.mode.ns(),
+        hang_ns: settings.max_age_ns(TopicId::Mode),
         max_age_ns: None,
         rate: None,
     }
@@ -352,7 +351,7 @@ fn permit_stream(settings: &Settings) -> StreamRule {
         output: TopicId::ShieldPermit,
         input: Some(TopicId::LidarScan),
         inputs_per_output: 1,
-        hang_ns: 2 * settings.max_age.scan.ns(),
+        hang_ns: 2 * settings.max_age_ns(TopicId::LidarScan),
         // Permits are not required for a cue to be accepted; a permit too old stops the robot by itself.
         max_age_ns: None,
         rate: Some(Rate { period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64, inputs: 1 }),

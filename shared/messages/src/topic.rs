@@ -27,6 +27,8 @@ pub enum AgeLimit {
         key: &'static str,
         /// Its default, milliseconds.
         default_ms: u64,
+        /// The most that the configuration may say, milliseconds; more would give the stop away.
+        most_ms: u64,
     },
     /// One and a half decision periods.
     Decision,
@@ -256,7 +258,7 @@ topics! {
         borrowed: 3,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "scan", default_ms: 200 },
+        max_age: AgeLimit::Configured { key: "scan", default_ms: 200, most_ms: 300 },
         injectable: true,
         why: "the newest scan and, in stepped time, the one of the step before; one held while the next is looked at",
     }
@@ -270,7 +272,7 @@ topics! {
         borrowed: 3,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "depth", default_ms: 200 },
+        max_age: AgeLimit::Configured { key: "depth", default_ms: 200, most_ms: 300 },
         injectable: true,
         why: "as lidar/scan; megabytes a frame, so no deeper",
     }
@@ -284,7 +286,7 @@ topics! {
         borrowed: 2,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "odometry", default_ms: 100 },
+        max_age: AgeLimit::Configured { key: "odometry", default_ms: 100, most_ms: 150 },
         injectable: true,
         why: "up to 100 Hz: one a step, of two steps, and room for a reader that is late by 60 ms",
     }
@@ -298,7 +300,7 @@ topics! {
         borrowed: 2,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "cue", default_ms: 1000 },
+        max_age: AgeLimit::Configured { key: "cue", default_ms: 1000, most_ms: 5000 },
         injectable: true,
         why: "events that must not be lost, a stop among them",
     }
@@ -354,7 +356,7 @@ topics! {
         borrowed: 2,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "mode", default_ms: 200 },
+        max_age: AgeLimit::Configured { key: "mode", default_ms: 200, most_ms: 300 },
         injectable: true,
         why: "only the newest counts; at most one a step, and as much again for a reader that is late",
     }
@@ -382,7 +384,7 @@ topics! {
         borrowed: 2,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "estop", default_ms: 100 },
+        max_age: AgeLimit::Configured { key: "estop", default_ms: 100, most_ms: 150 },
         injectable: false,
         why: "a press and a release may come at once, and neither may be lost; 50 Hz besides",
     }
@@ -518,15 +520,6 @@ impl TopicId {
     pub const fn owners(self) -> &'static [ServiceId] {
         if matches!(self, Self::Health) { EVERY_SERVICE } else { &[ServiceId::None] }
     }
-
-    /// The default of its key in `[max_age]`, milliseconds; 0 where it has none.
-    #[must_use]
-    pub fn default_max_age_ms(self) -> u64 {
-        match self.spec().map(|spec| spec.max_age) {
-            Some(AgeLimit::Configured { default_ms, .. }) => default_ms,
-            _ => 0,
-        }
-    }
 }
 
 impl core::fmt::Display for TopicId {
@@ -560,8 +553,10 @@ mod tests {
 
     #[test]
     fn a_configured_age_has_a_default() {
-        for spec in TOPICS.iter().filter(|spec| matches!(spec.max_age, AgeLimit::Configured { .. })) {
-            assert!(spec.id.default_max_age_ms() > 0, "{}", spec.name);
+        for spec in TOPICS {
+            if let AgeLimit::Configured { default_ms, most_ms, .. } = spec.max_age {
+                assert!((1..=most_ms).contains(&default_ms), "{}", spec.name);
+            }
         }
     }
 }

@@ -32,7 +32,7 @@ fn list(services: &[ServiceId]) -> String {
 fn topic_row(spec: &TopicSpec) -> String {
     let age = match spec.max_age {
         AgeLimit::Unlimited => "-".to_owned(),
-        AgeLimit::Configured { key, default_ms } => format!("{default_ms} ms (`max_age.{key}`)"),
+        AgeLimit::Configured { key, default_ms, .. } => format!("{default_ms} ms (`max_age.{key}`)"),
         AgeLimit::Decision => "1.5 decision periods".to_owned(),
         AgeLimit::Expiry => "its own end".to_owned(),
         AgeLimit::Beat => "`supervision.beat_limit`".to_owned(),

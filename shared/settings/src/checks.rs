@@ -1,6 +1,9 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
-use crate::devices::either;
+use messages::ServiceId;
+use messages::topic::{AgeLimit, TOPICS};
+
+use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
     CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Settings,
@@ -96,7 +99,7 @@ pub fn check_tone(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
-/// What each device and link knows of its own settings, in use or not.
+/// The settings of each device and link, also where it is not in use.
 fn check_rows(settings: &Settings) -> Result<(), String> {
     let Settings { lidar, depth, odometry, estop, locomotion, .. } = settings;
     LidarDevice::ALL.into_iter().try_for_each(|device| (device.row().check)(lidar))?;
@@ -109,7 +112,7 @@ fn check_rows(settings: &Settings) -> Result<(), String> {
 /// A robot that is really there walks by sensors that are really there; one that is not is kept off the others' lines.
 fn check_devices(settings: &Settings) -> Result<(), String> {
     let (lidar, odometry) = (settings.lidar.source, settings.odometry.source);
-    let (robot, emulated) = (&settings.locomotion.unitree, settings.simulation.emulated.on);
+    let emulated = settings.simulation.emulated.on;
     let is_device = settings.locomotion.link.is_device();
     let own = odometry == Source::Device && settings.odometry.device == OdometryDevice::Robot;
     if own && !is_device {
@@ -138,10 +141,9 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
         let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
         return Err(format!("simulation.emulated.on needs {needed}"));
     }
-    if emulated && robot.robot.is_some_and(|robot| !robot.ip().is_loopback()) {
-        return Err("locomotion.unitree.robot is no emulated robot's address: it is not this machine".to_owned());
+    if emulated {
+        check_emulated(settings)?;
     }
-    check_emulated(settings)?;
     let [warn, stop] = [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent];
     if stop > warn || warn > 100 {
         return Err(format!("locomotion.charge_stop_percent = {stop} is not in 0..charge_warn_percent = {warn}..100"));
@@ -151,17 +153,23 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
 
 /// Only what is emulated can be a device in the simulated world.
 fn check_emulated(settings: &Settings) -> Result<(), String> {
-    if !settings.simulation.emulated.on {
-        return Ok(());
+    fn has_emulator<S>(key: &str, row: &DeviceRow<S>) -> Result<(), String> {
+        let refused = || format!("{key} = \"{}\" is not emulated, and simulation.emulated.on", row.name);
+        row.emulated.map(|_| ()).ok_or_else(refused)
     }
-    let (lidar, estop, link) =
-        (settings.lidar.device.row(), settings.estop.source.row(), settings.locomotion.link.row());
-    if !lidar.is_emulated {
-        return Err(format!("lidar.device = \"{}\" is not emulated, and simulation.emulated.on", lidar.name));
+    let mut robots = LinkKind::ALL.into_iter().filter_map(|link| link.row().emulated.as_ref());
+    if let Some(key) = robots.find_map(|robot| (robot.elsewhere)(settings)) {
+        return Err(format!("{key} is no emulated robot's address: it is not this machine"));
     }
-    if settings.estop.source != EstopSource::Absent && !estop.is_emulated {
-        return Err(format!("estop.source = \"{}\": only a serial box is emulated", estop.name));
+    has_emulator("lidar.device", settings.lidar.device.row())?;
+    has_emulator("odometry.device", settings.odometry.device.row())?;
+    if settings.depth.source == Source::Device {
+        has_emulator("depth.device", settings.depth.device.row())?;
     }
+    if settings.estop.source != EstopSource::Absent {
+        has_emulator("estop.source", settings.estop.source.row())?;
+    }
+    let link = settings.locomotion.link.row();
     if link.emulated.is_none() {
         let links = link_names(|link| link.emulated.is_some());
         return Err(format!("locomotion.link = \"{}\": only {links} are emulated", link.name));
@@ -271,15 +279,18 @@ fn check_rates(settings: &Settings) -> Result<(), String> {
 /// no robot, and may be slower.
 fn check_ages(settings: &Settings) -> Result<(), String> {
     let null = !settings.locomotion.link.is_obeyed();
-    let (age, supervision) = (&settings.max_age, &settings.supervision);
+    let recorded_ms = if null { 2000 } else { 0 };
+    for spec in TOPICS {
+        let AgeLimit::Configured { key, most_ms, .. } = spec.max_age else { continue };
+        let is_recorded = spec.publishers.contains(&ServiceId::Replay);
+        let most_ms = if is_recorded { most_ms.max(recorded_ms) } else { most_ms };
+        if settings.max_age_ns(spec.id) > most_ms * 1_000_000 {
+            return Err(format!("max_age.{key} is over {most_ms} ms"));
+        }
+    }
+    let supervision = &settings.supervision;
     for (name, value, most_ms) in [
-        ("max_age.scan", age.scan, if null { 2000 } else { 300 }),
-        ("max_age.depth", age.depth, if null { 2000 } else { 300 }),
-        ("max_age.odometry", age.odometry, if null { 2000 } else { 150 }),
-        ("max_age.mode", age.mode, 300),
-        ("max_age.estop", age.estop, 150),
-        ("max_age.cue", age.cue, 5000),
-        ("locomotion.permit_life", settings.locomotion.permit_life, if null { 2000 } else { 200 }),
+        ("locomotion.permit_life", settings.locomotion.permit_life, 200.max(recorded_ms)),
         ("supervision.beat_limit", supervision.beat_limit, 200),
         ("supervision.brake_limit", supervision.brake_limit, 200),
     ] {
@@ -331,6 +342,7 @@ mod tests {
             (&elsewhere, "locomotion.unitree.robot"),
             ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),
             (&format!("{emulated}[estop]\nsource = \"input\"\n"), "estop.source"),
+            (&format!("{emulated}[depth]\nsource = \"device\"\ndevice = \"realsense\"\n"), "depth.device"),
             ("[max_age]\nestop = \"1s\"\n", "max_age.estop"),
             ("[estop.input]\nkey = 1000\n", "estop.input.key"),
             ("[estop.input]\nheld = true\n", "estop.input.held"),

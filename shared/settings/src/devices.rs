@@ -4,6 +4,7 @@
 use std::net::SocketAddrV4;
 use std::path::Path;
 
+use crate::emulated::Place;
 use crate::sections::{DdsSettings, DepthSettings, Librealsense, Settings, Source};
 
 /// What is known of a device; `S` is the section that names it, as `lidar.device` or `estop.source`.
@@ -12,13 +13,13 @@ pub struct DeviceRow<S: 'static> {
     /// Its name in the configuration.
     pub name: &'static str,
     /// What `guidedog doctor` calls it.
-    pub told_as: &'static str,
-    /// By what it is reached.
+    pub doctor_name: &'static str,
+    /// How it is reached.
     pub reach: for<'a> fn(&'a S) -> Reach<'a>,
-    /// Whether its own settings are right, in use or not; the reason begins with the key.
+    /// Checks its settings, also where it is not in use; the reason begins with the key.
     pub check: fn(&S) -> Result<(), String>,
-    /// Whether `--emulated` puts one into the simulated world.
-    pub is_emulated: bool,
+    /// Points the settings at the one that `--emulated` puts into the simulated world; none where it is not emulated.
+    pub emulated: Option<Place>,
 }
 
 /// What this machine must have for a device to be used: what `guidedog doctor` looks at, without a word to the device.
@@ -59,7 +60,7 @@ impl Settings {
     #[must_use]
     pub fn devices(&self) -> Vec<(&'static str, Reach<'_>)> {
         fn used<'a, S>(row: &DeviceRow<S>, section: &'a S) -> (&'static str, Reach<'a>) {
-            (row.told_as, (row.reach)(section))
+            (row.doctor_name, (row.reach)(section))
         }
         let sensors = [
             (self.lidar.source, used(self.lidar.device.row(), &self.lidar)),

@@ -5,6 +5,7 @@
 
 mod checks;
 mod devices;
+mod emulated;
 mod layers;
 mod path;
 mod planned;
@@ -14,6 +15,7 @@ mod units;
 
 pub use checks::{check, check_tone};
 pub use devices::{DeviceRow, Reach, either};
+pub use emulated::{EmulatedPlaces, LinkEmulation, Place};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
 pub use path::ConfigPath;
 pub use planned::{Ask, Planned};

@@ -10,6 +10,7 @@ use std::cell::RefCell;
 use std::ops::Deref;
 use std::path::{Path, PathBuf};
 
+use serde::de::IntoDeserializer;
 use serde::{Deserialize, Deserializer, Serialize};
 
 thread_local! {
@@ -38,7 +39,7 @@ pub(crate) fn starting_at<T>(folder: PathBuf, read: impl FnOnce() -> T) -> T {
 
 impl ConfigPath {
     /// This path, where a file that is being read holds it.
-    pub(crate) fn rooted(self) -> Self {
+    fn rooted(self) -> Self {
         FOLDER.with_borrow(|folder| folder.as_ref().map(|folder| Self(folder.join(&self)))).unwrap_or(self)
     }
 }
@@ -47,6 +48,16 @@ impl<'de> Deserialize<'de> for ConfigPath {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         PathBuf::deserialize(deserializer).map(|path| Self(path).rooted())
     }
+}
+
+/// Reads the name of something that is built in, or else the path of a file.
+pub(crate) fn name_or_file<'de, D: Deserializer<'de>, T>(
+    deserializer: D,
+    named: impl FnOnce(&str) -> Option<T>,
+    file: impl FnOnce(ConfigPath) -> T,
+) -> Result<T, D::Error> {
+    let text = String::deserialize(deserializer)?;
+    named(&text).map_or_else(|| ConfigPath::deserialize(text.into_deserializer()).map(file), Ok)
 }
 
 impl Deref for ConfigPath {

@@ -5,13 +5,11 @@ mod depth;
 mod estop;
 mod lidar;
 mod locomotion;
+mod max_age;
 mod odometry;
 mod policy;
 mod shield;
 mod speak;
-
-use std::net::{Ipv4Addr, SocketAddrV4};
-use std::path::PathBuf;
 
 use guidance::se2::Point;
 use guidance::{
@@ -34,6 +32,7 @@ pub use depth::*;
 pub use estop::*;
 pub use lidar::*;
 pub use locomotion::*;
+pub use max_age::MaxAge;
 pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
@@ -105,33 +104,6 @@ impl Settings {
             ("depth.source", self.depth.source),
             ("odometry.source", self.odometry.source),
         ]
-    }
-
-    /// Puts emulated devices in the place of what is simulated: every sensor and the robot, and an emergency stop
-    /// beside them.
-    pub fn emulate(&mut self) {
-        self.simulation.emulated.on = true;
-        (self.lidar.source, self.lidar.device) = (Source::Device, LidarDevice::Rplidar);
-        (self.odometry.source, self.odometry.device) = (Source::Device, OdometryDevice::Robot);
-        (self.depth.source, self.depth.device) = (Source::Device, DepthDevice::Socket);
-        if !self.locomotion.link.is_device() {
-            self.locomotion.link = LinkKind::Unitree;
-        }
-        self.estop.source = EstopSource::Serial;
-    }
-
-    /// Where the emulated devices are found.
-    pub fn place_emulated(&mut self, places: EmulatedPlaces) {
-        let EmulatedPlaces { lidar_port, camera_socket, estop_port, robot, dds_domain } = places;
-        self.locomotion.dds = DdsSettings { domain: dds_domain, networks: vec![Ipv4Addr::LOCALHOST] };
-        self.estop.serial.port = estop_port.into();
-        self.depth.socket.path = camera_socket.into();
-        let lidar = &mut self.lidar.rplidar;
-        lidar.port = lidar_port.into();
-        lidar.baud.get_or_insert(self.simulation.emulated.rplidar.baud());
-        let link = &mut self.locomotion.unitree;
-        link.robot = Some(SocketAddrV4::new(robot, link.profile.robot().port()));
-        link.local = Some(SocketAddrV4::new(robot, link.profile.local_port()));
     }
 
     /// Whether a real robot is commanded.
@@ -229,21 +201,6 @@ impl Settings {
     }
 }
 
-/// Where emulated devices are found.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct EmulatedPlaces {
-    /// The lidar's serial port.
-    pub lidar_port: PathBuf,
-    /// The socket at which the camera hands its frames over.
-    pub camera_socket: PathBuf,
-    /// The emergency stop's serial port.
-    pub estop_port: PathBuf,
-    /// The robot's address, which is this machine's.
-    pub robot: Ipv4Addr,
-    /// The DDS domain of a robot that speaks DDS.
-    pub dds_domain: u16,
-}
-
 /// The robot's body.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -316,42 +273,6 @@ pub enum Source {
     Replayed,
     /// There is none; declared in every permit, and refused with a real link.
     Absent,
-}
-
-/// How old an input may be for motion.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct MaxAge {
-    /// `lidar/scan`
-    pub scan: Millis,
-    /// `depth/frame`, where needed
-    pub depth: Millis,
-    /// `odometry`
-    pub odometry: Millis,
-    /// `cue`, to be accepted
-    pub cue: Millis,
-    /// `mode`
-    pub mode: Millis,
-    /// `estop`, where there is one
-    pub estop: Millis,
-}
-
-/// The limit that the topic table has.
-fn default_age(topic: TopicId) -> Millis {
-    Millis::of_ms(topic.default_max_age_ms())
-}
-
-impl Default for MaxAge {
-    fn default() -> Self {
-        Self {
-            scan: default_age(TopicId::LidarScan),
-            depth: default_age(TopicId::DepthFrame),
-            odometry: default_age(TopicId::Odometry),
-            cue: default_age(TopicId::Cue),
-            mode: default_age(TopicId::Mode),
-            estop: default_age(TopicId::Estop),
-        }
-    }
 }
 
 /// Who may do what through the control socket, besides the run's own user and root, who may everything.

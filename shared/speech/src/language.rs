@@ -216,7 +216,7 @@ fn taken(table: &mut BTreeMap<String, String>, name: &str, key: &str) -> Result<
 
 #[cfg(test)]
 mod tests {
-    use super::{BUILT_IN, Language};
+    use super::{BUILT_IN, Language, SpokenLanguage};
     use crate::sentence::Sentence;
     use messages::stops::STOPS;
     use messages::{CueRefusal, ServiceId, StopKind, StopReason, TopicId};
@@ -274,9 +274,10 @@ mod tests {
             let error = Language::parse("my.toml", &text).expect_err(what).to_string();
             assert!(error.starts_with("my.toml: ") && error.contains(what), "{error}");
         }
-        let error = Language::load(&"klingon".to_owned().into()).expect_err("there is none").to_string();
+        let why = |language| Language::load(&language).expect_err("there is none").to_string();
+        let error = why(SpokenLanguage::Named("klingon".to_owned()));
         assert!(error.contains("\"klingon\"") && error.contains("en, de"), "{error}");
-        let error = Language::load(&"nowhere.toml".to_owned().into()).expect_err("there is none").to_string();
+        let error = why(SpokenLanguage::File("nowhere.toml".into()));
         assert!(error.contains("failed to read nowhere.toml"), "{error}");
     }
 }

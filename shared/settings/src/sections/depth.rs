@@ -38,26 +38,26 @@ impl DepthDevice {
 
 const SOCKET: DeviceRow<DepthSettings> = DeviceRow {
     name: "socket",
-    told_as: "depth socket",
+    doctor_name: "depth socket",
     reach: |depth| Reach::FrameSocket(&depth.socket.path),
     check: |_| Ok(()),
-    is_emulated: true,
+    emulated: Some(|settings, places| settings.depth.socket.path = places.camera_socket.clone().into()),
 };
 
 const GSTREAMER: DeviceRow<DepthSettings> = DeviceRow {
     name: "gstreamer",
-    told_as: "depth camera",
+    doctor_name: "depth camera",
     reach: |depth| Reach::Gstreamer(depth),
     check: DepthSettings::check_gstreamer,
-    is_emulated: false,
+    emulated: None,
 };
 
 const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
     name: "realsense",
-    told_as: "depth camera",
+    doctor_name: "depth camera",
     reach: |depth| Reach::DepthCamera(&depth.realsense),
     check: |_| Ok(()),
-    is_emulated: false,
+    emulated: None,
 };
 
 /// The depth camera and its driver.

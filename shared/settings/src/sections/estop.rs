@@ -38,26 +38,26 @@ impl EstopSource {
 
 const ABSENT: DeviceRow<Estop> = DeviceRow {
     name: "absent",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |_| Reach::Nothing,
     check: |_| Ok(()),
-    is_emulated: false,
+    emulated: None,
 };
 
 const INPUT: DeviceRow<Estop> = DeviceRow {
     name: "input",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |estop| Reach::InputDevice(&estop.input.device),
     check: |estop| estop.input.check(),
-    is_emulated: false,
+    emulated: None,
 };
 
 const SERIAL: DeviceRow<Estop> = DeviceRow {
     name: "serial",
-    told_as: "emergency stop",
+    doctor_name: "emergency stop",
     reach: |estop| Reach::SerialPort { path: &estop.serial.port, baud: Some(estop.serial.baud) },
     check: |estop| check_baud("estop.serial.baud", estop.serial.baud),
-    is_emulated: true,
+    emulated: Some(|settings, places| settings.estop.serial.port = places.estop_port.clone().into()),
 };
 
 /// The emergency stop.

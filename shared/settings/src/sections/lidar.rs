@@ -3,8 +3,9 @@
 use messages::Pose2;
 use serde::{Deserialize, Serialize};
 
-use super::Source;
+use super::{Settings, Source};
 use crate::devices::{DeviceRow, Reach, check_baud, is_default};
+use crate::emulated::EmulatedPlaces;
 use crate::path::ConfigPath;
 use crate::units::{Positive, Share};
 
@@ -32,11 +33,17 @@ impl LidarDevice {
 
 const RPLIDAR: DeviceRow<LidarSettings> = DeviceRow {
     name: "rplidar",
-    told_as: "lidar",
+    doctor_name: "lidar",
     reach: |lidar| Reach::SerialPort { path: &lidar.rplidar.port, baud: lidar.rplidar.baud },
     check: |lidar| lidar.rplidar.check(),
-    is_emulated: true,
+    emulated: Some(place_rplidar),
 };
+
+fn place_rplidar(settings: &mut Settings, places: &EmulatedPlaces) {
+    let lidar = &mut settings.lidar.rplidar;
+    lidar.port = places.lidar_port.clone().into();
+    lidar.baud.get_or_insert(settings.simulation.emulated.rplidar.baud());
+}
 
 /// The lidar and its driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

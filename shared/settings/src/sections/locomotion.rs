@@ -5,7 +5,9 @@ use std::net::{Ipv4Addr, SocketAddrV4};
 use serde::{Deserialize, Serialize};
 use unitree::Profile;
 
+use super::Settings;
 use crate::devices::Reach;
+use crate::emulated::{EmulatedPlaces, LinkEmulation};
 use crate::units::{Millis, Positive};
 
 /// The last DDS domain whose ports there are.
@@ -38,10 +40,10 @@ pub struct LinkRow {
     pub far_end: FarEnd,
     /// By what the robot is reached.
     pub reach: for<'a> fn(&'a Locomotion) -> Reach<'a>,
-    /// Whether its own settings are right, in use or not; the reason begins with the key.
+    /// Checks its settings, also where it is not in use; the reason begins with the key.
     pub check: fn(&Locomotion) -> Result<(), String>,
     /// The robot that `--emulated` puts at its other end, where it has one.
-    pub emulated: Option<RobotKind>,
+    pub emulated: Option<LinkEmulation>,
 }
 
 /// What is at the other end of a link.
@@ -140,8 +142,21 @@ const UNITREE: LinkRow = LinkRow {
     far_end: FarEnd::Robot,
     reach: |locomotion| Reach::Udp { device: locomotion.unitree.robot(), local: locomotion.unitree.local() },
     check: |_| Ok(()),
-    emulated: Some(RobotKind::Unitree),
+    emulated: Some(LinkEmulation {
+        kind: RobotKind::Unitree,
+        place: place_unitree,
+        elsewhere: |settings| {
+            let robot = settings.locomotion.unitree.robot?;
+            (!robot.ip().is_loopback()).then_some("locomotion.unitree.robot")
+        },
+    }),
 };
+
+fn place_unitree(settings: &mut Settings, places: &EmulatedPlaces) {
+    let link = &mut settings.locomotion.unitree;
+    link.robot = Some(SocketAddrV4::new(places.robot, link.profile.robot().port()));
+    link.local = Some(SocketAddrV4::new(places.robot, link.profile.local_port()));
+}
 
 const GO2: LinkRow = LinkRow {
     name: "go2",
@@ -149,7 +164,7 @@ const GO2: LinkRow = LinkRow {
     far_end: FarEnd::DdsRobot(DdsRobot::Go2),
     reach: |locomotion| Reach::Dds(&locomotion.dds),
     check: |locomotion| locomotion.dds.check(),
-    emulated: Some(RobotKind::Go2),
+    emulated: Some(LinkEmulation { kind: RobotKind::Go2, place: place_dds, elsewhere: |_| None }),
 };
 
 const ROS2: LinkRow = LinkRow {
@@ -158,8 +173,12 @@ const ROS2: LinkRow = LinkRow {
     far_end: FarEnd::DdsRobot(DdsRobot::Ros2),
     reach: |locomotion| Reach::Dds(&locomotion.dds),
     check: |locomotion| locomotion.dds.check().and_then(|()| locomotion.ros2.check()),
-    emulated: Some(RobotKind::Ros2),
+    emulated: Some(LinkEmulation { kind: RobotKind::Ros2, place: place_dds, elsewhere: |_| None }),
 };
+
+fn place_dds(settings: &mut Settings, places: &EmulatedPlaces) {
+    settings.locomotion.dds = DdsSettings { domain: places.dds_domain, networks: vec![Ipv4Addr::LOCALHOST] };
+}
 
 const NULL: LinkRow = LinkRow {
     name: "null",

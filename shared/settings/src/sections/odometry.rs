@@ -34,16 +34,21 @@ impl OdometryDevice {
     }
 }
 
-/// Its link is a device by itself.
-const ROBOT: DeviceRow<OdometrySettings> =
-    DeviceRow { name: "robot", told_as: "odometry", reach: |_| Reach::Nothing, check: |_| Ok(()), is_emulated: true };
+/// Its link is a device by itself, with a place of its own.
+const ROBOT: DeviceRow<OdometrySettings> = DeviceRow {
+    name: "robot",
+    doctor_name: "odometry",
+    reach: |_| Reach::Nothing,
+    check: |_| Ok(()),
+    emulated: Some(|_, _| ()),
+};
 
 const T265: DeviceRow<OdometrySettings> = DeviceRow {
     name: "t265",
-    told_as: "tracking camera",
+    doctor_name: "tracking camera",
     reach: |odometry| Reach::TrackingCamera(&odometry.t265),
     check: |_| Ok(()),
-    is_emulated: false,
+    emulated: None,
 };
 
 /// The odometry driver.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use guidance::ActionTable;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::path::ConfigPath;
+use crate::path::{ConfigPath, name_or_file};
 use crate::units::Millis;
 
 /// Which model decides, as configuration and command line name it.
@@ -25,20 +25,13 @@ const GEOMETRIC: &str = "geometric";
 
 impl From<PathBuf> for PolicyModel {
     fn from(path: PathBuf) -> Self {
-        match path.to_str() {
-            Some(GUIDE) => Self::Guide,
-            Some(GEOMETRIC) => Self::Geometric,
-            _ => Self::File(path.into()),
-        }
+        path.to_str().and_then(Self::named).unwrap_or_else(|| Self::File(path.into()))
     }
 }
 
 impl<'de> Deserialize<'de> for PolicyModel {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        Ok(match Self::from(PathBuf::deserialize(deserializer)?) {
-            Self::File(path) => Self::File(path.rooted()),
-            built_in => built_in,
-        })
+        name_or_file(deserializer, Self::named, Self::File)
     }
 }
 
@@ -53,6 +46,15 @@ impl From<PolicyModel> for PathBuf {
 }
 
 impl PolicyModel {
+    /// The built-in one of that name.
+    fn named(name: &str) -> Option<Self> {
+        match name {
+            GUIDE => Some(Self::Guide),
+            GEOMETRIC => Some(Self::Geometric),
+            _ => None,
+        }
+    }
+
     /// The file, where it is one.
     #[must_use]
     pub fn file(&self) -> Option<&Path> {

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
-use crate::path::ConfigPath;
+use crate::path::{ConfigPath, name_or_file};
 use crate::units::Millis;
 
 /// How much is said. Each level says what those before it say.
@@ -21,8 +21,8 @@ pub enum Verbosity {
 }
 
 /// The language that the robot speaks.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(from = "String", into = "String")]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(into = "String")]
 pub enum SpokenLanguage {
     /// A built-in one, by its name.
     Named(String),
@@ -30,13 +30,10 @@ pub enum SpokenLanguage {
     File(ConfigPath),
 }
 
-impl From<String> for SpokenLanguage {
-    fn from(text: String) -> Self {
-        if Path::new(&text).extension().is_some() {
-            Self::File(ConfigPath::from(text.as_str()).rooted())
-        } else {
-            Self::Named(text)
-        }
+impl<'de> Deserialize<'de> for SpokenLanguage {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let named = |text: &str| Path::new(text).extension().is_none().then(|| Self::Named(text.to_owned()));
+        name_or_file(deserializer, named, Self::File)
     }
 }
 
