@@ -67,6 +67,30 @@ fn a_report_tells_of_the_world_what_is_known() {
     assert_eq!(read::<Report>(&format!("{report}\n")).world, None);
 }
 
+/// One wrong member must not pass for a run without a world, or for a replay that was not compared.
+#[test]
+fn a_wrong_member_of_a_report_is_an_error() {
+    let (run, replay) = (include_str!("golden/report-run.json"), include_str!("golden/report-replay.json"));
+    let with = |line: &str, member: &str, value: Value| {
+        let mut report: Value = serde_json::from_str(line).expect("JSON");
+        report[member] = value;
+        serde_json::from_value::<Report>(report)
+    };
+    for (line, member, wrong, what) in [
+        (run, "reached", json!("yes"), "a boolean"),
+        (run, "collisions", json!(null), "struct Collisions"),
+        (run, "skipped_ticks", json!(-1), "u64"),
+        (replay, "scans", json!("many"), "u64"),
+        (replay, "recording", json!(null), "a string"),
+        (replay, "compared", json!({ "exact": true }), "missing field `permits`"),
+    ] {
+        let error = with(line, member, wrong).expect_err(member).to_string();
+        assert!(error.contains(what), "{member}: {error}");
+    }
+    let unknown = with(replay, "recorded_s", json!(null)).expect("null is read as NaN");
+    assert!(unknown.replayed().is_some_and(|replayed| replayed.recorded_s.is_nan() && replayed.compared.is_some()));
+}
+
 #[test]
 fn what_is_done_is_told_as_it_was() {
     for (done, line) in [
