@@ -79,6 +79,12 @@ impl Request {
         serde_json::from_slice(line).map_err(|error| Refusal::BadRequest(error.to_string()))
     }
 
+    /// Its verb, as on the wire.
+    pub(crate) fn verb(&self) -> String {
+        let written = serde_json::to_value(self).unwrap_or_default();
+        written["verb"].as_str().unwrap_or_default().to_owned()
+    }
+
     /// The right that it needs.
     #[must_use]
     pub const fn needs(&self) -> Right {

@@ -84,6 +84,7 @@ fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: 
             Ok(begun) => wait_for(rig, begun.swap.unwrap_or(0), since, outcome)?,
             Err(AskError::Refused(why)) => outcome.failed.push(why.to_string()),
             Err(AskError::Unanswered(_)) => return Err(Failure::run("the supervisor does not answer")),
+            Err(error @ AskError::Unreadable { .. }) => return Err(Failure::of_run(error)),
         }
     }
     Ok(())

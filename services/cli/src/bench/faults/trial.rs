@@ -184,6 +184,7 @@ fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
     rig.tell(&request).map_err(|error| match error {
         AskError::Refused(why) => Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())),
         AskError::Unanswered(_) => Failure::run("the supervisor does not answer"),
+        AskError::Unreadable { .. } => Failure::of_run(error),
     })?;
     if cell.is_of_cues() {
         rig.cue();
