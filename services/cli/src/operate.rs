@@ -80,7 +80,7 @@ pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &Request::Resume, "lock ended; the robot waits for a cue", as_json)
+    tell(run, &Request::Resume {}, "lock ended; the robot waits for a cue", as_json)
 }
 
 /// `guidedog inject`

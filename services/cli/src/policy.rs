@@ -23,7 +23,7 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
     match &args.what {
         PolicyVerb::Swap(args) => swap(args, as_json),
-        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback, as_json),
+        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback {}, as_json),
         PolicyVerb::Show(run) => operate::show(run, as_json, show_lines).map(|()| EXIT_OK),
     }
 }

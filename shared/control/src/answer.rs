@@ -29,15 +29,15 @@ pub trait Reading: DeserializeOwned {
 }
 
 impl Reading for Status {
-    const REQUEST: Request = Request::Status;
+    const REQUEST: Request = Request::Status {};
 }
 
 impl Reading for Why {
-    const REQUEST: Request = Request::Why;
+    const REQUEST: Request = Request::Why {};
 }
 
 impl Reading for Policies {
-    const REQUEST: Request = Request::PolicyShow;
+    const REQUEST: Request = Request::PolicyShow {};
 }
 
 /// The answer to every request that changes something.

@@ -120,7 +120,7 @@ mod tests {
             wrong,
             "the supervisor answers `status` in a form that this program does not know: missing field `supervisor_pid`"
         );
-        let asked: Result<Done, _> = client("yes\n").0.tell(&Request::RecordStop);
+        let asked: Result<Done, _> = client("yes\n").0.tell(&Request::RecordStop {});
         assert!(matches!(asked, Err(AskError::Unreadable { request, .. }) if request == "record_stop"));
     }
 

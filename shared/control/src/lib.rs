@@ -4,9 +4,9 @@
 //! one line for its answer, in the order of the requests. An answer is either what was asked for or a [`Refusal`],
 //! which alone has the member `error`.
 //!
-//! Versions may differ, for a supervisor outlives an upgrade. A request denies members that it does not know: what the
-//! operator meant by them must not be left out in silence. An answer does not: a program reads the members that it
-//! knows. Names of services, topics and kinds of stops are texts here, because a later supervisor has more of them.
+//! Versions may differ, for a supervisor outlives an upgrade. A request denies members that it does not know, but for a
+//! stop, which is always obeyed ([`Request`]). An answer does not: a program reads the members that it knows. Names of
+//! services, topics and kinds of stops are texts here, because a later supervisor has more of them.
 //!
 //! Members of an answer are in the order of their names, as `serde_json::Value` sorts them ([`framing::line`]).
 //!

@@ -255,7 +255,7 @@ impl Rig {
     pub fn end_recording(&mut self) {
         if let Some(folder) = self.recording.take() {
             // It may have ended by itself.
-            let _ = self.tell(&Request::RecordStop);
+            let _ = self.tell(&Request::RecordStop {});
             self.wait_for_recorder(ServicePhase::Off);
             drop(folder);
         }
@@ -315,7 +315,7 @@ impl Rig {
             if Instant::now() >= cue_at {
                 cue_at = Instant::now() + CUE_AGAIN;
                 match class {
-                    Some((messages::ModeClass::Lock, ..)) => drop(self.tell(&Request::Resume)),
+                    Some((messages::ModeClass::Lock, ..)) => drop(self.tell(&Request::Resume {})),
                     Some((messages::ModeClass::Fault, true, _) | (messages::ModeClass::Run, _, false)) => {
                         self.cue();
                     }

@@ -241,7 +241,7 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
         // Whoever pressed it lets go of it first.
         std::thread::sleep(UNDISTURBED);
         // Whether it is out of the lock is seen by its mode.
-        let _ = rig.tell(&Request::Resume);
+        let _ = rig.tell(&Request::Resume {});
     }
     if cell.is_of_cues() {
         // The handler says again what was lost or misheard.
