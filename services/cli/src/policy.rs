@@ -70,6 +70,10 @@ fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, 
             say(format!("swap {number}: {}", swap.state));
             told = Some(swap.state);
         }
+        if swap.state == SwapState::Unknown {
+            let what = "is in a state that this program does not know; see `guidedog policy show --json`";
+            return Err(Failure::run(format!("swap {number} {what}")));
+        }
         if swap.state.is_over() || (swap.state == SwapState::Probation && !args.settle) {
             break swap;
         }

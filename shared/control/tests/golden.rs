@@ -175,6 +175,26 @@ fn a_whole_status_is_told_to_the_byte() {
     assert!(told.world.is_some_and(|world| world.robot[2].is_nan()) && told.microphone == status.microphone);
 }
 
+/// And what a later supervisor says in the place of a name that is known.
+#[test]
+fn names_of_a_later_supervisor_are_unknown_or_told() {
+    let with = |line: &str, place: &str| {
+        let mut later: Value = serde_json::from_str(line).expect("JSON");
+        *later.pointer_mut(place).expect("it is there") = json!("of_tomorrow");
+        later
+    };
+    let run = include_str!("golden/status-run.json");
+    let status: Status = serde_json::from_value(with(run, "/services/0/state")).expect("a status");
+    assert_eq!((status.services[0].state, status.services[0].state.name()), (ServicePhase::Unknown, "unknown"));
+    let policies = with(include_str!("golden/policies.json"), "/swaps/0/state");
+    let policies: Policies = serde_json::from_value(policies).expect("policies");
+    assert_eq!(policies.swaps[0].state, SwapState::Unknown);
+    for closed in ["/mode/class", "/mode/cue/kind", "/mode/cue/source"] {
+        let error = serde_json::from_value::<Status>(with(run, closed)).expect_err(closed).to_string();
+        assert!(error.contains("unknown variant `of_tomorrow`"), "{closed}: {error}");
+    }
+}
+
 /// A supervisor outlives an upgrade of the programs that ask it, and may itself be the newer one.
 #[test]
 fn members_of_a_later_supervisor_are_passed_over() {
