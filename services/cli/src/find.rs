@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use control::{ANSWER_WITHIN, AskError, Client, Done, Reading, Refusal, Request};
+use control::{ANSWER_WITHIN, AskError, Client, Done, Query, Refusal, Request};
 use serde_json::Value;
 use transport::{RunDir, TransportError, live_runs, runs_root};
 
@@ -23,7 +23,7 @@ pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
 ///
 /// # Errors
 /// As [`ask`], and where this program cannot read the answer.
-pub fn read<T: Reading>(run: Option<&str>) -> Result<T, Failure> {
+pub fn read<T: Query>(run: Option<&str>) -> Result<T, Failure> {
     with_client(run, &T::REQUEST, Client::read)
 }
 

@@ -1,7 +1,7 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
 use control::{
-    CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Reading, Request, ServiceStatus, Status, Stop, Why,
+    CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Query, Request, ServiceStatus, Status, Stop, Why,
 };
 use messages::stops::{STOPS, StopInfo};
 use messages::{CueKind, MicrophoneState, ModeClass, SpeechPhase, StopKind};
@@ -32,7 +32,7 @@ pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 /// As [`ask`].
-pub fn show<T: Reading>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec<String>) -> Result<(), Failure> {
+pub fn show<T: Query>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec<String>) -> Result<(), Failure> {
     let run = run.run.as_deref();
     if as_json {
         return out::json(&ask(run, &T::REQUEST)?);

@@ -9,7 +9,7 @@ use serde::de::DeserializeOwned;
 use serde_json::Value;
 
 use crate::framing::{self, MAX_ANSWER};
-use crate::{Done, Reading, Refusal, Request};
+use crate::{Done, Query, Refusal, Request};
 
 /// The supervisor answers at its next wake-up; one that takes longer than this is stopped or dead.
 pub const ANSWER_WITHIN: Duration = Duration::from_secs(3);
@@ -75,7 +75,7 @@ impl Client {
     ///
     /// # Errors
     /// As [`Client::ask`], and where the answer is another.
-    pub fn read<T: Reading>(&mut self) -> Result<T, AskError> {
+    pub fn read<T: Query>(&mut self) -> Result<T, AskError> {
         self.ask_for(&T::REQUEST)
     }
 

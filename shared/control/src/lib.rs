@@ -29,7 +29,7 @@ mod request;
 mod status;
 mod why;
 
-pub use answer::{Answer, Done, Reading};
+pub use answer::{Answer, Done, Query};
 pub use client::{ANSWER_WITHIN, AskError, Client};
 pub use policies::{Policies, PolicyLife, PolicySpec, SwapRecord, SwapState};
 pub use refusal::Refusal;

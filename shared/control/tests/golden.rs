@@ -170,7 +170,7 @@ fn a_whole_status_is_told_to_the_byte() {
         "\n"
     );
     assert_eq!(framing::line(&status).expect("JSON"), line);
-    // A pose that is none hides nothing else.
+    // A pose that is not a number does not hide the rest.
     let told = read::<Status>(line);
     assert!(told.world.is_some_and(|world| world.robot[2].is_nan()) && told.microphone == status.microphone);
 }

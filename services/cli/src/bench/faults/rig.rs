@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use control::{AskError, Client, Done, Reading, Report, Request, ServicePhase, Status};
+use control::{AskError, Client, Done, Query, Report, Request, ServicePhase, Status};
 use messages::{CueKind, ServiceId};
 use settings::{LinkKind, Millis, PolicyModel};
 use tempfile::TempDir;
@@ -204,7 +204,7 @@ impl Rig {
     ///
     /// # Errors
     /// Where the supervisor refuses or does not answer, and where no run goes on.
-    pub fn read<T: Reading>(&mut self) -> Result<T, AskError> {
+    pub fn read<T: Query>(&mut self) -> Result<T, AskError> {
         self.with_client(Client::read)
     }
 
