@@ -218,7 +218,7 @@ fn why_lines(why: &Why) -> Vec<String> {
 /// Why the robot stands, as locomotion says.
 fn stands(why: &Why) -> &str {
     match why.stands_because.as_deref() {
-        Some("none") => "it does not",
+        Some(reason) if reason == StopKind::None.name() => "it does not",
         Some(reason) => reason,
         None => "locomotion has said nothing yet",
     }
