@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use control::{Client, ServiceStatus, Status};
+use control::{AskError, Client, ServiceStatus, Status};
 use messages::{CueKind, CueSource, MicrophoneState, ModeClass, ServiceId};
 use serde_json::Value;
 use transport::RunDir;
@@ -198,11 +198,13 @@ impl<'a> Live<'a> {
         Some(Self { place, name: name.to_owned(), child })
     }
 
-    /// What the supervisor says of the run; nothing while it says nothing.
-    #[must_use]
-    pub fn try_status(&self) -> Option<Status> {
+    /// What the supervisor says of the run.
+    ///
+    /// # Errors
+    /// While it says nothing, or what this program cannot read.
+    pub fn try_status(&self) -> Result<Status, AskError> {
         self.place.note_prefix(&self.name);
-        Client::connect(&RunDir::open(&self.dir()).control_socket()).ok()?.read().ok()
+        Client::connect(&RunDir::open(&self.dir()).control_socket())?.read()
     }
 
     /// What the supervisor says of the run, once it says something.
@@ -210,10 +212,10 @@ impl<'a> Live<'a> {
     pub fn status(&self) -> Status {
         let since = Instant::now();
         loop {
-            if let Some(status) = self.try_status() {
-                return status;
+            match self.try_status() {
+                Ok(status) => return status,
+                Err(error) => assert!(since.elapsed() < WATCHDOG, "never a status of {}: {error}", self.name),
             }
-            assert!(since.elapsed() < WATCHDOG, "the supervisor of {} never answers", self.name);
             std::thread::sleep(Duration::from_millis(10));
         }
     }
@@ -223,7 +225,9 @@ impl<'a> Live<'a> {
         let since = Instant::now();
         loop {
             let status = self.try_status();
-            if let Some(status) = status.as_ref().filter(|status| wanted(status)) {
+            if let Ok(status) = &status
+                && wanted(status)
+            {
                 return status.clone();
             }
             if let Some(exit) = self.child.try_wait().expect("the run is ours") {

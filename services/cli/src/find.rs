@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use control::{ANSWER_WITHIN, AskError, Client, Done, Reading, Refusal, Request};
+use control::{ANSWER_WITHIN, AskError, Client, Done, Query, Refusal, Request};
 use serde_json::Value;
 use transport::{RunDir, TransportError, live_runs, runs_root};
 
@@ -16,6 +16,30 @@ use crate::exit::Failure;
 /// # Errors
 /// Where there is no such run, it does not answer, or it refuses.
 pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
+    with_client(run, request, |client| client.ask(request))
+}
+
+/// Reads something of a run.
+///
+/// # Errors
+/// As [`ask`], and where this program cannot read the answer.
+pub fn read<T: Query>(run: Option<&str>) -> Result<T, Failure> {
+    with_client(run, &T::REQUEST, Client::read)
+}
+
+/// Has a run do something.
+///
+/// # Errors
+/// As [`read`].
+pub fn tell(run: Option<&str>, request: &Request) -> Result<Done, Failure> {
+    with_client(run, request, |client| client.tell(request))
+}
+
+fn with_client<T>(
+    run: Option<&str>,
+    request: &Request,
+    ask: impl Fn(&mut Client) -> Result<T, AskError>,
+) -> Result<T, Failure> {
     transport::check_runs_root().map_err(Failure::of_input)?;
     // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
     let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
@@ -26,7 +50,7 @@ pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
             io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
             _ => unanswered(&name, &error),
         })?;
-        match client.ask(request) {
+        match ask(&mut client) {
             Ok(answer) => return Ok(answer),
             // Other clients came before it was heard: nothing was done yet.
             Err(AskError::Refused(Refusal::CrowdedOut)) if since.elapsed() < ANSWER_WITHIN => {}
@@ -35,24 +59,9 @@ pub fn ask(run: Option<&str>, request: &Request) -> Result<Value, Failure> {
                 if *request == Request::Stop && since.elapsed() < ANSWER_WITHIN => {}
             Err(AskError::Refused(refusal)) => return Err(refused(&name, &refusal)),
             Err(AskError::Unanswered(error)) => return Err(unanswered(&name, &error)),
+            Err(error @ AskError::Unreadable { .. }) => return Err(Failure::run(format!("run {name}: {error}"))),
         }
     }
-}
-
-/// Reads something of a run.
-///
-/// # Errors
-/// As [`ask`], and where the supervisor's answer is another.
-pub fn read<T: Reading>(run: Option<&str>) -> Result<T, Failure> {
-    serde_json::from_value(ask(run, &T::REQUEST)?).map_err(Failure::of_run)
-}
-
-/// Has a run do something.
-///
-/// # Errors
-/// As [`read`].
-pub fn tell(run: Option<&str>, request: &Request) -> Result<Done, Failure> {
-    serde_json::from_value(ask(run, request)?).map_err(Failure::of_run)
 }
 
 fn refused(name: &str, refusal: &Refusal) -> Failure {

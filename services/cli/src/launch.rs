@@ -304,7 +304,7 @@ impl Running {
     /// Waits for the end of the run, calling `tick` five times a second.
     ///
     /// # Errors
-    /// Where the run failed or left no report.
+    /// Where the run failed, or left no report that this program can read.
     pub fn wait(mut self, mut tick: impl FnMut()) -> Result<Outcome, Failure> {
         let mut report = String::new();
         loop {
@@ -327,9 +327,12 @@ impl Running {
         if let Some(signal) = status.signal() {
             return Err(supervisor_died(signal));
         }
-        match serde_json::from_str(report.trim()) {
+        if report.trim().is_empty() {
+            return Err(without_report(status, &words));
+        }
+        match serde_json::from_str(&report) {
             Ok(report) => Ok(Outcome { report, interrupted }),
-            Err(_) => Err(without_report(status, &words)),
+            Err(error) => Err(unreadable_report(&self.name, &error, &words)),
         }
     }
 }
@@ -352,9 +355,17 @@ fn without_report(status: ExitStatus, words: &str) -> Failure {
     if status.code() == Some(i32::from(EXIT_BAD_INPUT)) { Failure::input(message) } else { Failure::run(message) }
 }
 
+/// The supervisor is of another version, or died while it wrote.
+fn unreadable_report(name: &str, error: &serde_json::Error, words: &str) -> Failure {
+    let wrong = format!("run {name}: the report has a form that this program does not know: {error}");
+    let said = one_line(words);
+    Failure::run(if said.is_empty() { wrong } else { format!("{wrong}; the supervisor said: {said}") })
+}
+
 #[cfg(test)]
 mod tests {
-    use super::without_report;
+    use super::{unreadable_report, without_report};
+    use control::Report;
     use std::os::unix::process::ExitStatusExt;
     use std::process::ExitStatus;
 
@@ -365,5 +376,14 @@ mod tests {
         let failure = without_report(ExitStatus::from_raw(101 << 8), "thread panicked\nat a.rs\n");
         assert_eq!((failure.code, failure.message.as_str()), (3, "thread panicked: at a.rs"));
         assert!(without_report(ExitStatus::from_raw(0), "").message.contains("without a report"));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_report_is_told() {
+        let error = serde_json::from_str::<Report>(r#"{"run":7}"#).expect_err("not a report");
+        let told = |words| unreadable_report("walk", &error, words).message;
+        let wrong = "run walk: the report has a form that this program does not know: invalid type: integer `7`";
+        assert!(told("").starts_with(wrong), "{}", told(""));
+        assert!(told("no room\n").ends_with("; the supervisor said: no room"), "{}", told("no room\n"));
     }
 }

@@ -1,7 +1,7 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
 use control::{
-    CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Reading, Request, ServiceStatus, Status, Stop, Why,
+    CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Query, Request, ServiceStatus, Status, Stop, Why,
 };
 use messages::stops::{STOPS, StopInfo};
 use messages::{CueKind, MicrophoneState, ModeClass, SpeechPhase, StopKind};
@@ -32,7 +32,7 @@ pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 /// As [`ask`].
-pub fn show<T: Reading>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec<String>) -> Result<(), Failure> {
+pub fn show<T: Query>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec<String>) -> Result<(), Failure> {
     let run = run.run.as_deref();
     if as_json {
         return out::json(&ask(run, &T::REQUEST)?);
@@ -80,7 +80,7 @@ pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn resume(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &Request::Resume, "lock ended; the robot waits for a cue", as_json)
+    tell(run, &Request::Resume {}, "lock ended; the robot waits for a cue", as_json)
 }
 
 /// `guidedog inject`
@@ -218,7 +218,7 @@ fn why_lines(why: &Why) -> Vec<String> {
 /// Why the robot stands, as locomotion says.
 fn stands(why: &Why) -> &str {
     match why.stands_because.as_deref() {
-        Some("none") => "it does not",
+        Some(reason) if reason == StopKind::None.name() => "it does not",
         Some(reason) => reason,
         None => "locomotion has said nothing yet",
     }

@@ -23,7 +23,7 @@ const ASK_EVERY: Duration = Duration::from_millis(50);
 pub fn policy(args: &PolicyArgs, as_json: bool) -> Result<u8, Failure> {
     match &args.what {
         PolicyVerb::Swap(args) => swap(args, as_json),
-        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback, as_json),
+        PolicyVerb::Rollback(args) => follow(args, &Request::PolicyRollback {}, as_json),
         PolicyVerb::Show(run) => operate::show(run, as_json, show_lines).map(|()| EXIT_OK),
     }
 }
@@ -69,6 +69,10 @@ fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, 
         if !as_json && told != Some(swap.state) {
             say(format!("swap {number}: {}", swap.state));
             told = Some(swap.state);
+        }
+        if swap.state == SwapState::Unknown {
+            let what = "is in a state that this program does not know; see `guidedog policy show --json`";
+            return Err(Failure::run(format!("swap {number} {what}")));
         }
         if swap.state.is_over() || (swap.state == SwapState::Probation && !args.settle) {
             break swap;

@@ -61,7 +61,7 @@ pub fn record(args: &RecordArgs, as_json: bool) -> Result<(), Failure> {
 fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let run = named(run)?;
     let mut troubles = Troubles::from_now_on(&run)?;
-    let answer = ask(Some(&run), &Request::RecordStop)?;
+    let answer = ask(Some(&run), &Request::RecordStop {})?;
     wait_for_end(&run, &mut troubles)?;
     if as_json {
         return out::json(&answer);
@@ -72,7 +72,7 @@ fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 
 /// Has the recorder end its files, and waits until it has; that the run has ended meanwhile is as well.
 fn end(run: &str, troubles: &mut Troubles) -> Result<(), Failure> {
-    match tell(Some(run), &Request::RecordStop) {
+    match tell(Some(run), &Request::RecordStop {}) {
         // Somebody else has ended it.
         Err(failure) if !matches!(failure.code, EXIT_NO_RUN | EXIT_REFUSED) => Err(failure),
         _ => wait_for_end(run, troubles),

@@ -46,12 +46,12 @@ pub fn replay(args: &ReplayArgs, as_json: bool) -> Result<u8, Failure> {
         let differences = read_differences(&differences, &prepared.settings)?;
         added["differences"] = json!(differences);
         finish(report, added, as_json, || summary::against(report, &differences))?;
-        let differ = report.compared().is_some_and(|compared| compared.decided_differently > 0);
+        let differ = report.compared().map(|compared| compared.decided_differently > 0);
         return Ok(match (differ, ending.well) {
-            (true, _) => EXIT_DIFFERENT,
-            (false, true) => EXIT_OK,
+            (Some(true), _) => EXIT_DIFFERENT,
+            (Some(false), true) => EXIT_OK,
             // What was not compared may differ.
-            (false, false) => EXIT_NOT_REACHED,
+            (None, _) | (_, false) => EXIT_NOT_REACHED,
         });
     }
     finish(report, added, as_json, || summary::replay(report, anomalies, &ending))?;

@@ -50,7 +50,7 @@ pub fn against(report: &Report, differences: &[Value]) -> Vec<String> {
         let ComparedCount { recorded, equal, different, additional } = count;
         format!("{recorded} recorded, {equal} equal, {different} different, {additional} additional")
     };
-    let compared = report.compared().cloned().unwrap_or_default();
+    let Some(compared) = report.compared() else { return vec!["not compared with its recording".to_owned()] };
     let mut lines = vec![
         format!("permits: {}", of(compared.permits)),
         format!("actions: {}", of(compared.actions)),

@@ -370,15 +370,15 @@ impl Supervisor {
             }
             FromChild::Note { text } => self.figures.note(now.run_ns, format!("{service}: {text}")),
             FromChild::RunEnded { figures } => {
-                let arrived = self.take_world(figures, now.run_ns);
+                let arrived = self.take_world(service, figures, now.run_ns);
                 self.begin_end(if arrived { StopKind::Arrived } else { StopKind::ShuttingDown }, io);
             }
         }
         Ok(())
     }
 
-    /// Takes what the world says at its end: whether the walk or the replay came to its own.
-    fn take_world(&mut self, figures: Value, run_ns: u64) -> bool {
+    /// Takes what simulator or replay says at its end: whether the walk or the replay came to its own.
+    fn take_world(&mut self, service: ServiceId, figures: Value, run_ns: u64) -> bool {
         match serde_json::from_value::<RunFigures>(figures) {
             Ok(figures) => {
                 let reached = figures.reached;
@@ -386,7 +386,7 @@ impl Supervisor {
                 reached
             }
             Err(error) => {
-                self.figures.note(run_ns, format!("the world's figures are none: {error}"));
+                self.figures.note(run_ns, format!("the {service}'s figures cannot be read: {error}"));
                 false
             }
         }

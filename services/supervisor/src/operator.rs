@@ -28,8 +28,8 @@ impl Supervisor {
                 self.end_plan(io);
             }
             let answer = match request {
-                Request::Resume | Request::Cue { .. } if stops => Err(Refusal::Overtaken),
-                Request::Resume | Request::Cue { .. } if slept => Err(Refusal::Slept),
+                Request::Resume {} | Request::Cue { .. } if stops => Err(Refusal::Overtaken),
+                Request::Resume {} | Request::Cue { .. } if slept => Err(Refusal::Slept),
                 request => self.answer(request, io)?,
             };
             self.act(io)?;
@@ -55,33 +55,33 @@ impl Supervisor {
         let now = Self::now(io);
         let done = || Answer::Done(Done::default());
         Ok(match request {
-            Request::Status => Ok(Answer::Status(Box::new(self.status(io)))),
-            Request::Why => Ok(Answer::Why(Box::new(self.why(io)))),
+            Request::Status {} => Ok(Answer::Status(Box::new(self.status(io)))),
+            Request::Why {} => Ok(Answer::Why(Box::new(self.why(io)))),
             Request::Cue { cue } => self.operator_cue(cue, io)?.map(Answer::Done),
             Request::Stop => {
                 self.machine.handle(Event::OperatorStop, now);
                 Ok(done())
             }
-            Request::Resume => {
+            Request::Resume {} => {
                 let locked = self.machine.mode().class == ModeClass::Lock;
                 self.machine.handle(Event::OperatorResume, now);
                 if locked { Ok(done()) } else { Err(Refusal::NotLocked) }
             }
             Request::Record { path } => self.record(path, io).map(|()| done()),
-            Request::RecordStop => self.end_recording(io).map(|()| done()),
+            Request::RecordStop {} => self.end_recording(io).map(|()| done()),
             Request::PolicySwap { exe, model } => {
                 let spec = checked(PolicySpec { exe, model });
                 swap_answer(spec.and_then(|spec| self.machine.swap_policy(spec, now)))
             }
-            Request::PolicyRollback => swap_answer(self.machine.roll_back_policy(now)),
-            Request::PolicyShow => Ok(Answer::Policies(Box::new(self.show_policies()))),
+            Request::PolicyRollback {} => swap_answer(self.machine.roll_back_policy(now)),
+            Request::PolicyShow {} => Ok(Answer::Policies(Box::new(self.show_policies()))),
             Request::Inject { target, fault, for_ms, seed } => {
                 let injected = self.inject(&target, &fault, for_ms, seed.unwrap_or(1), io);
                 injected
                     .map(|at_ns| Answer::Done(Done { at_ns: Some(at_ns), ..Done::default() }))
                     .map_err(Refusal::Fault)
             }
-            Request::Quit => {
+            Request::Quit {} => {
                 self.begin_end(StopKind::ShuttingDown, io);
                 Ok(done())
             }

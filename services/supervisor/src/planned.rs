@@ -62,11 +62,11 @@ fn request(ask: Ask) -> Request {
     match ask {
         Ask::Cue { cue } => Request::Cue { cue },
         Ask::Stop => Request::Stop,
-        Ask::Resume => Request::Resume,
+        Ask::Resume => Request::Resume {},
         Ask::PolicySwap { exe, model } => {
             Request::PolicySwap { exe: exe.map(Into::into), model: model.map(PathBuf::from) }
         }
-        Ask::PolicyRollback => Request::PolicyRollback,
+        Ask::PolicyRollback => Request::PolicyRollback {},
         Ask::Inject { target, fault, lasts, seed } => {
             Request::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }
         }

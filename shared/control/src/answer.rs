@@ -22,22 +22,22 @@ pub enum Answer {
     Done(Done),
 }
 
-/// What can be read of a run: the answer to one request, which changes nothing.
-pub trait Reading: DeserializeOwned {
+/// What can be asked about a run without changing it: the type of the answer.
+pub trait Query: DeserializeOwned {
     /// The request.
     const REQUEST: Request;
 }
 
-impl Reading for Status {
-    const REQUEST: Request = Request::Status;
+impl Query for Status {
+    const REQUEST: Request = Request::Status {};
 }
 
-impl Reading for Why {
-    const REQUEST: Request = Request::Why;
+impl Query for Why {
+    const REQUEST: Request = Request::Why {};
 }
 
-impl Reading for Policies {
-    const REQUEST: Request = Request::PolicyShow;
+impl Query for Policies {
+    const REQUEST: Request = Request::PolicyShow {};
 }
 
 /// The answer to every request that changes something.

@@ -1,5 +1,5 @@
-//! Numbers that may be none: JSON has no word for NaN and infinity, `serde_json` writes null, and such a number is read
-//! as NaN. Positions and velocities come from other processes: what is wrong with one must not hide the whole status.
+//! Numbers that may be NaN or infinite. JSON has no word for these: `serde_json` writes null, which is read as NaN.
+//! Positions and velocities come from other processes, and a bad one must not hide the whole status.
 
 use serde::{Deserialize, Deserializer};
 

@@ -94,6 +94,9 @@ pub enum SwapState {
     RolledBack,
     /// The policy before goes on.
     Failed,
+    /// Read from the wire: a state that a later supervisor knows. Whether the swap is over is not known either.
+    #[serde(other)]
+    Unknown,
 }
 
 impl SwapState {
@@ -110,6 +113,7 @@ impl SwapState {
             Self::Done => "done",
             Self::RolledBack => "rolled_back",
             Self::Failed => "failed",
+            Self::Unknown => "unknown",
         }
     }
 

@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 
 use messages::ClockKind;
-use serde::{Deserialize, Serialize};
-use serde_json::Value;
+use serde::de::{DeserializeOwned, Error};
+use serde::{Deserialize, Deserializer, Serialize};
+use serde_json::{Map, Value};
 
 use crate::number;
 use crate::policies::SwapRecord;
@@ -21,7 +22,7 @@ pub struct Report {
     /// Run time at the end, seconds.
     pub duration_s: f64,
     /// What the world said at the end, where there was one to say anything.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "part")]
     pub world: Option<RunFigures>,
     /// The newest stops, the oldest of them first.
     pub stops: Vec<Stop>,
@@ -133,10 +134,10 @@ pub struct RunFigures {
     /// Collisions.
     pub collisions: Collisions,
     /// What only a simulator knows.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "part")]
     pub simulated: Option<SimulatorFigures>,
     /// What only a replay knows.
-    #[serde(flatten)]
+    #[serde(flatten, deserialize_with = "part")]
     pub replayed: Option<ReplayFigures>,
 }
 
@@ -160,6 +161,7 @@ pub struct ReplayFigures {
     /// Depth frames played.
     pub depth_frames: u64,
     /// How long the recording is, seconds.
+    #[serde(deserialize_with = "number::one")]
     pub recorded_s: f64,
     /// What is odd about the recording, counted by kind.
     pub input_anomalies: BTreeMap<String, u64>,
@@ -193,4 +195,31 @@ pub struct ComparedCount {
     pub different: u64,
     /// Without a counterpart then.
     pub additional: u64,
+}
+
+/// Figures whose members stand among those of the whole.
+trait Part: DeserializeOwned {
+    /// The members. Where one of them is there, the part is.
+    const MEMBERS: &'static [&'static str];
+}
+
+impl Part for RunFigures {
+    const MEMBERS: &'static [&'static str] = &["reached", "distance_m", "collisions"];
+}
+
+impl Part for SimulatorFigures {
+    const MEMBERS: &'static [&'static str] = &["end_pose", "skipped_ticks"];
+}
+
+impl Part for ReplayFigures {
+    const MEMBERS: &'static [&'static str] =
+        &["recording", "scans", "depth_frames", "recorded_s", "input_anomalies", "compared"];
+}
+
+/// Reads a part. By itself `serde` drops a whole flattened `Option` for one wrong member: a replay that decided
+/// differently would then look like one that was not compared.
+fn part<'de, D: Deserializer<'de>, T: Part>(deserializer: D) -> Result<Option<T>, D::Error> {
+    let members = Map::deserialize(deserializer)?;
+    let is_there = T::MEMBERS.iter().any(|member| members.contains_key(*member));
+    is_there.then(|| serde_json::from_value(Value::Object(members)).map_err(D::Error::custom)).transpose()
 }

@@ -121,6 +121,9 @@ pub enum ServicePhase {
     Leaving,
     /// It died too often.
     Spent,
+    /// Read from the wire: a phase that a later supervisor knows.
+    #[serde(other)]
+    Unknown,
 }
 
 impl ServicePhase {
@@ -135,6 +138,7 @@ impl ServicePhase {
             Self::Dying => "dying",
             Self::Leaving => "leaving",
             Self::Spent => "spent",
+            Self::Unknown => "unknown",
         }
     }
 }

@@ -67,6 +67,30 @@ fn a_report_tells_of_the_world_what_is_known() {
     assert_eq!(read::<Report>(&format!("{report}\n")).world, None);
 }
 
+/// One wrong member must not pass for a run without a world, or for a replay that was not compared.
+#[test]
+fn a_wrong_member_of_a_report_is_an_error() {
+    let (run, replay) = (include_str!("golden/report-run.json"), include_str!("golden/report-replay.json"));
+    let with = |line: &str, member: &str, value: Value| {
+        let mut report: Value = serde_json::from_str(line).expect("JSON");
+        report[member] = value;
+        serde_json::from_value::<Report>(report)
+    };
+    for (line, member, wrong, what) in [
+        (run, "reached", json!("yes"), "a boolean"),
+        (run, "collisions", json!(null), "struct Collisions"),
+        (run, "skipped_ticks", json!(-1), "u64"),
+        (replay, "scans", json!("many"), "u64"),
+        (replay, "recording", json!(null), "a string"),
+        (replay, "compared", json!({ "exact": true }), "missing field `permits`"),
+    ] {
+        let error = with(line, member, wrong).expect_err(member).to_string();
+        assert!(error.contains(what), "{member}: {error}");
+    }
+    let unknown = with(replay, "recorded_s", json!(null)).expect("null is read as NaN");
+    assert!(unknown.replayed().is_some_and(|replayed| replayed.recorded_s.is_nan() && replayed.compared.is_some()));
+}
+
 #[test]
 fn what_is_done_is_told_as_it_was() {
     for (done, line) in [
@@ -146,9 +170,29 @@ fn a_whole_status_is_told_to_the_byte() {
         "\n"
     );
     assert_eq!(framing::line(&status).expect("JSON"), line);
-    // A pose that is none hides nothing else.
+    // A pose that is not a number does not hide the rest.
     let told = read::<Status>(line);
     assert!(told.world.is_some_and(|world| world.robot[2].is_nan()) && told.microphone == status.microphone);
+}
+
+/// And what a later supervisor says in the place of a name that is known.
+#[test]
+fn names_of_a_later_supervisor_are_unknown_or_told() {
+    let with = |line: &str, place: &str| {
+        let mut later: Value = serde_json::from_str(line).expect("JSON");
+        *later.pointer_mut(place).expect("it is there") = json!("of_tomorrow");
+        later
+    };
+    let run = include_str!("golden/status-run.json");
+    let status: Status = serde_json::from_value(with(run, "/services/0/state")).expect("a status");
+    assert_eq!((status.services[0].state, status.services[0].state.name()), (ServicePhase::Unknown, "unknown"));
+    let policies = with(include_str!("golden/policies.json"), "/swaps/0/state");
+    let policies: Policies = serde_json::from_value(policies).expect("policies");
+    assert_eq!(policies.swaps[0].state, SwapState::Unknown);
+    for closed in ["/mode/class", "/mode/cue/kind", "/mode/cue/source"] {
+        let error = serde_json::from_value::<Status>(with(run, closed)).expect_err(closed).to_string();
+        assert!(error.contains("unknown variant `of_tomorrow`"), "{closed}: {error}");
+    }
 }
 
 /// A supervisor outlives an upgrade of the programs that ask it, and may itself be the newer one.

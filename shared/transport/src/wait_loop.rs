@@ -12,7 +12,7 @@ use crate::service::Service;
 use crate::usage::Usage;
 use crate::{ClockKind, TransportError, monotonic_ns};
 
-/// Beats of a process that is none of the services, milliseconds.
+/// Period of the beats of a process that is not a service, milliseconds.
 const BEAT_MS: u32 = 100;
 /// Wall ticks, for who asked for them.
 const WALL_TICK_NS: u64 = 20_000_000;

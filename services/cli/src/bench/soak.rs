@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use messages::fault::Dice;
-use messages::{ModeClass, ServiceId};
+use messages::{ModeClass, ServiceId, StopKind};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
 
@@ -33,17 +33,17 @@ const SHM_SLACK_KIB: i64 = 64;
 /// The scenarios of the quiet hour, in turn.
 const QUIET: [&str; 6] = ["corridor", "curve", "left-at-tee", "crossing", "cluttered", "l-turn"];
 /// What stops a robot rightly where nothing is broken: its way, its handler, its cues, the run's own ends.
-const RIGHTLY: [&str; 10] = [
-    "boot",
-    "shutting_down",
-    "arrived",
-    "no_permit",
-    "no_cue",
-    "stop_cue",
-    "policy_stop",
-    "all_unsafe",
-    "remainder_unsafe",
-    "operator_stop",
+const RIGHTLY: [StopKind; 10] = [
+    StopKind::Boot,
+    StopKind::ShuttingDown,
+    StopKind::Arrived,
+    StopKind::NoPermit,
+    StopKind::NoCue,
+    StopKind::StopCue,
+    StopKind::PolicyStop,
+    StopKind::AllUnsafe,
+    StopKind::RemainderUnsafe,
+    StopKind::OperatorStop,
 ];
 
 /// What a run takes of the machine.
@@ -222,7 +222,8 @@ fn quiet_time(seconds: f64) -> Result<Value, Failure> {
         }
         walks += 1;
         walked_s += outcome.report.duration_s;
-        let wrong = outcome.report.stops.into_iter().filter(|stop| !RIGHTLY.contains(&stop.reason.as_str()));
+        let wrong =
+            outcome.report.stops.into_iter().filter(|stop| RIGHTLY.iter().all(|kind| stop.reason != kind.name()));
         false_stops.extend(wrong.map(|stop| stop.why));
     }
     Ok(json!({

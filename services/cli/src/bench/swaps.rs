@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use control::{AskError, Policies, Report, Request, Status, SwapState};
+use messages::StopKind;
 use serde_json::{Value, json};
 use settings::Millis;
 use sha2::{Digest, Sha256};
@@ -35,7 +36,10 @@ struct Outcome {
 }
 
 /// Holds of a robot that comes near a wall.
-const OF_ITS_WAY: [&str; 3] = ["policy_stop", "all_unsafe", "remainder_unsafe"];
+const OF_ITS_WAY: [&str; 3] =
+    [StopKind::PolicyStop.name(), StopKind::AllUnsafe.name(), StopKind::RemainderUnsafe.name()];
+/// Stops of a run that ends.
+const OF_ITS_END: [&str; 2] = [StopKind::ShuttingDown.name(), StopKind::Arrived.name()];
 
 /// `guidedog bench swaps`: the exit code.
 ///
@@ -84,6 +88,7 @@ fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: 
             Ok(begun) => wait_for(rig, begun.swap.unwrap_or(0), since, outcome)?,
             Err(AskError::Refused(why)) => outcome.failed.push(why.to_string()),
             Err(AskError::Unanswered(_)) => return Err(Failure::run("the supervisor does not answer")),
+            Err(error @ AskError::Unreadable { .. }) => return Err(Failure::of_run(error)),
         }
     }
     Ok(())
@@ -138,8 +143,7 @@ impl Outcome {
         // The corridor is straight and nobody gives another cue: once it walks, only what is beside its way stops it
         // rightly.
         let stops = report.stops.iter().filter(|stop| stop.at_s >= since_s);
-        let is_the_end = |reason: &&str| ["shutting_down", "arrived"].contains(reason);
-        for reason in stops.map(|stop| stop.reason.as_str()).filter(|reason| !is_the_end(reason)) {
+        for reason in stops.map(|stop| stop.reason.as_str()).filter(|reason| !OF_ITS_END.contains(reason)) {
             if OF_ITS_WAY.contains(&reason) {
                 self.holds_of_its_way += 1;
             } else {

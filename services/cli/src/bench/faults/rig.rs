@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use control::{AskError, Client, Done, Reading, Report, Request, ServicePhase, Status};
+use control::{AskError, Client, Done, Query, Report, Request, ServicePhase, Status};
 use messages::{CueKind, ServiceId};
 use settings::{LinkKind, Millis, PolicyModel};
 use tempfile::TempDir;
@@ -204,7 +204,7 @@ impl Rig {
     ///
     /// # Errors
     /// Where the supervisor refuses or does not answer, and where no run goes on.
-    pub fn read<T: Reading>(&mut self) -> Result<T, AskError> {
+    pub fn read<T: Query>(&mut self) -> Result<T, AskError> {
         self.with_client(Client::read)
     }
 
@@ -255,7 +255,7 @@ impl Rig {
     pub fn end_recording(&mut self) {
         if let Some(folder) = self.recording.take() {
             // It may have ended by itself.
-            let _ = self.tell(&Request::RecordStop);
+            let _ = self.tell(&Request::RecordStop {});
             self.wait_for_recorder(ServicePhase::Off);
             drop(folder);
         }
@@ -315,7 +315,7 @@ impl Rig {
             if Instant::now() >= cue_at {
                 cue_at = Instant::now() + CUE_AGAIN;
                 match class {
-                    Some((messages::ModeClass::Lock, ..)) => drop(self.tell(&Request::Resume)),
+                    Some((messages::ModeClass::Lock, ..)) => drop(self.tell(&Request::Resume {})),
                     Some((messages::ModeClass::Fault, true, _) | (messages::ModeClass::Run, _, false)) => {
                         self.cue();
                     }

@@ -184,6 +184,7 @@ fn strike(rig: &mut Rig, cell: &Cell, dice: &mut Dice) -> Result<u64, Failure> {
     rig.tell(&request).map_err(|error| match error {
         AskError::Refused(why) => Failure::refused(format!("{}:{}: {why}", cell.target, cell.fault.name())),
         AskError::Unanswered(_) => Failure::run("the supervisor does not answer"),
+        AskError::Unreadable { .. } => Failure::of_run(error),
     })?;
     if cell.is_of_cues() {
         rig.cue();
@@ -240,7 +241,7 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
         // Whoever pressed it lets go of it first.
         std::thread::sleep(UNDISTURBED);
         // Whether it is out of the lock is seen by its mode.
-        let _ = rig.tell(&Request::Resume);
+        let _ = rig.tell(&Request::Resume {});
     }
     if cell.is_of_cues() {
         // The handler says again what was lost or misheard.
