@@ -6,10 +6,7 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Value, json};
 
-use crate::{
-    CueKind, CueRefusal, CueSource, Header, ModeClass, Outcome, PermitCause, ServiceId, SpeechPhase, SpeechText,
-    StopInput, StopKind, TopicId, UnsafeCause, Urgency,
-};
+use crate::{Header, SpeechText};
 
 /// A type and its mirror in JSON.
 pub trait Mirrored: Copy {
@@ -71,8 +68,8 @@ number!(Reading, f32, "An `f32` in JSON, in the shortest form that reads back to
 
 /// Types that are their own mirror.
 macro_rules! plain {
-    ($schema:tt: $($name:ty),+ $(,)?) => {$(
-        impl Mirrored for $name {
+    ($schema:tt: $($name:ty),+) => {$(
+        impl $crate::json::Mirrored for $name {
             type Json = Self;
             fn mirror(self) -> Self {
                 self
@@ -80,17 +77,25 @@ macro_rules! plain {
             fn back(json: Self) -> Self {
                 json
             }
-            fn schema() -> Value {
-                json!($schema)
+            fn schema() -> ::serde_json::Value {
+                ::serde_json::json!($schema)
             }
         }
     )+};
 }
+pub(crate) use plain;
 
-plain!({ "type": "integer", "minimum": 0 }: u32, u64);
+plain!({ "type": "integer", "minimum": 0 }: u8, u16, u32, u64);
+plain!({ "type": "integer" }: i8, i16, i32, i64);
 plain!({ "type": "boolean" }: bool);
-plain!({ "type": "string" }: CueKind, CueSource, ModeClass, Outcome, PermitCause, ServiceId, StopKind, TopicId);
-plain!({ "type": "string" }: CueRefusal, SpeechPhase, StopInput, UnsafeCause, Urgency);
+
+/// An enum that stands in JSON by the names of its variants. It stands below the enum.
+macro_rules! named {
+    ($name:ident) => {
+        $crate::json::plain!({ "type": "string" }: $name);
+    };
+}
+pub(crate) use named;
 
 impl Mirrored for SpeechText {
     type Json = String;

@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 use zerocopy::TryFromBytes;
 
+use crate::json::named;
+
 /// How a stop ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -67,6 +69,8 @@ macro_rules! stops {
             #[serde(rename = $name)]
             $kind,)+
         }
+
+        named!(StopKind);
 
         /// Every kind of stop, in the order of its number, from 1.
         pub const STOPS: &[StopInfo] = &[$(StopInfo {

@@ -13,6 +13,7 @@ use crate::ServiceId::{
     Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Speak,
     Supervisor,
 };
+use crate::json::named;
 use crate::service::{ClockRole, SERVICES};
 use zerocopy::TryFromBytes;
 
@@ -228,6 +229,8 @@ macro_rules! topics {
             None = 0,
             $($(#[doc = $doc])+ $id = $number,)+
         }
+
+        named!(TopicId);
 
         /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes
         /// nothing.
