@@ -39,7 +39,7 @@ pub enum MemoryClass {
     Small,
     /// `supervision.large_memory_mib`: it holds frames or networks.
     Large,
-    /// Nobody counts.
+    /// No limit.
     Any,
 }
 
