@@ -50,10 +50,13 @@ pub struct StopInfo {
     pub advice: &'static str,
 }
 
-/// Declares the kinds of stop: `Kind = "name" { class: .., meaning: .., advice: .. }`, in the order of their numbers.
+/// Declares the kinds of stop: `Kind = number, "name" { class: .., meaning: .., advice: .. }`, in the order in which
+/// an operator reads them. The number is the one in shared memory: it never changes.
 macro_rules! stops {
     ($(
-        $kind:ident = $name:literal { class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)? }
+        $kind:ident = $number:literal, $name:literal {
+            class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)?
+        }
     )+) => {
         /// What kind of stop it is. Its row in [`STOPS`] says what happened and what to do.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
@@ -67,12 +70,12 @@ macro_rules! stops {
             None = 0,
             $(#[doc = concat!(stringify!($class), ": ", $meaning, ".")]
             #[serde(rename = $name)]
-            $kind,)+
+            $kind = $number,)+
         }
 
         named!(StopKind);
 
-        /// Every kind of stop, in the order of its number, from 1.
+        /// Every kind of stop.
         pub const STOPS: &[StopInfo] = &[$(StopInfo {
             kind: StopKind::$kind,
             name: $name,
@@ -87,11 +90,14 @@ impl StopKind {
     /// Its row; `None` for [`StopKind::None`].
     #[must_use]
     pub const fn info(self) -> Option<&'static StopInfo> {
-        // The rows follow one another from 1.
-        match (self as usize).checked_sub(1) {
-            Some(row) => Some(&STOPS[row]),
-            None => None,
+        let mut row = 0;
+        while row < STOPS.len() {
+            if STOPS[row].kind as u32 == self as u32 {
+                return Some(&STOPS[row]);
+            }
+            row += 1;
         }
+        None
     }
 
     /// The name, as in reports: snake case.
@@ -127,182 +133,182 @@ const CUE: &str = "give a cue once the robot is ready";
 const LOG: &str = "its log in the run directory says why; it is restarted: give a cue once the robot is ready";
 
 stops! {
-    Boot = "boot" {
+    Boot = 1, "boot" {
         class: Fault,
         meaning: "the run has just begun",
         advice: CUE,
     }
-    ServiceDied = "service_died" {
+    ServiceDied = 2, "service_died" {
         class: Fault,
         meaning: "a process that motion needs is dead",
         advice: LOG,
     }
-    ServiceHung = "service_hung" {
+    ServiceHung = 3, "service_hung" {
         class: Fault,
         meaning: "a process takes input and gives nothing back, or no longer takes part",
         advice: LOG,
     }
-    BeatsMissed = "beats_missed" {
+    BeatsMissed = 4, "beats_missed" {
         class: Fault,
         meaning: "a process fell silent: stopped, stuck, or starved of the CPU",
         advice: LOG,
     }
-    MemoryExhausted = "memory_exhausted" {
+    MemoryExhausted = 5, "memory_exhausted" {
         class: Fault,
         meaning: "a process has more memory of its own than it may: it leaks",
         advice: LOG,
     }
-    FilesExhausted = "files_exhausted" {
+    FilesExhausted = 6, "files_exhausted" {
         class: Fault,
         meaning: "a process has more descriptors open than it may: it leaks them",
         advice: LOG,
     }
-    StreamSlow = "stream_slow" {
+    StreamSlow = 7, "stream_slow" {
         class: Fault,
         meaning: "a stream comes too seldom, though its process has all its input",
         advice: LOG,
     }
-    StreamStale = "stream_stale" {
+    StreamStale = 8, "stream_stale" {
         class: Fault,
         meaning: "a stream is over twice its max age",
         advice: "look at its driver or device; then a cue",
     }
-    SupervisorStalled = "supervisor_stalled" {
+    SupervisorStalled = 9, "supervisor_stalled" {
         class: Fault,
         meaning: "the supervisor itself did not run for too long",
         advice: "free the CPU; then a cue",
     }
-    BrakeEngaged = "brake_engaged" {
+    BrakeEngaged = 10, "brake_engaged" {
         class: Fault,
         meaning: "locomotion was gone or silent, and the brake stopped the robot",
         advice: LOG,
     }
-    PoseJump = "pose_jump" {
+    PoseJump = 11, "pose_jump" {
         class: Fault,
         meaning: "the odometry pose jumped further than the robot can walk",
         advice: "look at odometry; then a cue",
     }
-    Resumed = "resumed" {
+    Resumed = 12, "resumed" {
         class: Fault,
         meaning: "the operator ended a lock",
         advice: CUE,
     }
-    OperatorStop = "operator_stop" {
+    OperatorStop = 13, "operator_stop" {
         class: Lock,
         meaning: "the operator's stop",
         advice: "guidedog resume, then a cue",
     }
-    RestartBudgetSpent = "restart_budget_spent" {
+    RestartBudgetSpent = 14, "restart_budget_spent" {
         class: Lock,
         meaning: "a service died too often",
         advice: "mend it, guidedog resume, then a cue",
     }
-    ShuttingDown = "shutting_down" {
+    ShuttingDown = 15, "shutting_down" {
         class: Lock,
         meaning: "the run is ending",
         advice: "none",
     }
-    NoCue = "no_cue" {
+    NoCue = 16, "no_cue" {
         class: Hold,
         meaning: "no cue is in force",
         advice: "give a cue",
     }
-    StopCue = "stop_cue" {
+    StopCue = 17, "stop_cue" {
         class: Hold,
         meaning: "the handler's stop cue",
         advice: "give a cue",
     }
-    PolicyStop = "policy_stop" {
+    PolicyStop = 18, "policy_stop" {
         class: Hold,
         meaning: "the policy chose to stand: the way has ended, or there is none",
         advice: "another cue",
     }
-    NoPermit = "no_permit" {
+    NoPermit = 19, "no_permit" {
         class: Hold,
         meaning: "the shield has given no permit for this run, cue and policy yet",
         advice: "wait",
     }
-    PermitExpired = "permit_expired" {
+    PermitExpired = 20, "permit_expired" {
         class: Hold,
         meaning: "no permit came in time",
         advice: "ages and loads of shield and sensors: guidedog status",
     }
-    PermitInvalid = "permit_invalid" {
+    PermitInvalid = 21, "permit_invalid" {
         class: Hold,
         meaning: "a permit that no shield of ours would give",
         advice: "report it: a process does not do as it should",
     }
-    AllUnsafe = "all_unsafe" {
+    AllUnsafe = 22, "all_unsafe" {
         class: Hold,
         meaning: "every action would hit something",
         advice: "make way, or take robot and handler out by hand",
     }
-    RemainderUnsafe = "remainder_unsafe" {
+    RemainderUnsafe = 23, "remainder_unsafe" {
         class: Hold,
         meaning: "something came into the way of the running action",
         advice: "wait",
     }
-    HandlerNotSeen = "handler_not_seen" {
+    HandlerNotSeen = 24, "handler_not_seen" {
         class: Hold,
         meaning: "nobody is where the handler should be",
         advice: "take the handle again",
     }
-    InputUnusable = "input_unusable" {
+    InputUnusable = 25, "input_unusable" {
         class: Hold,
         meaning: "a stream cannot be judged on: too old, or no measurement",
         advice: "look at its driver or device",
     }
-    OdometryStale = "odometry_stale" {
+    OdometryStale = 26, "odometry_stale" {
         class: Hold,
         meaning: "odometry is over its max age at locomotion",
         advice: "look at its driver or device",
     }
-    ModeStale = "mode_stale" {
+    ModeStale = 27, "mode_stale" {
         class: Latched,
         meaning: "nothing was heard of the supervisor for too long",
         advice: "free the CPU; then a cue",
     }
-    LifelineClosed = "lifeline_closed" {
+    LifelineClosed = 28, "lifeline_closed" {
         class: Latched,
         meaning: "a process that motion needs has just died",
         advice: CUE,
     }
-    SupervisorLost = "supervisor_lost" {
+    SupervisorLost = 29, "supervisor_lost" {
         class: Fault,
         meaning: "the supervisor is gone, and the run ends",
         advice: "start another run",
     }
-    StreamStuck = "stream_stuck" {
+    StreamStuck = 30, "stream_stuck" {
         class: Hold,
         meaning: "a sensor sends the same again while the robot moves",
         advice: "look at its device",
     }
-    ScanContradicts = "scan_contradicts" {
+    ScanContradicts = 31, "scan_contradicts" {
         class: Hold,
         meaning: "a scan contradicts the last one wholesale",
         advice: "look at the lidar; where the robot was carried elsewhere, start another run",
     }
-    OdometryContradicts = "odometry_contradicts" {
+    OdometryContradicts = 32, "odometry_contradicts" {
         class: Latched,
         meaning: "odometry contradicts what the robot was commanded",
         advice: "look which is wrong: odometry, or a robot that is blocked or slips; then a cue",
     }
-    RemoteStop = "remote_stop" {
+    RemoteStop = 33, "remote_stop" {
         class: Lock,
         meaning: "somebody stopped the robot by its hand remote",
         advice: "make it stand by the remote and let go of it; guidedog resume, then a cue",
     }
-    BatteryLow = "battery_low" {
+    BatteryLow = 34, "battery_low" {
         class: Fault,
         meaning: "the robot's battery is nearly empty: it may lie down where it is",
         advice: "charge it; where it has to go on, lower locomotion.charge_stop_percent",
     }
-    EmergencyStop = "emergency_stop" {
+    EmergencyStop = 35, "emergency_stop" {
         class: Lock,
         meaning: "the emergency stop was pressed, unplugged, or fell silent",
         advice: "look why; release it, or plug it in; guidedog resume, then a cue",
     }
-    Arrived = "arrived" {
+    Arrived = 36, "arrived" {
         class: Lock,
         meaning: "the walk has come to its goal, and the run is ending",
         advice: "none",
@@ -314,8 +320,9 @@ mod tests {
     use super::{STOPS, StopClass, StopKind};
 
     #[test]
-    fn every_kind_of_stop_finds_its_row() {
+    fn every_kind_of_stop_has_a_number_and_a_name_of_its_own_and_finds_its_row() {
         for info in STOPS {
+            assert!((1..=STOPS.len()).contains(&(info.kind as usize)), "{}: numbers leave no gap", info.name);
             assert_eq!(info.kind.info(), Some(info));
             assert_eq!(STOPS.iter().filter(|other| other.name == info.name).count(), 1, "{}", info.name);
             assert!(!info.meaning.is_empty() && !info.advice.is_empty(), "{}", info.name);
