@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use messages::{SpeechPhase, SpeechSaid};
-use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_supervisor};
+use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_tool};
 
 use crate::until;
 
@@ -26,10 +26,8 @@ impl Ears {
         let (log, over) = (Arc::clone(&said), Arc::clone(&stop));
         let thread = std::thread::spawn(move || {
             let domain = Domain::open(RunDir::open(&dir), "ears")?;
-            run_supervisor(domain, |io: &mut Io| {
-                Ok(Listener { port: io.subscriber()?, said: log, stop: over, next_ns: 0 })
-            })
-            .map(|_| ())
+            run_tool(domain, |io: &mut Io| Ok(Listener { port: io.subscriber()?, said: log, stop: over, next_ns: 0 }))
+                .map(|_| ())
         });
         Self { said, stop, thread: Some(thread) }
     }

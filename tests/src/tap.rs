@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 
 use messages::{RobotCommand, WorldTruth};
-use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, monotonic_ns, run_supervisor};
+use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, monotonic_ns, run_tool};
 
 /// One thing seen.
 #[derive(Debug, Clone, Copy)]
@@ -39,7 +39,7 @@ impl Tap {
             let open = |io: &mut Io| {
                 Ok(Listener { commands: io.subscriber()?, truths: io.subscriber()?, seen: log, stop: over, next_ns: 0 })
             };
-            run_supervisor(domain, open).map(|_| ())
+            run_tool(domain, open).map(|_| ())
         });
         Self { seen, stop, thread: Some(thread) }
     }

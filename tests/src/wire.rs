@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use messages::{LidarScan, Odometry, ScanHeader, WorldTruth};
-use transport::{Domain, FrameSubscriber, Io, RunDir, Service, Subscriber, TransportError, run_supervisor};
+use transport::{Domain, FrameSubscriber, Io, RunDir, Service, Subscriber, TransportError, run_tool};
 
 use crate::WATCHDOG;
 
@@ -42,7 +42,7 @@ impl Wire {
                 let (poses, scans, truths) = (io.subscriber()?, io.frame_subscriber()?, io.subscriber()?);
                 Ok(Listener { poses, scans, truths, came: log, stop: over, next_ns: 0 })
             };
-            run_supervisor(domain, open).map(|_| ())
+            run_tool(domain, open).map(|_| ())
         });
         let wire = Self { came, stop, thread: Some(thread) };
         wire.wait("poses and scans come", |came| !came.poses.is_empty() && !came.scans.is_empty());

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use control::Status;
 use guidedog_tests::{
-    Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, microphone, project, service, speech_s,
+    Ears, Live, Mouth, Place, RATE_HZ, SoundRig, WATCHDOG, can_hear, has_sound, microphone, service, speech_s,
     spoken_cue, told,
 };
 use messages::{CueKind, MicrophoneState, SpeechPhase, SpeechSaid, Urgency};

@@ -1,7 +1,7 @@
 //! The emergency stop's word.
 
 use crate::Header;
-use crate::json::mirrored;
+use crate::json::{mirrored, named};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -24,6 +24,8 @@ pub enum StopInput {
     /// It is unplugged or silent, which stops the robot as well.
     Lost,
 }
+
+named!(StopInput);
 
 impl StopInput {
     /// Whether it has to be reset by the operator before anything moves again.

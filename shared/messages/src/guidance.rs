@@ -1,6 +1,6 @@
 //! Cue, action, permit: the way from the handler's wish to a motion that is allowed.
 
-use crate::json::mirrored;
+use crate::json::{mirrored, named};
 use crate::{Header, Pose2, StopReason, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -27,6 +27,8 @@ pub enum CueKind {
     /// Into the next opening on the right.
     Right,
 }
+
+named!(CueKind);
 
 impl CueKind {
     /// The name, as on the command line and in route files.
@@ -72,6 +74,8 @@ pub enum CueSource {
     /// The handler's voice.
     Voice,
 }
+
+named!(CueSource);
 
 mirrored! {
     /// A cue as recognised. The supervisor alone accepts it.
@@ -160,6 +164,8 @@ pub enum CueRefusal {
     /// The robot's battery is nearly empty.
     BatteryLow,
 }
+
+named!(CueRefusal);
 
 impl CueRefusal {
     /// Every reason to refuse, in the order of its number.
@@ -338,6 +344,8 @@ pub enum Outcome {
     ScanContradicts,
 }
 
+named!(Outcome);
+
 impl Outcome {
     /// Whether the scan was judged (a verdict) rather than refused.
     #[must_use]
@@ -405,6 +413,8 @@ pub enum PermitCause {
     Decision,
 }
 
+named!(PermitCause);
+
 /// What made a motion unsafe.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -428,6 +438,8 @@ pub enum UnsafeCause {
     /// It leads to where a motion did not get before: something is there that no sensor tells of.
     Contact,
 }
+
+named!(UnsafeCause);
 
 /// No beam: what a verdict names where it judged none.
 pub const NO_BEAM: u32 = u32::MAX;

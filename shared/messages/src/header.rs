@@ -48,7 +48,7 @@ pub const fn age_ns(now_ns: u64, stamp_ns: u64) -> u64 {
 pub trait Message: Copy + core::fmt::Debug + Send + Sync + TryFromBytes + 'static {
     /// The one topic that the type travels on (for a header: beside its frame).
     const TOPIC: crate::TopicId;
-    /// Whether every count in it is within the room that it counts; a message for which it is not is none.
+    /// Whether every count in it is within the room that it counts; readers drop a message where one is not.
     fn counts_fit(&self) -> bool {
         true
     }

@@ -6,19 +6,16 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Value, json};
 
-use crate::{
-    CueKind, CueRefusal, CueSource, Header, ModeClass, Outcome, PermitCause, ServiceId, SpeechPhase, SpeechText,
-    StopInput, StopKind, TopicId, UnsafeCause, Urgency,
-};
+use crate::{Header, SpeechText};
 
 /// A type and its mirror in JSON.
 pub trait Mirrored: Copy {
     /// The mirror.
     type Json;
-    /// Into the mirror.
-    fn mirror(self) -> Self::Json;
-    /// Out of it.
-    fn back(json: Self::Json) -> Self;
+    /// The mirror of this value.
+    fn to_json(self) -> Self::Json;
+    /// The value of a mirror.
+    fn from_json(json: Self::Json) -> Self;
     /// JSON schema of the mirror.
     fn schema() -> Value;
 }
@@ -53,10 +50,10 @@ macro_rules! number {
 
         impl Mirrored for $float {
             type Json = $name;
-            fn mirror(self) -> $name {
+            fn to_json(self) -> $name {
                 $name(self)
             }
-            fn back(json: $name) -> Self {
+            fn from_json(json: $name) -> Self {
                 json.0
             }
             fn schema() -> Value {
@@ -71,33 +68,41 @@ number!(Reading, f32, "An `f32` in JSON, in the shortest form that reads back to
 
 /// Types that are their own mirror.
 macro_rules! plain {
-    ($schema:tt: $($name:ty),+ $(,)?) => {$(
-        impl Mirrored for $name {
+    ($schema:tt: $($name:ty),+) => {$(
+        impl $crate::json::Mirrored for $name {
             type Json = Self;
-            fn mirror(self) -> Self {
+            fn to_json(self) -> Self {
                 self
             }
-            fn back(json: Self) -> Self {
+            fn from_json(json: Self) -> Self {
                 json
             }
-            fn schema() -> Value {
-                json!($schema)
+            fn schema() -> ::serde_json::Value {
+                ::serde_json::json!($schema)
             }
         }
     )+};
 }
+pub(crate) use plain;
 
-plain!({ "type": "integer", "minimum": 0 }: u32, u64);
+plain!({ "type": "integer", "minimum": 0 }: u8, u16, u32, u64);
+plain!({ "type": "integer" }: i8, i16, i32, i64);
 plain!({ "type": "boolean" }: bool);
-plain!({ "type": "string" }: CueKind, CueSource, ModeClass, Outcome, PermitCause, ServiceId, StopKind, TopicId);
-plain!({ "type": "string" }: CueRefusal, SpeechPhase, StopInput, UnsafeCause, Urgency);
+
+/// An enum that stands in JSON by the names of its variants. It stands below the enum.
+macro_rules! named {
+    ($name:ident) => {
+        $crate::json::plain!({ "type": "string" }: $name);
+    };
+}
+pub(crate) use named;
 
 impl Mirrored for SpeechText {
     type Json = String;
-    fn mirror(self) -> String {
+    fn to_json(self) -> String {
         self.as_str().to_owned()
     }
-    fn back(json: String) -> Self {
+    fn from_json(json: String) -> Self {
         json.as_str().into()
     }
     fn schema() -> Value {
@@ -107,11 +112,11 @@ impl Mirrored for SpeechText {
 
 impl<T: Mirrored, const N: usize> Mirrored for [T; N] {
     type Json = [T::Json; N];
-    fn mirror(self) -> Self::Json {
-        self.map(T::mirror)
+    fn to_json(self) -> Self::Json {
+        self.map(T::to_json)
     }
-    fn back(json: Self::Json) -> Self {
-        json.map(T::back)
+    fn from_json(json: Self::Json) -> Self {
+        json.map(T::from_json)
     }
     fn schema() -> Value {
         json!({ "type": "array", "items": T::schema(), "minItems": N, "maxItems": N })
@@ -132,11 +137,11 @@ pub struct HeaderJson {
 
 impl Mirrored for Header {
     type Json = HeaderJson;
-    fn mirror(self) -> HeaderJson {
+    fn to_json(self) -> HeaderJson {
         let Self { stamp_ns, seq, step, published_ns, incarnation, .. } = self;
         HeaderJson { stamp_ns, seq, step, published_ns, incarnation }
     }
-    fn back(json: HeaderJson) -> Self {
+    fn from_json(json: HeaderJson) -> Self {
         let HeaderJson { stamp_ns, seq, step, published_ns, incarnation } = json;
         Self { stamp_ns, seq, step, published_ns, incarnation, ..Self::default() }
     }
@@ -171,11 +176,11 @@ macro_rules! mirrored {
 
             impl Mirrored for $name {
                 type Json = Json;
-                fn mirror(self) -> Json {
-                    Json { $($field: self.$field.mirror(),)+ }
+                fn to_json(self) -> Json {
+                    Json { $($field: self.$field.to_json(),)+ }
                 }
-                fn back(json: Json) -> Self {
-                    Self { $($field: <$type as Mirrored>::back(json.$field),)+ }
+                fn from_json(json: Json) -> Self {
+                    Self { $($field: <$type as Mirrored>::from_json(json.$field),)+ }
                 }
                 fn schema() -> ::serde_json::Value {
                     object([$((stringify!($field), <$type as Mirrored>::schema()),)+])

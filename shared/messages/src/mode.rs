@@ -1,6 +1,6 @@
 //! Run, fault or lock, why, and what the robot does about it.
 
-use crate::json::mirrored;
+use crate::json::{mirrored, named};
 use crate::{Cue, Header, Pose2, ServiceId, StopKind, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -22,6 +22,8 @@ pub enum ModeClass {
     /// Stopped by the operator, an emergency stop or a spent restart budget; ends by `resume`.
     Lock,
 }
+
+named!(ModeClass);
 
 impl ModeClass {
     /// The name, as in reports.

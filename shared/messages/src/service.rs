@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 use zerocopy::TryFromBytes;
 
+use crate::json::named;
+
 /// How early a service gets the processor. `transport` has the priorities.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Priority {
@@ -37,7 +39,7 @@ pub enum MemoryClass {
     Small,
     /// `supervision.large_memory_mib`: it holds frames or networks.
     Large,
-    /// Nobody counts.
+    /// No limit.
     Any,
 }
 
@@ -115,6 +117,8 @@ macro_rules! services {
             None = 0,
             $($(#[doc = $doc])+ $id = $number,)+
         }
+
+        named!(ServiceId);
 
         impl ServiceId {
             /// Every service, in the order of start: what stops the robot comes first.

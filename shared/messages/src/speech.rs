@@ -1,6 +1,6 @@
 //! What the robot says aloud.
 
-use crate::json::mirrored;
+use crate::json::{mirrored, named};
 use crate::{Header, StopReason};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
@@ -29,6 +29,8 @@ pub enum Urgency {
     Stop,
 }
 
+named!(Urgency);
+
 /// How far a sentence is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -47,6 +49,8 @@ pub enum SpeechPhase {
     /// There is no sound of it, or none to its end: voice or output failed.
     Unheard,
 }
+
+named!(SpeechPhase);
 
 /// A short text in a message.
 #[derive(Clone, Copy, PartialEq, Eq, TryFromBytes)]

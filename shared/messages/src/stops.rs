@@ -5,6 +5,8 @@ use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
 use zerocopy::TryFromBytes;
 
+use crate::json::named;
+
 /// How a stop ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -42,16 +44,27 @@ pub struct StopInfo {
     pub name: &'static str,
     /// How it ends.
     pub class: StopClass,
+    /// Whether the robot waits within run for it, with a cue in force. Without a cue there is nothing to wait for.
+    pub holds_a_cue: bool,
+    /// Whether locomotion keeps it until the epoch is greater, so that only a fault and a new cue let it go on.
+    /// Locomotion keeps two modes in this way as well: it boots in one, and reads the emergency stop itself.
+    pub latched_by_locomotion: bool,
     /// What happened.
     pub meaning: &'static str,
     /// What to do about it.
     pub advice: &'static str,
 }
 
-/// Declares the kinds of stop: `Kind = "name" { class: .., meaning: .., advice: .. }`, in the order of their numbers.
+/// Declares the kinds of stop: `Kind = number, "name" { .. }` with the fields of [`StopInfo`], in the order in which an
+/// operator reads them. The number is the one in shared memory: it never changes.
 macro_rules! stops {
     ($(
-        $kind:ident = $name:literal { class: $class:ident, meaning: $meaning:literal, advice: $advice:expr $(,)? }
+        $kind:ident = $number:literal, $name:literal {
+            class: $class:ident,
+            holds_a_cue: $holds_a_cue:literal, latched_by_locomotion: $latched:literal,
+            meaning: $meaning:literal,
+            advice: $advice:expr $(,)?
+        }
     )+) => {
         /// What kind of stop it is. Its row in [`STOPS`] says what happened and what to do.
         #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
@@ -65,14 +78,18 @@ macro_rules! stops {
             None = 0,
             $(#[doc = concat!(stringify!($class), ": ", $meaning, ".")]
             #[serde(rename = $name)]
-            $kind,)+
+            $kind = $number,)+
         }
 
-        /// Every kind of stop, in the order of its number, from 1.
+        named!(StopKind);
+
+        /// Every kind of stop.
         pub const STOPS: &[StopInfo] = &[$(StopInfo {
             kind: StopKind::$kind,
             name: $name,
             class: StopClass::$class,
+            holds_a_cue: $holds_a_cue,
+            latched_by_locomotion: $latched,
             meaning: $meaning,
             advice: $advice,
         },)+];
@@ -83,11 +100,14 @@ impl StopKind {
     /// Its row; `None` for [`StopKind::None`].
     #[must_use]
     pub const fn info(self) -> Option<&'static StopInfo> {
-        // The rows follow one another from 1.
-        match (self as usize).checked_sub(1) {
-            Some(row) => Some(&STOPS[row]),
-            None => None,
+        let mut row = 0;
+        while row < STOPS.len() {
+            if STOPS[row].kind as u32 == self as u32 {
+                return Some(&STOPS[row]);
+            }
+            row += 1;
         }
+        None
     }
 
     /// The name, as in reports: snake case.
@@ -99,21 +119,20 @@ impl StopKind {
         }
     }
 
-    /// Whether the robot waits within run for it, with a cue in force. Without a cue there is nothing to wait for.
+    /// Whether the robot waits within run for it ([`StopInfo::holds_a_cue`]).
     #[must_use]
     pub const fn holds_a_cue(self) -> bool {
         match self.info() {
-            Some(info) => matches!(info.class, StopClass::Hold | StopClass::Latched) && !matches!(self, Self::NoCue),
+            Some(info) => info.holds_a_cue,
             None => false,
         }
     }
 
-    /// Whether locomotion keeps it until the epoch is greater, so that only a fault and a new cue let it go on.
-    /// Locomotion keeps two modes in this way as well: it boots in one, and reads the emergency stop itself.
+    /// Whether locomotion keeps it until the epoch is greater ([`StopInfo::latched_by_locomotion`]).
     #[must_use]
     pub const fn is_latched(self) -> bool {
         match self.info() {
-            Some(info) => matches!(info.class, StopClass::Latched) || matches!(self, Self::Boot | Self::EmergencyStop),
+            Some(info) => info.latched_by_locomotion,
             None => false,
         }
     }
@@ -123,183 +142,219 @@ const CUE: &str = "give a cue once the robot is ready";
 const LOG: &str = "its log in the run directory says why; it is restarted: give a cue once the robot is ready";
 
 stops! {
-    Boot = "boot" {
+    Boot = 1, "boot" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: true,
         meaning: "the run has just begun",
         advice: CUE,
     }
-    ServiceDied = "service_died" {
+    ServiceDied = 2, "service_died" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a process that motion needs is dead",
         advice: LOG,
     }
-    ServiceHung = "service_hung" {
+    ServiceHung = 3, "service_hung" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a process takes input and gives nothing back, or no longer takes part",
         advice: LOG,
     }
-    BeatsMissed = "beats_missed" {
+    BeatsMissed = 4, "beats_missed" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a process fell silent: stopped, stuck, or starved of the CPU",
         advice: LOG,
     }
-    MemoryExhausted = "memory_exhausted" {
+    MemoryExhausted = 5, "memory_exhausted" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a process has more memory of its own than it may: it leaks",
         advice: LOG,
     }
-    FilesExhausted = "files_exhausted" {
+    FilesExhausted = 6, "files_exhausted" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a process has more descriptors open than it may: it leaks them",
         advice: LOG,
     }
-    StreamSlow = "stream_slow" {
+    StreamSlow = 7, "stream_slow" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a stream comes too seldom, though its process has all its input",
         advice: LOG,
     }
-    StreamStale = "stream_stale" {
+    StreamStale = 8, "stream_stale" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a stream is over twice its max age",
         advice: "look at its driver or device; then a cue",
     }
-    SupervisorStalled = "supervisor_stalled" {
+    SupervisorStalled = 9, "supervisor_stalled" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the supervisor itself did not run for too long",
         advice: "free the CPU; then a cue",
     }
-    BrakeEngaged = "brake_engaged" {
+    BrakeEngaged = 10, "brake_engaged" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "locomotion was gone or silent, and the brake stopped the robot",
         advice: LOG,
     }
-    PoseJump = "pose_jump" {
+    PoseJump = 11, "pose_jump" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the odometry pose jumped further than the robot can walk",
         advice: "look at odometry; then a cue",
     }
-    Resumed = "resumed" {
+    Resumed = 12, "resumed" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the operator ended a lock",
         advice: CUE,
     }
-    OperatorStop = "operator_stop" {
+    OperatorStop = 13, "operator_stop" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the operator's stop",
         advice: "guidedog resume, then a cue",
     }
-    RestartBudgetSpent = "restart_budget_spent" {
+    RestartBudgetSpent = 14, "restart_budget_spent" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "a service died too often",
         advice: "mend it, guidedog resume, then a cue",
     }
-    ShuttingDown = "shutting_down" {
+    ShuttingDown = 15, "shutting_down" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the run is ending",
         advice: "none",
     }
-    NoCue = "no_cue" {
+    NoCue = 16, "no_cue" {
         class: Hold,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "no cue is in force",
         advice: "give a cue",
     }
-    StopCue = "stop_cue" {
+    StopCue = 17, "stop_cue" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "the handler's stop cue",
         advice: "give a cue",
     }
-    PolicyStop = "policy_stop" {
+    PolicyStop = 18, "policy_stop" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "the policy chose to stand: the way has ended, or there is none",
         advice: "another cue",
     }
-    NoPermit = "no_permit" {
+    NoPermit = 19, "no_permit" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "the shield has given no permit for this run, cue and policy yet",
         advice: "wait",
     }
-    PermitExpired = "permit_expired" {
+    PermitExpired = 20, "permit_expired" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "no permit came in time",
         advice: "ages and loads of shield and sensors: guidedog status",
     }
-    PermitInvalid = "permit_invalid" {
+    PermitInvalid = 21, "permit_invalid" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "a permit that no shield of ours would give",
         advice: "report it: a process does not do as it should",
     }
-    AllUnsafe = "all_unsafe" {
+    AllUnsafe = 22, "all_unsafe" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "every action would hit something",
         advice: "make way, or take robot and handler out by hand",
     }
-    RemainderUnsafe = "remainder_unsafe" {
+    RemainderUnsafe = 23, "remainder_unsafe" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "something came into the way of the running action",
         advice: "wait",
     }
-    HandlerNotSeen = "handler_not_seen" {
+    HandlerNotSeen = 24, "handler_not_seen" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "nobody is where the handler should be",
         advice: "take the handle again",
     }
-    InputUnusable = "input_unusable" {
+    InputUnusable = 25, "input_unusable" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "a stream cannot be judged on: too old, or no measurement",
         advice: "look at its driver or device",
     }
-    OdometryStale = "odometry_stale" {
+    OdometryStale = 26, "odometry_stale" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "odometry is over its max age at locomotion",
         advice: "look at its driver or device",
     }
-    ModeStale = "mode_stale" {
+    ModeStale = 27, "mode_stale" {
         class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
         meaning: "nothing was heard of the supervisor for too long",
         advice: "free the CPU; then a cue",
     }
-    LifelineClosed = "lifeline_closed" {
+    LifelineClosed = 28, "lifeline_closed" {
         class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
         meaning: "a process that motion needs has just died",
         advice: CUE,
     }
-    SupervisorLost = "supervisor_lost" {
+    SupervisorLost = 29, "supervisor_lost" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the supervisor is gone, and the run ends",
         advice: "start another run",
     }
-    StreamStuck = "stream_stuck" {
+    StreamStuck = 30, "stream_stuck" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "a sensor sends the same again while the robot moves",
         advice: "look at its device",
     }
-    ScanContradicts = "scan_contradicts" {
+    ScanContradicts = 31, "scan_contradicts" {
         class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
         meaning: "a scan contradicts the last one wholesale",
         advice: "look at the lidar; where the robot was carried elsewhere, start another run",
     }
-    OdometryContradicts = "odometry_contradicts" {
+    OdometryContradicts = 32, "odometry_contradicts" {
         class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
         meaning: "odometry contradicts what the robot was commanded",
         advice: "look which is wrong: odometry, or a robot that is blocked or slips; then a cue",
     }
-    RemoteStop = "remote_stop" {
+    RemoteStop = 33, "remote_stop" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "somebody stopped the robot by its hand remote",
         advice: "make it stand by the remote and let go of it; guidedog resume, then a cue",
     }
-    BatteryLow = "battery_low" {
+    BatteryLow = 34, "battery_low" {
         class: Fault,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the robot's battery is nearly empty: it may lie down where it is",
         advice: "charge it; where it has to go on, lower locomotion.charge_stop_percent",
     }
-    EmergencyStop = "emergency_stop" {
+    EmergencyStop = 35, "emergency_stop" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: true,
         meaning: "the emergency stop was pressed, unplugged, or fell silent",
         advice: "look why; release it, or plug it in; guidedog resume, then a cue",
     }
-    Arrived = "arrived" {
+    Arrived = 36, "arrived" {
         class: Lock,
+        holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the walk has come to its goal, and the run is ending",
         advice: "none",
     }
@@ -310,8 +365,9 @@ mod tests {
     use super::{STOPS, StopClass, StopKind};
 
     #[test]
-    fn every_kind_of_stop_finds_its_row() {
+    fn every_kind_of_stop_has_a_number_and_a_name_of_its_own_and_finds_its_row() {
         for info in STOPS {
+            assert!((1..=STOPS.len()).contains(&(info.kind as usize)), "{}: numbers leave no gap", info.name);
             assert_eq!(info.kind.info(), Some(info));
             assert_eq!(STOPS.iter().filter(|other| other.name == info.name).count(), 1, "{}", info.name);
             assert!(!info.meaning.is_empty() && !info.advice.is_empty(), "{}", info.name);
@@ -320,12 +376,40 @@ mod tests {
     }
 
     #[test]
-    fn locomotion_keeps_every_latched_stop_and_a_hold_ends_by_itself() {
+    fn the_stops_that_hold_a_cue_and_those_that_locomotion_latches_are_these() {
+        let names = |wanted: fn(StopKind) -> bool| {
+            STOPS.iter().filter(|info| wanted(info.kind)).map(|info| info.name).collect::<Vec<_>>()
+        };
+        let holding = [
+            "stop_cue",
+            "policy_stop",
+            "no_permit",
+            "permit_expired",
+            "permit_invalid",
+            "all_unsafe",
+            "remainder_unsafe",
+            "handler_not_seen",
+            "input_unusable",
+            "odometry_stale",
+            "mode_stale",
+            "lifeline_closed",
+            "stream_stuck",
+            "scan_contradicts",
+            "odometry_contradicts",
+        ];
+        assert_eq!(names(StopKind::holds_a_cue), holding);
+        let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop"];
+        assert_eq!(names(StopKind::is_latched), latched);
+        assert!(!StopKind::None.holds_a_cue() && !StopKind::None.is_latched());
+    }
+
+    #[test]
+    fn only_a_stop_within_run_holds_a_cue_and_locomotion_latches_all_of_the_class_and_no_hold() {
         for info in STOPS {
             let within_run = matches!(info.class, StopClass::Hold | StopClass::Latched);
-            assert_eq!(info.kind.holds_a_cue(), within_run && info.kind != StopKind::NoCue, "{}", info.name);
-            assert!(info.kind.is_latched() || info.class != StopClass::Latched, "{}", info.name);
-            assert!(!info.kind.is_latched() || info.class != StopClass::Hold, "{}", info.name);
+            assert!(within_run || !info.holds_a_cue, "{}", info.name);
+            assert!(info.latched_by_locomotion || info.class != StopClass::Latched, "{}", info.name);
+            assert!(!info.latched_by_locomotion || info.class != StopClass::Hold, "{}", info.name);
         }
     }
 }

@@ -13,6 +13,7 @@ use crate::ServiceId::{
     Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Speak,
     Supervisor,
 };
+use crate::json::named;
 use crate::service::{ClockRole, SERVICES};
 use zerocopy::TryFromBytes;
 
@@ -187,20 +188,33 @@ macro_rules! on_topic {
     };
 }
 
+/// Whether faults can be injected into the topic of a row by its name.
+macro_rules! injectable_by_name {
+    (name) => {
+        true
+    };
+    ($(service)?) => {
+        false
+    };
+}
+
 /// Declares the topics in the order in which they are recorded:
 ///
-/// `Id = number, message Type [count <= MAX], recorded in Part as Form { .. }`, or `frame Marker Header` in the place
-/// of `message Type`. The number is the one in shared memory: it never changes. `[count <= MAX]` names the field that
-/// counts, and its limit: a message that is over it is none. What follows `recorded in` is the file of a recording that
-/// has the topic, and whether it stands there field by field (`Mirrored`) or in a form of its own that viewers draw
-/// (`Viewed`); without it, the topic is not recorded.
+/// `Id = number, message Type [count <= MAX], recorded in Part as Form, injectable by name { .. }`, or
+/// `frame Marker Header` in the place of `message Type`.
+///
+/// The number is the one in shared memory: it never changes. `[count <= MAX]` names the field that counts, and its
+/// limit: readers drop a message that is over it. What follows `recorded in` is the file of a recording that has the
+/// topic, and whether it stands there field by field (`Mirrored`) or in a form of its own that viewers draw (`Viewed`);
+/// without it, the topic is not recorded. `injectable by name` lets faults be injected into the topic by its name, and
+/// `injectable by service` into one service's topic (`health/shield`); without it, the topic takes no faults.
 ///
 /// The first argument is a `$`, for the macro that it defines.
 macro_rules! topics {
     (($d:tt) $(
         $(#[doc = $doc:literal])+
         $id:ident = $number:literal, $kind:ident $type:ident $($header:ident)? $([$count:ident <= $max:ident])?
-        $(, recorded in $part:ident as $form:ident)?
+        $(, recorded in $part:ident as $form:ident)? $(, injectable by $by:ident)?
         { $($field:ident: $value:expr),+ $(,)? }
     )+) => {
         /// A topic of the table.
@@ -218,6 +232,8 @@ macro_rules! topics {
             $($(#[doc = $doc])+ $id = $number,)+
         }
 
+        named!(TopicId);
+
         /// The table. `Recorder` among the subscribers is the tap: its slot is counted in, so that recording changes
         /// nothing.
         pub const TOPICS: &[TopicSpec] = &[$(TopicSpec {
@@ -226,6 +242,7 @@ macro_rules! topics {
             type_name: stringify!($type),
             payload: payload!($kind $type $($header)?),
             recorded: { const PARTS: &[&str] = &[$(stringify!($part))?]; !PARTS.is_empty() },
+            injectable: injectable_by_name!($($by)?),
             $($field: $value),+
         }),+];
 
@@ -243,13 +260,20 @@ macro_rules! topics {
         macro_rules! for_each_recorded_topic {
             ($d callback:ident) => { $d callback! { $($($kind $id $type in $part as $form;)?)+ } };
         }
+
+        /// Calls a macro with every topic that faults can be injected into, in the order of the table:
+        /// `message Id Type by name;`, or `frame Id Marker by name;`, or `by service` where each service has its own.
+        #[macro_export]
+        macro_rules! for_each_injectable_topic {
+            ($d callback:ident) => { $d callback! { $($($kind $id $type by $by;)?)+ } };
+        }
     };
 }
 
 topics! {
     ($)
     /// One turn of the lidar: ranges in metres.
-    LidarScan = 1, frame LidarScan ScanHeader, recorded in Small as Viewed {
+    LidarScan = 1, frame LidarScan ScanHeader, recorded in Small as Viewed, injectable by name {
         name: "lidar/scan",
         publishers: &[Lidar, Replay],
         live_publishers: 1,
@@ -259,11 +283,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "scan", default_ms: 200, most_ms: 300 },
-        injectable: true,
         why: "the newest scan and, in stepped time, the one of the step before; one held while the next is looked at",
     }
     /// One image of the depth camera: millimetres.
-    DepthFrame = 2, frame DepthFrame DepthHeader, recorded in Depth as Viewed {
+    DepthFrame = 2, frame DepthFrame DepthHeader, recorded in Depth as Viewed, injectable by name {
         name: "depth/frame",
         publishers: &[Depth, Replay],
         live_publishers: 1,
@@ -273,11 +296,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "depth", default_ms: 200, most_ms: 300 },
-        injectable: true,
         why: "as lidar/scan; megabytes a frame, so no deeper",
     }
     /// Pose and velocity of the robot in the odometry frame.
-    Odometry = 3, message Odometry, recorded in Small as Viewed {
+    Odometry = 3, message Odometry, recorded in Small as Viewed, injectable by name {
         name: "odometry",
         publishers: &[Odometry, Replay],
         live_publishers: 1,
@@ -287,11 +309,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "odometry", default_ms: 100, most_ms: 150 },
-        injectable: true,
         why: "up to 100 Hz: one a step, of two steps, and room for a reader that is late by 60 ms",
     }
     /// A cue as recognised. The supervisor alone accepts it.
-    Cue = 4, message Cue, recorded in Small as Mirrored {
+    Cue = 4, message Cue, recorded in Small as Mirrored, injectable by name {
         name: "cue",
         publishers: &[Cue, Replay],
         live_publishers: 1,
@@ -301,11 +322,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "cue", default_ms: 1000, most_ms: 5000 },
-        injectable: true,
         why: "events that must not be lost, a stop among them",
     }
     /// An operator's cue on its way to the cue service.
-    CueRequest = 5, message CueRequest, recorded in Small as Mirrored {
+    CueRequest = 5, message CueRequest, recorded in Small as Mirrored, injectable by name {
         name: "cue/request",
         publishers: &[Supervisor],
         live_publishers: 1,
@@ -315,11 +335,11 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: true,
         why: "events that must not be lost",
     }
     /// One decision of a policy: how probable each action is.
-    PolicyAction = 6, message PolicyAction [action_count <= MAX_ACTIONS], recorded in Small as Mirrored {
+    PolicyAction = 6, message PolicyAction [action_count <= MAX_ACTIONS], recorded in Small as Mirrored,
+    injectable by name {
         name: "policy/action",
         publishers: &[Policy],
         live_publishers: 2,
@@ -329,11 +349,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Decision,
-        injectable: true,
         why: "one a decision from the active policy and from a shadow",
     }
     /// The shield's verdict on a scan or a decision, and the permit.
-    ShieldPermit = 7, message Permit, recorded in Small as Mirrored {
+    ShieldPermit = 7, message Permit, recorded in Small as Mirrored, injectable by name {
         name: "shield/permit",
         publishers: &[Shield],
         live_publishers: 1,
@@ -343,11 +362,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Expiry,
-        injectable: true,
         why: "a scan and a decision may each give one in the same step, of two steps; only the newest counts",
     }
     /// Run, fault or lock, and why; the cue and the policy in force.
-    Mode = 8, message Mode, recorded in Small as Mirrored {
+    Mode = 8, message Mode, recorded in Small as Mirrored, injectable by name {
         name: "mode",
         publishers: &[Supervisor],
         live_publishers: 1,
@@ -357,11 +375,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "mode", default_ms: 200, most_ms: 300 },
-        injectable: true,
         why: "only the newest counts; at most one a step, and as much again for a reader that is late",
     }
     /// The velocity that is applied, and what limits it.
-    LocomotionState = 9, message LocomotionState, recorded in Small as Mirrored {
+    LocomotionState = 9, message LocomotionState, recorded in Small as Mirrored, injectable by name {
         name: "locomotion/state",
         publishers: &[Locomotion],
         live_publishers: 1,
@@ -371,7 +388,6 @@ topics! {
         loans: 2,
         wakes: false,
         max_age: AgeLimit::Unlimited,
-        injectable: true,
         why: "50 Hz, read when the supervisor wakes for something else, at the latest every 50 ms",
     }
     /// Whether the emergency stop lets the robot move.
@@ -385,7 +401,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Configured { key: "estop", default_ms: 100, most_ms: 150 },
-        injectable: false,
         why: "a press and a release may come at once, and neither may be lost; 50 Hz besides",
     }
     /// Whether a cue was accepted, and why not.
@@ -399,7 +414,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "events that must not be lost",
     }
     /// A cue that was heard and waits for the tone before motion.
@@ -413,7 +427,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "events; only the newest waits for its tone",
     }
     /// A sentence that the robot says: its beginning and its end.
@@ -427,7 +440,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "events that must not be lost: a sentence that is cut and the next one come at once",
     }
     /// The true state of the simulated world.
@@ -441,7 +453,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "one a step of 10 ms, of two steps, and as much again for a reader that is late",
     }
     /// The velocity that the simulated robot is commanded.
@@ -455,11 +466,10 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "the newest command counts",
     }
     /// The beat of a service, with its counters.
-    Health = 10, message Health [port_count <= MAX_PORTS] {
+    Health = 10, message Health [port_count <= MAX_PORTS], injectable by service {
         name: "health",
         publishers: EVERY_SERVICE,
         live_publishers: 2,
@@ -469,7 +479,6 @@ topics! {
         loans: 2,
         wakes: false,
         max_age: AgeLimit::Beat,
-        injectable: false,
         why: "50 Hz, drained at 50 Hz: two on the way, and four times that for a supervisor that overslept",
     }
     /// The next step of stepped time.
@@ -483,7 +492,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "the next step comes only when all members took this one; a starting process may be steps behind",
     }
     /// A member has done its step.
@@ -497,7 +505,6 @@ topics! {
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        injectable: false,
         why: "one a step and member, and rosters between",
     }
 }

@@ -77,10 +77,10 @@ macro_rules! recorded {
                 Cow::Owned(schema.to_string().into_bytes())
             }
             fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
-                to_json(&self.mirror(), bytes)
+                write_json(&self.to_json(), bytes)
             }
             fn decode(bytes: &[u8]) -> Result<Self, String> {
-                from_json(bytes).map(Self::back)
+                read_json(bytes).map(Self::from_json)
             }
         }
     };
@@ -115,11 +115,11 @@ fn file(text: &'static str) -> Cow<'static, [u8]> {
     Cow::Borrowed(text.as_bytes())
 }
 
-fn to_json(message: &impl Serialize, bytes: &mut Vec<u8>) -> Result<(), String> {
+fn write_json(message: &impl Serialize, bytes: &mut Vec<u8>) -> Result<(), String> {
     serde_json::to_writer(bytes, message).map_err(|error| error.to_string())
 }
 
-fn from_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
+fn read_json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, String> {
     serde_json::from_slice(bytes).map_err(|error| error.to_string())
 }
 
@@ -134,21 +134,21 @@ impl Recorded for Slice<LidarScan> {
     }
     fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
         check_length(self.data.len())?;
-        to_json(&ScanMessage::new(&self.header, &self.data), bytes)
+        write_json(&ScanMessage::new(&self.header, &self.data), bytes)
     }
     fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let message: ScanMessage = from_json(bytes)?;
+        let message: ScanMessage = read_json(bytes)?;
         check_length(message.ranges.len())?;
         let scan = message.guidedog;
         Ok(Self {
             header: ScanHeader {
-                header: Mirrored::back(scan.header),
+                header: Mirrored::from_json(scan.header),
                 angle_min_rad: scan.angle_min_rad.0,
                 angle_increment_rad: scan.angle_increment_rad.0,
                 range_min_m: scan.range_min_m.0,
                 range_max_m: scan.range_max_m.0,
                 sigma_m: scan.sigma_m.0,
-                robot_from_lidar: Mirrored::back(scan.robot_from_lidar),
+                robot_from_lidar: Mirrored::from_json(scan.robot_from_lidar),
             },
             data: message.ranges.into_iter().map(|reading| reading.0).collect(),
         })
@@ -161,15 +161,15 @@ impl Recorded for Odometry {
         file(include_str!("../schemas/frame_transform.json"))
     }
     fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
-        to_json(&OdometryMessage::new(self), bytes)
+        write_json(&OdometryMessage::new(self), bytes)
     }
     fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let OdometryMessage { guidedog: odometry, .. } = from_json(bytes)?;
+        let OdometryMessage { guidedog: odometry, .. } = read_json(bytes)?;
         Ok(Self {
-            header: Mirrored::back(odometry.header),
-            odom_from_robot: Mirrored::back(odometry.odom_from_robot),
-            twist: Mirrored::back(odometry.twist),
-            sigma: Mirrored::back(odometry.sigma),
+            header: Mirrored::from_json(odometry.header),
+            odom_from_robot: Mirrored::from_json(odometry.odom_from_robot),
+            twist: Mirrored::from_json(odometry.twist),
+            sigma: Mirrored::from_json(odometry.sigma),
         })
     }
 }
@@ -217,13 +217,13 @@ impl ScanMessage {
             ranges: ranges_m.iter().copied().map(Reading).collect(),
             intensities: [],
             guidedog: ScanJson {
-                header: scan.header.mirror(),
+                header: scan.header.to_json(),
                 angle_min_rad: Real(scan.angle_min_rad),
                 angle_increment_rad: Real(scan.angle_increment_rad),
                 range_min_m: Real(scan.range_min_m),
                 range_max_m: Real(scan.range_max_m),
                 sigma_m: Real(scan.sigma_m),
-                robot_from_lidar: scan.robot_from_lidar.mirror(),
+                robot_from_lidar: scan.robot_from_lidar.to_json(),
             },
         }
     }
@@ -263,10 +263,10 @@ impl OdometryMessage {
             translation: odometry.odom_from_robot.into(),
             rotation: odometry.odom_from_robot.into(),
             guidedog: OdometryJson {
-                header: odometry.header.mirror(),
-                odom_from_robot: odometry.odom_from_robot.mirror(),
-                twist: odometry.twist.mirror(),
-                sigma: odometry.sigma.mirror(),
+                header: odometry.header.to_json(),
+                odom_from_robot: odometry.odom_from_robot.to_json(),
+                twist: odometry.twist.to_json(),
+                sigma: odometry.sigma.to_json(),
             },
         }
     }

@@ -125,12 +125,12 @@ fn schema() -> Vec<u8> {
 fn encode(header: &DepthHeader, pixels_mm: &[u16], bytes: &mut Vec<u8>) -> Result<(), String> {
     check_size(header, pixels_mm.len())?;
     let own = DepthJson {
-        header: header.header.mirror(),
+        header: header.header.to_json(),
         fx_px: Real(header.fx_px),
         fy_px: Real(header.fy_px),
         cx_px: Real(header.cx_px),
         cy_px: Real(header.cy_px),
-        robot_from_camera: header.robot_from_camera.mirror(),
+        robot_from_camera: header.robot_from_camera.to_json(),
     };
     // Protobuf's numbers and 16UC1's are little-endian, as every machine that this runs on.
     let stamp_ns = header.header.stamp_ns;
@@ -158,14 +158,14 @@ fn decode(bytes: &[u8]) -> Result<Slice<DepthFrame>, String> {
     }
     let own: DepthJson = serde_json::from_str(&image.guidedog).map_err(|error| error.to_string())?;
     let header = DepthHeader {
-        header: Mirrored::back(own.header),
+        header: Mirrored::from_json(own.header),
         width: image.width,
         height: image.height,
         fx_px: own.fx_px.0,
         fy_px: own.fy_px.0,
         cx_px: own.cx_px.0,
         cy_px: own.cy_px.0,
-        robot_from_camera: Pose3::back(own.robot_from_camera),
+        robot_from_camera: Pose3::from_json(own.robot_from_camera),
     };
     check_size(&header, image.data.len() / 2)?;
     let pixels_mm = image.data.chunks_exact(2).map(|pixel| u16::from_le_bytes([pixel[0], pixel[1]])).collect();

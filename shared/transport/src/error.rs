@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
-use messages::TopicId;
+use messages::{ServiceId, TopicId};
 
-/// An error of the transport. None of them is the caller's fault, bar [`TransportError::Arguments`].
+/// An error of the transport. None of them is the caller's fault, bar [`TransportError::Arguments`] and
+/// [`TransportError::NotListed`].
 #[derive(Debug, thiserror::Error)]
 pub enum TransportError {
     /// A topic cannot be created or opened: the run's shared memory is gone, full, or not ours.
@@ -14,6 +15,16 @@ pub enum TransportError {
         topic: String,
         /// What iceoryx2 says.
         reason: String,
+    },
+    /// A service asked for an end of a topic that its row of the topic table does not give it.
+    #[error("failed to open {topic}: the topic table does not list {service} among its {end}")]
+    NotListed {
+        /// The topic.
+        topic: TopicId,
+        /// The service.
+        service: ServiceId,
+        /// The list that it is not in: publishers or subscribers.
+        end: &'static str,
     },
     /// A message cannot be loaned or sent.
     #[error("failed to publish on {topic}: {reason}")]

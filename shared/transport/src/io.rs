@@ -56,6 +56,7 @@ impl Io {
     pub(crate) fn new(
         domain: Domain,
         identity: Identity,
+        is_tool: bool,
         control: Option<Line>,
         lifeline: Option<OwnedFd>,
     ) -> Result<Self, TransportError> {
@@ -69,6 +70,7 @@ impl Io {
         }
         let shared = Rc::new(Shared {
             identity,
+            is_tool,
             clock: Rc::clone(&domain.clock),
             counters: RefCell::new(Vec::new()),
             faults: Faults::default(),
@@ -91,7 +93,7 @@ impl Io {
     /// A writer of a topic with messages of fixed size.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn publisher<M: Message + ZeroCopySend>(&mut self) -> Result<Publisher<M>, TransportError> {
         let of = if M::TOPIC == TopicId::Health { self.shared.identity.service } else { ServiceId::None };
         Publisher::open(&self.domain, &self.shared, of)
@@ -100,7 +102,7 @@ impl Io {
     /// A reader of a topic with messages of fixed size; a message wakes the service where the topic wakes.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn subscriber<M: Message + ZeroCopySend>(&mut self) -> Result<Subscriber<M>, TransportError> {
         let subscriber = Subscriber::open(&self.domain, &self.shared, ServiceId::None)?;
         self.listen(M::TOPIC)?;
@@ -110,7 +112,7 @@ impl Io {
     /// A reader whose messages do not wake the service: for who looks at its own times, at the latest at every beat.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn quiet_subscriber<M: Message + ZeroCopySend>(&mut self) -> Result<Subscriber<M>, TransportError> {
         Subscriber::open(&self.domain, &self.shared, ServiceId::None)
     }
@@ -118,7 +120,7 @@ impl Io {
     /// A reader of one service's beats.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn health_of(&mut self, service: ServiceId) -> Result<Subscriber<Health>, TransportError> {
         Subscriber::open(&self.domain, &self.shared, service)
     }
@@ -126,7 +128,7 @@ impl Io {
     /// A writer of frames of at most `max_len` elements.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn frame_publisher<F: Frame>(&mut self, max_len: usize) -> Result<FramePublisher<F>, TransportError>
     where
         F::Element: ZeroCopySend,
@@ -138,7 +140,7 @@ impl Io {
     /// A reader of frames.
     ///
     /// # Errors
-    /// Where the topic cannot be opened.
+    /// Where the topic cannot be opened, or its row does not list this service.
     pub fn frame_subscriber<F: Frame>(&mut self) -> Result<FrameSubscriber<F>, TransportError>
     where
         F::Element: ZeroCopySend,

@@ -26,12 +26,29 @@ pub use frames::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber};
 #[derive(Debug)]
 pub(crate) struct Shared {
     pub identity: Identity,
+    /// Whether the process is a tool, which may open every topic.
+    pub is_tool: bool,
     pub clock: Rc<Clock>,
     pub counters: RefCell<Vec<PortCounters>>,
     pub faults: Faults,
 }
 
 impl Shared {
+    /// The row of a topic whose end this process asks for.
+    fn row(&self, topic: TopicId, role: PortRole) -> Result<&'static TopicSpec, TransportError> {
+        let spec = spec_of(topic)?;
+        let (listed, end) = match role {
+            PortRole::Publisher => (spec.publishers, "publishers"),
+            PortRole::Subscriber => (spec.subscribers, "subscribers"),
+        };
+        let service = self.identity.service;
+        if self.is_tool || listed.contains(&service) {
+            Ok(spec)
+        } else {
+            Err(TransportError::NotListed { topic, service, end })
+        }
+    }
+
     fn register(&self, topic: TopicId, role: PortRole, of: ServiceId) -> usize {
         let mut counters = self.counters.borrow_mut();
         // No service has that many ports; the last slot would then be shared rather than memory overrun.
@@ -191,7 +208,7 @@ pub struct Publisher<M: Message + ZeroCopySend> {
 
 impl<M: Message + ZeroCopySend> Publisher<M> {
     pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, of: ServiceId) -> Result<Self, TransportError> {
-        let spec = spec_of(M::TOPIC)?;
+        let spec = shared.row(M::TOPIC, PortRole::Publisher)?;
         let port = domain
             .messages::<M>(of, false)?
             .publisher_builder()
@@ -332,7 +349,7 @@ pub struct Subscriber<M: Message + ZeroCopySend> {
 
 impl<M: Message + ZeroCopySend> Subscriber<M> {
     pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, of: ServiceId) -> Result<Self, TransportError> {
-        let spec = spec_of(M::TOPIC)?;
+        let spec = shared.row(M::TOPIC, PortRole::Subscriber)?;
         let port = domain
             .messages::<M>(of, false)?
             .subscriber_builder()

@@ -26,7 +26,7 @@ const MAX_DIR_BYTES: usize = 40;
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 18] = [
+const OURS: [&str; 19] = [
     "lock",
     "recording.json",
     "run.json",
@@ -35,6 +35,8 @@ const OURS: [&str; 18] = [
     "robot.sock",
     "rplidar",
     "lidar.kept",
+    // What earlier versions called `lidar.kept`: the runs that they left behind are swept, too.
+    "rplidar.baud",
     "estop",
     "camera.sock",
     "bridge.sock",
@@ -488,6 +490,8 @@ mod tests {
         std::fs::write(dir.path().join("lock"), super::MARK).expect("written");
         std::fs::create_dir(dir.path().join("logs")).expect("made");
         assert!(may_be_a_run(dir.path()));
+        std::fs::write(dir.path().join("rplidar.baud"), "").expect("written");
+        assert!(may_be_a_run(dir.path()), "one that an earlier version left");
         let begun = tempfile::tempdir().expect("a folder");
         std::fs::write(begun.path().join("lock"), "").expect("written");
         assert!(may_be_a_run(begun.path()), "one that has only just begun");

@@ -213,7 +213,7 @@ fn run_child<S: Service>(
     let identity = Identity { service, incarnation: args.incarnation };
     let name = format!("{service}.{}", args.incarnation);
     let mut io = match room::check().and_then(|()| Domain::open(RunDir::open(&args.run), &name)) {
-        Ok(domain) => Io::new(domain, identity, Some(control), lifeline)?,
+        Ok(domain) => Io::new(domain, identity, false, Some(control), lifeline)?,
         Err(error) => {
             control.send(&FromChild::Failed { why: error.to_string() }.bounded(), None);
             return Err(error);
@@ -236,8 +236,28 @@ pub fn run_supervisor<S: Service>(
     domain: Domain,
     build: impl FnOnce(&mut Io) -> Result<S, TransportError>,
 ) -> Result<S, TransportError> {
+    run_here(domain, false, build)
+}
+
+/// Runs a tool: a bench, or a test that listens to a run. It may open every topic, whoever the topic table lists: it
+/// takes room that is kept for the dead. It beats under the supervisor's name.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_tool<S: Service>(
+    domain: Domain,
+    build: impl FnOnce(&mut Io) -> Result<S, TransportError>,
+) -> Result<S, TransportError> {
+    run_here(domain, true, build)
+}
+
+fn run_here<S: Service>(
+    domain: Domain,
+    is_tool: bool,
+    build: impl FnOnce(&mut Io) -> Result<S, TransportError>,
+) -> Result<S, TransportError> {
     let identity = Identity { service: ServiceId::Supervisor, incarnation: 1 };
-    let mut io = Io::new(domain, identity, None, None)?;
+    let mut io = Io::new(domain, identity, is_tool, None, None)?;
     let mut service = build(&mut io)?;
     run(&mut io, &mut service)?;
     Ok(service)

@@ -2,7 +2,7 @@
 
 use messages::{DepthFrame, Message};
 use rustix::process::Signal;
-use transport::{Domain, FrameSubscriber, Io, RunDir, Service, TransportError, monotonic_ns, run_supervisor};
+use transport::{Domain, FrameSubscriber, Io, RunDir, Service, TransportError, monotonic_ns, run_tool};
 
 use super::plain::PlainReceiver;
 use crate::args::{Program, ReceiverArgs};
@@ -36,7 +36,7 @@ fn plain(args: &ReceiverArgs) -> Result<Vec<(u64, u64)>, Failure> {
 
 fn ours(args: &ReceiverArgs) -> Result<Vec<(u64, u64)>, Failure> {
     let domain = Domain::open(RunDir::open(&args.dir), "bench.receiver").map_err(Failure::of_run)?;
-    run_supervisor(domain, OurReceiver::open).map(|receiver| receiver.taken).map_err(Failure::of_run)
+    run_tool(domain, OurReceiver::open).map(|receiver| receiver.taken).map_err(Failure::of_run)
 }
 
 /// A service like every other, with the transport's own wait loop.

@@ -11,7 +11,7 @@ use std::process::{Child, ChildStdout, Command, Stdio};
 use messages::DepthFrame;
 use serde_json::{Value, json};
 use transport::{
-    ClockKind, Domain, FramePublisher, Io, RunDir, RunInfo, Service, TransportError, monotonic_ns, run_supervisor,
+    ClockKind, Domain, FramePublisher, Io, RunDir, RunInfo, Service, TransportError, monotonic_ns, run_tool,
 };
 
 use super::Percentiles;
@@ -85,7 +85,7 @@ fn run(dir: &RunDir, rows: Vec<Row>) -> Result<(Vec<Row>, Taken, Taken), Failure
     let largest = SIZES.into_iter().max().unwrap_or(0);
     let plain = PlainPublisher::open(dir.path(), largest)?;
     let mut receivers = [Receiver::start("ours", dir.path())?, Receiver::start("plain", dir.path())?];
-    let sender = run_supervisor(domain, |io| {
+    let sender = run_tool(domain, |io| {
         Ok(Sender {
             ours: io.frame_publisher(largest)?,
             plain,

@@ -138,7 +138,12 @@ struct TestRun {
 }
 
 impl TestRun {
+    /// One in which this process may open every topic.
     fn new(clock: ClockKind) -> Self {
+        Self::of(clock, true)
+    }
+
+    fn of(clock: ClockKind, is_tool: bool) -> Self {
         let folder = tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder");
         let dir = RunDir::open(folder.path());
         std::fs::create_dir(dir.iceoryx2_root()).expect("made");
@@ -154,7 +159,7 @@ impl TestRun {
         let domain = Domain::open(dir, "test").expect("opens");
         let holder = domain.create_all().expect("created");
         let identity = Identity { service: ServiceId::Cue, incarnation: 1 };
-        let io = Io::new(domain, identity, None, None).expect("opens");
+        let io = Io::new(domain, identity, is_tool, None, None).expect("opens");
         Self { io, prefix: info.prefix, _holder: holder, _folder: folder }
     }
 
@@ -189,6 +194,20 @@ impl Drop for TestRun {
             }
         }
     }
+}
+
+#[test]
+fn a_service_opens_only_the_ends_that_the_topic_table_gives_it() {
+    let mut run = TestRun::of(ClockKind::Real, false);
+    run.io.publisher::<Cue>().expect("listed");
+    run.io.subscriber::<CueRequest>().expect("listed");
+    run.io.publisher::<Health>().expect("listed");
+    let refused = run.io.subscriber::<Cue>().expect_err("it writes them");
+    assert_eq!(refused.to_string(), "failed to open cue: the topic table does not list cue among its subscribers");
+    let refused = run.io.publisher::<Odometry>().expect_err("it measures nothing");
+    assert_eq!(refused.to_string(), "failed to open odometry: the topic table does not list cue among its publishers");
+    assert!(run.io.frame_subscriber::<LidarScan>().is_err() && run.io.frame_publisher::<LidarScan>(10).is_err());
+    assert!(run.io.health_of(ServiceId::Cue).is_err() && run.io.quiet_subscriber::<CueAnswer>().is_err());
 }
 
 /// A stamp of the first seconds of run time that lies nowhere else in memory by chance.

@@ -10,58 +10,89 @@ use messages::{
 };
 use zerocopy::{FromBytes, IntoBytes};
 
-/// Applies a change to a message as its own type, where that is one of the types that can go wrong.
-macro_rules! as_its_type {
-    ($message:expr, |$own:ident| $change:expr, $($type:ty),+) => {{
-        let message: &mut dyn Any = $message;
-        $(if let Some($own) = message.downcast_mut::<$type>() {
-            $change;
-        } else)+ {}
-    }};
-    ($message:expr, |$own:ident| $change:expr) => {
-        as_its_type!(
-            $message, |$own| $change,
-            Odometry, Cue, CueRequest, PolicyAction, Permit, Mode, LocomotionState, Health, ScanHeader, DepthHeader
-        )
+/// How a message goes wrong. Seq, incarnation and step are the envelope that transport puts around it, and stay.
+trait Corrupt {
+    /// Random numbers.
+    fn garble(&mut self, dice: &mut Dice);
+
+    /// A plausible wrong value; `first` is the first message that was to be wrong, as it was.
+    fn falsify(&mut self, first: &Self);
+}
+
+/// How a frame goes wrong.
+trait CorruptFrame: Frame {
+    /// Random numbers beside the slice.
+    fn garble_meta(meta: &mut Self::Meta, dice: &mut Dice);
+
+    /// Random numbers in the slice.
+    fn garble(data: &mut [Self::Element], dice: &mut Dice);
+
+    /// A plausible wrong value in the slice.
+    fn falsify(data: &mut [Self::Element]);
+}
+
+/// Keeps the code where a row of the topic table is of the kind that is wanted.
+macro_rules! only {
+    (message, message, $code:block) => {
+        $code
+    };
+    (frame, frame, $code:block) => {
+        $code
+    };
+    ($wanted:ident, $kind:ident, $code:block) => {};
+}
+
+/// The publishers are generic over all topics, and only some can go wrong: each is looked for here as its own type. One
+/// that lacks its implementation does not compile.
+macro_rules! dispatch {
+    ($($kind:ident $id:ident $type:ident by $by:ident;)+) => {
+        /// Puts random numbers into a message.
+        pub(crate) fn garble<M: Message>(message: &mut M, dice: &mut Dice) {
+            let message: &mut dyn Any = message;
+            $(only!(message, $kind, {
+                if let Some(own) = message.downcast_mut::<messages::$type>() {
+                    own.garble(dice);
+                }
+            });)+
+        }
+
+        /// Puts a plausible wrong value into a message; `first` is the first message that was to be wrong, as it was.
+        pub(crate) fn falsify<M: Message>(message: &mut M, first: &M) {
+            let (message, first): (&mut dyn Any, &dyn Any) = (message, first);
+            $(only!(message, $kind, {
+                if let (Some(own), Some(first)) = (message.downcast_mut::<messages::$type>(), first.downcast_ref()) {
+                    own.falsify(first);
+                }
+            });)+
+        }
+
+        /// Puts random numbers beside a slice and into it. Every other header stays as it is, so that what lies behind
+        /// its checks is met too.
+        pub(crate) fn garble_frame<F: Frame>(meta: &mut F::Meta, data: &mut [F::Element], dice: &mut Dice) {
+            let with_meta = dice.bits().is_multiple_of(2);
+            $(only!(frame, $kind, {
+                if let Some(data) = elements_of::<messages::$type, F>(data) {
+                    let meta: &mut dyn Any = meta;
+                    if let Some(meta) = meta.downcast_mut().filter(|_| with_meta) {
+                        messages::$type::garble_meta(meta, dice);
+                    }
+                    messages::$type::garble(data, dice);
+                }
+            });)+
+        }
+
+        /// Puts a plausible wrong value into a slice.
+        pub(crate) fn falsify_frame<F: Frame>(data: &mut [F::Element]) {
+            $(only!(frame, $kind, {
+                if let Some(data) = elements_of::<messages::$type, F>(data) {
+                    messages::$type::falsify(data);
+                }
+            });)+
+        }
     };
 }
 
-/// Puts random numbers into a message.
-pub(crate) fn garble<M: Message>(message: &mut M, dice: &mut Dice) {
-    as_its_type!(message, |own| own.garble(dice));
-}
-
-/// Puts a plausible wrong value into a message; `first` is the first message that was to be wrong, as it was.
-pub(crate) fn falsify<M: Message>(message: &mut M, first: &M) {
-    let first: &dyn Any = first;
-    as_its_type!(message, |own| {
-        if let Some(first) = first.downcast_ref() {
-            own.falsify(first);
-        }
-    });
-}
-
-/// Puts random numbers beside a slice and into it. Every other header stays as it is, so that what lies behind its
-/// checks is met too.
-pub(crate) fn garble_frame<F: Frame>(meta: &mut F::Meta, data: &mut [F::Element], dice: &mut Dice) {
-    if dice.bits().is_multiple_of(2) {
-        garble(meta, dice);
-    }
-    if let Some(ranges_m) = elements_of::<LidarScan, F>(data) {
-        garble_ranges(ranges_m, dice);
-    } else if let Some(pixels_mm) = elements_of::<DepthFrame, F>(data) {
-        garble_pixels(pixels_mm, dice);
-    }
-}
-
-/// Puts a plausible wrong value into a slice.
-pub(crate) fn falsify_frame<F: Frame>(data: &mut [F::Element]) {
-    if let Some(ranges_m) = elements_of::<LidarScan, F>(data) {
-        falsify_ranges(ranges_m);
-    } else if let Some(pixels_mm) = elements_of::<DepthFrame, F>(data) {
-        falsify_pixels(pixels_mm);
-    }
-}
+messages::for_each_injectable_topic!(dispatch);
 
 /// The elements of an `F` as those of a `G`, where they are the same topic.
 fn elements_of<G: Frame<Element: FromBytes + IntoBytes>, F: Frame>(
@@ -86,15 +117,6 @@ impl Draw for Dice {
     }
 }
 
-/// How a message goes wrong. Seq, incarnation and step are the envelope that transport puts around it, and stay.
-trait Corrupt {
-    /// Random numbers.
-    fn garble(&mut self, _dice: &mut Dice) {}
-
-    /// A plausible wrong value; `first` is the first message that was to be wrong, as it was.
-    fn falsify(&mut self, _first: &Self) {}
-}
-
 fn twice(twist: Twist2) -> Twist2 {
     Twist2 {
         vx_mps: WRONG_SCALE * twist.vx_mps,
@@ -116,22 +138,45 @@ fn any_cue(dice: &mut Dice) -> CueKind {
     [CueKind::Stop, CueKind::Forward, CueKind::Left, CueKind::Right][(dice.bits() % 4) as usize]
 }
 
-impl Corrupt for ScanHeader {
-    fn garble(&mut self, dice: &mut Dice) {
-        self.header.stamp_ns = dice.count();
-        (self.angle_min_rad, self.angle_increment_rad) = (dice.number(), dice.number());
-        (self.range_min_m, self.range_max_m, self.sigma_m) = (dice.number(), dice.number(), dice.number());
-        self.robot_from_lidar = dice.pose();
+impl CorruptFrame for LidarScan {
+    fn garble_meta(meta: &mut ScanHeader, dice: &mut Dice) {
+        meta.header.stamp_ns = dice.count();
+        (meta.angle_min_rad, meta.angle_increment_rad) = (dice.number(), dice.number());
+        (meta.range_min_m, meta.range_max_m, meta.sigma_m) = (dice.number(), dice.number(), dice.number());
+        meta.robot_from_lidar = dice.pose();
+    }
+
+    fn garble(ranges_m: &mut [f32], dice: &mut Dice) {
+        ranges_m.iter_mut().for_each(|range| *range = dice.number() as f32);
+    }
+
+    /// Readings that are too long, up to where a lidar sees nothing.
+    fn falsify(ranges_m: &mut [f32]) {
+        ranges_m.iter_mut().for_each(|range| *range *= WRONG_SCALE as f32);
     }
 }
 
-impl Corrupt for DepthHeader {
-    fn garble(&mut self, dice: &mut Dice) {
-        self.header.stamp_ns = dice.count();
-        (self.width, self.height) = (dice.bits() as u32, dice.bits() as u32);
-        (self.fx_px, self.fy_px, self.cx_px, self.cy_px) = (dice.number(), dice.number(), dice.number(), dice.number());
-        self.robot_from_camera.x_m = dice.number();
-        self.robot_from_camera.pitch_rad = dice.number();
+impl CorruptFrame for DepthFrame {
+    fn garble_meta(meta: &mut DepthHeader, dice: &mut Dice) {
+        meta.header.stamp_ns = dice.count();
+        (meta.width, meta.height) = (dice.bits() as u32, dice.bits() as u32);
+        (meta.fx_px, meta.fy_px, meta.cx_px, meta.cy_px) = (dice.number(), dice.number(), dice.number(), dice.number());
+        meta.robot_from_camera.x_m = dice.number();
+        meta.robot_from_camera.pitch_rad = dice.number();
+    }
+
+    fn garble(pixels_mm: &mut [u16], dice: &mut Dice) {
+        for four in pixels_mm.chunks_mut(4) {
+            let bits = dice.bits();
+            for (i, pixel) in four.iter_mut().enumerate() {
+                *pixel = (bits >> (16 * i)) as u16;
+            }
+        }
+    }
+
+    /// Depths that are too long; what was not seen is not seen.
+    fn falsify(pixels_mm: &mut [u16]) {
+        pixels_mm.iter_mut().for_each(|pixel| *pixel = pixel.saturating_mul(WRONG_SCALE as u16));
     }
 }
 
@@ -258,62 +303,56 @@ impl Corrupt for Health {
     }
 }
 
-/// Random readings.
-fn garble_ranges(ranges_m: &mut [f32], dice: &mut Dice) {
-    ranges_m.iter_mut().for_each(|range| *range = dice.number() as f32);
-}
-
-/// Readings that are too long, up to where a lidar sees nothing.
-fn falsify_ranges(ranges_m: &mut [f32]) {
-    ranges_m.iter_mut().for_each(|range| *range *= WRONG_SCALE as f32);
-}
-
-/// Random pixels.
-fn garble_pixels(pixels_mm: &mut [u16], dice: &mut Dice) {
-    for four in pixels_mm.chunks_mut(4) {
-        let bits = dice.bits();
-        for (i, pixel) in four.iter_mut().enumerate() {
-            *pixel = (bits >> (16 * i)) as u16;
-        }
-    }
-}
-
-/// Depths that are too long; what was not seen is not seen.
-fn falsify_pixels(pixels_mm: &mut [u16]) {
-    pixels_mm.iter_mut().for_each(|pixel| *pixel = pixel.saturating_mul(WRONG_SCALE as u16));
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{falsify, garble, garble_frame};
-    use messages::fault::{Dice, streams};
-    use messages::{DepthFrame, DepthHeader, LidarScan, Message, ScanHeader, TopicId};
+    use super::{falsify, falsify_frame, garble, garble_frame};
+    use messages::fault::Dice;
+    use messages::{Frame, Message};
+    use zerocopy::IntoBytes;
 
-    /// A type that the list above forgets would go out unharmed, and a fault that does nothing looks like one survived.
+    /// A fault that does nothing looks like one that was survived.
     #[test]
-    fn every_stream_that_can_be_injected_into_is_garbled() {
-        fn is_garbled<M: Message + Default + PartialEq>() -> bool {
+    fn every_topic_that_can_be_injected_into_is_garbled_and_falsified() {
+        macro_rules! check {
+            ($($kind:ident $id:ident $type:ident by $by:ident;)+) => { $(check!($kind $type);)+ };
+            (message $type:ident) => { check_message::<messages::$type>() };
+            (frame $type:ident) => { check_frame::<messages::$type>() };
+        }
+        messages::for_each_injectable_topic!(check);
+    }
+
+    fn check_message<M: Message + Default>() {
+        // As text, NaN is equal to itself.
+        let text = |message: &M| format!("{message:?}");
+        let mut garbled = M::default();
+        garble(&mut garbled, &mut Dice::new(3));
+        assert_ne!(text(&garbled), text(&M::default()), "garbage");
+        // One that is all zero may have nothing to double; of random ones, some have.
+        let falsified = |seed| {
             let mut message = M::default();
-            garble(&mut message, &mut Dice::new(3));
-            message != M::default()
-        }
-        macro_rules! garbled {
-            ($(message $id:ident $type:ident;)+) => { [$((TopicId::$id, is_garbled::<messages::$type>())),+] };
-            // Frames are looked at below.
-            ($(message $id:ident $type:ident;)* frame $f:ident $g:ident; $($rest:tt)*) => {
-                garbled!($(message $id $type;)* $($rest)*)
-            };
-        }
-        let garbled = messages::for_each_topic!(garbled);
-        let frames = [TopicId::LidarScan, TopicId::DepthFrame];
-        for topic in streams().chain([TopicId::Health]).filter(|topic| !frames.contains(topic)) {
-            assert!(garbled.contains(&(topic, true)), "{topic}");
-        }
-        let (mut scan, mut ranges_m) = (ScanHeader::default(), [1.0; 8]);
-        garble_frame::<LidarScan>(&mut scan, &mut ranges_m, &mut Dice::new(3));
-        let (mut depth, mut pixels_mm) = (DepthHeader::default(), [1; 8]);
-        garble_frame::<DepthFrame>(&mut depth, &mut pixels_mm, &mut Dice::new(3));
-        assert!(ranges_m != [1.0; 8] && pixels_mm != [1; 8]);
+            garble(&mut message, &mut Dice::new(seed));
+            let before = message;
+            falsify(&mut message, &M::default());
+            text(&message) != text(&before)
+        };
+        assert!((0..8).any(falsified), "a wrong value: {}", M::TOPIC);
+    }
+
+    fn check_frame<F: Frame>() {
+        // Any bytes are an element; of these none is 0 or NaN.
+        let mut data = vec![F::Element::default(); 8];
+        data.as_mut_bytes().fill(1);
+        // Every other header stays as it is.
+        let garbled = |seed| {
+            let (mut meta, mut garbled) = (F::Meta::default(), data.clone());
+            garble_frame::<F>(&mut meta, &mut garbled, &mut Dice::new(seed));
+            assert_ne!(garbled, data, "garbage: {}", F::Meta::TOPIC);
+            meta != F::Meta::default()
+        };
+        assert!((0..8).any(garbled), "garbage beside it: {}", F::Meta::TOPIC);
+        let mut falsified = data.clone();
+        falsify_frame::<F>(&mut falsified);
+        assert_ne!(falsified, data, "a wrong value: {}", F::Meta::TOPIC);
     }
 
     #[test]

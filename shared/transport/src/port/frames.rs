@@ -15,7 +15,7 @@ use messages::{Frame, Header, Message, PortRole, ServiceId};
 use super::{Inlet, Outlet, Shared, Waker, next_header, publish_error, receive_error, recorded_header, sort_key};
 use crate::TransportError;
 use crate::checked::Mapped;
-use crate::domain::{Domain, spec_of};
+use crate::domain::Domain;
 use crate::fault::{Filter, Passage, StreamFault, falsify_frame, garble_frame};
 
 /// The far side of a writer of frames.
@@ -97,7 +97,7 @@ where
     F::Meta: ZeroCopySend,
 {
     pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>, max_len: usize) -> Result<Self, TransportError> {
-        let spec = spec_of(F::Meta::TOPIC)?;
+        let spec = shared.row(F::Meta::TOPIC, PortRole::Publisher)?;
         let port = domain
             .frames::<F>(false)?
             .publisher_builder()
@@ -259,7 +259,7 @@ where
     F::Meta: ZeroCopySend,
 {
     pub(crate) fn open(domain: &Domain, shared: &Rc<Shared>) -> Result<Self, TransportError> {
-        let spec = spec_of(F::Meta::TOPIC)?;
+        let spec = shared.row(F::Meta::TOPIC, PortRole::Subscriber)?;
         let port = domain
             .frames::<F>(false)?
             .subscriber_builder()

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 
 use messages::{Health, LocomotionState, Mode, RobotCommand, ServiceId, StopKind, WorldTruth};
-use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_supervisor};
+use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_tool};
 
 use crate::exit::Failure;
 
@@ -78,7 +78,7 @@ impl Tap {
         let (log, over, dir) = (Arc::clone(&seen), Arc::clone(&stop), dir.to_owned());
         let thread = std::thread::spawn(move || {
             let domain = Domain::open(RunDir::open(&dir), "bench")?;
-            run_supervisor(domain, |io| Listener::open(io, log, over)).map(|_| ())
+            run_tool(domain, |io| Listener::open(io, log, over)).map(|_| ())
         });
         Self { seen, stop, thread: Some(thread) }
     }
