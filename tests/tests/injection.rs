@@ -242,6 +242,6 @@ fn a_full_shm_stops_no_walk_and_who_dies_meanwhile_comes_back_once_there_is_room
     assert_eq!((code, &report["collisions"]["robot"]), (0, &0.into()), "{report:#}");
     let mut stops = report["stops"].as_array().expect("stops").iter();
     let others = stops.find(|stop| stop["reason"] == "service_died" && stop["service"] != "depth");
-    assert!(others.is_none(), "nobody else dies of a full shm: {others:#?}");
+    assert!(others.is_none(), "a full shared memory kills no other service: {others:#?}");
     place.assert_empty();
 }

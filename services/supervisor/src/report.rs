@@ -362,7 +362,7 @@ mod tests {
     use crate::stops::Stop;
     use messages::{
         Cue, CueInForce, CueKind, CueSource, Header, Health, Mode, ModeClass, PortCounters, PortRole, ServiceId,
-        StopKind, StopReason, TopicId,
+        StopClass, StopKind, StopReason, TopicId,
     };
     use serde_json::json;
 
@@ -388,7 +388,7 @@ mod tests {
                 r#""reason":"service_died: lidar (incarnation 3)"}"#
             )
         );
-        let begun = Stop { class: messages::StopClass::Fault, reason, at_ns: 2_000_000_000, ended_ns: None };
+        let begun = Stop { class: StopClass::Fault, reason, at_ns: 2_000_000_000, ended_ns: None };
         assert_eq!(
             json!(stop(&begun, 2_250_000_000)).to_string(),
             concat!(

@@ -111,7 +111,7 @@ impl StopLog {
         // A state that was on its way when run began still tells of the stop before.
         if stands
             && self.hold.is_none()
-            && let Some(stop) = kind.info().filter(|_| kind.holds_a_cue())
+            && let Some(stop) = kind.info().filter(|stop| stop.holds_a_cue)
         {
             self.hold = self.begin(stop.class, state.limited_by, now_ns);
         }

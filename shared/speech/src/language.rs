@@ -274,7 +274,7 @@ mod tests {
             let error = Language::parse("my.toml", &text).expect_err(what).to_string();
             assert!(error.starts_with("my.toml: ") && error.contains(what), "{error}");
         }
-        let why = |language| Language::load(&language).expect_err("there is none").to_string();
+        let why = |language| Language::load(&language).expect_err("it is refused").to_string();
         let error = why(SpokenLanguage::Named("klingon".to_owned()));
         assert!(error.contains("\"klingon\"") && error.contains("en, de"), "{error}");
         let error = why(SpokenLanguage::File("nowhere.toml".into()));

@@ -239,8 +239,8 @@ pub fn run_supervisor<S: Service>(
     run_here(domain, false, build)
 }
 
-/// Runs a tool: a bench, or a test that listens to a run. It may open every topic, whoever the topic table lists: it
-/// takes room that is kept for the dead. It beats under the supervisor's name.
+/// Runs a tool: a bench, or a test that listens to a run. It may open every topic, also one whose row does not list it:
+/// its port takes a slot that is spare for a process that died. It beats under the supervisor's name.
 ///
 /// # Errors
 /// As [`run`].
