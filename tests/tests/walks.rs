@@ -27,7 +27,8 @@ fn walk(scenario: &str, more: &[&str]) -> Value {
 
 #[test]
 fn every_built_in_scenario_is_walked_without_a_collision() {
-    for scenario in ["corridor", "curve", "left-at-tee", "cluttered", "crossing", "l-turn"] {
+    // The corridor and the tee are walked by tests below.
+    for scenario in ["curve", "cluttered", "crossing", "l-turn"] {
         assert_good(&walk(scenario, &[]), scenario, 30.0);
     }
 }
@@ -60,6 +61,7 @@ impl Drop for Hog {
 #[test]
 fn a_walk_in_stepped_time_is_the_same_on_a_loaded_machine() {
     let quiet = walk("left-at-tee", &[]);
+    assert_good(&quiet, "left-at-tee", 30.0);
     let hog = Hog::new();
     let loaded = walk("left-at-tee", &[]);
     drop(hog);
@@ -92,7 +94,7 @@ fn two_runs_live_side_by_side() {
     let reports = [one, two].map(|child| child.wait_with_output().expect("ends"));
     let digests = reports.map(|output| {
         let report: Value = serde_json::from_slice(&output.stdout).expect("a report");
-        assert_eq!(report["reached"], true);
+        assert_good(&report, "corridor", 30.0);
         report["digest"].clone()
     });
     assert_eq!(digests[0], digests[1]);
