@@ -6,6 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::OnceLock;
 use std::time::SystemTime;
 
+use messages::ServiceId;
+
 use crate::project;
 
 /// Where the built programs lie: beside the test's own executable. Panics where one is missing or older than a source.
@@ -26,20 +28,10 @@ pub fn programs() -> PathBuf {
     dir.clone()
 }
 
-/// Names of all programs of the services.
-fn names() -> Vec<String> {
-    let services = fs::read_dir(project().join("services")).expect("readable").flatten();
-    let manifests = services.filter_map(|service| fs::read_to_string(service.path().join("Cargo.toml")).ok());
-    let names: Vec<String> = manifests.flat_map(|text| names_in(&text)).collect();
-    assert!(names.contains(&"guidedog".to_owned()), "the manifests were read: {names:?}");
-    names
-}
-
-/// Names of the programs that a manifest declares.
-fn names_in(manifest: &str) -> Vec<String> {
-    let manifest: toml::Table = toml::from_str(manifest).expect("cargo reads it too");
-    let programs = manifest.get("bin").and_then(toml::Value::as_array).into_iter().flatten();
-    programs.map(|program| program["name"].as_str().expect("a program has a name").to_owned()).collect()
+/// Names of all programs: of the command line, of the services, and of the tests' own.
+fn names() -> impl Iterator<Item = String> {
+    let own = ["guidedog", "guidedog-faulty-policy"].map(str::to_owned);
+    own.into_iter().chain(ServiceId::ALL.into_iter().map(|service| format!("guidedog-{service}")))
 }
 
 /// What is wrong with a program, by cargo's own list of its sources, which lies beside it. When each source was last

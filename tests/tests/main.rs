@@ -13,6 +13,7 @@ mod hearing;
 mod injection;
 mod links;
 mod odometry;
+mod peers;
 mod planned;
 mod record;
 mod recordings;

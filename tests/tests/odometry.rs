@@ -7,10 +7,10 @@ use guidedog_tests::{Place, data};
 use recording::{Reader, Record};
 use serde_json::Value;
 
-/// Odometry that has a wrong scale and a heading that wanders by 8 degrees after 10 m. Small frames make a walk quick.
+/// Odometry that has a wrong scale and a heading that wanders by 8 degrees after 10 m.
 fn settings(is_matched: bool) -> String {
     let drift = "[odometry]\nscale_sigma = 0.05\nyaw_walk_rad_per_sqrt_m = 0.04\n";
-    format!("{drift}[odometry.matching]\non = {is_matched}\n[depth]\nwidth = 160\nheight = 120\n")
+    format!("{drift}[odometry.matching]\non = {is_matched}\n")
 }
 
 /// A walk round a curve in stepped time: its report, and how far its odometry was off the truth in the end and at most,

@@ -45,8 +45,8 @@ fn policy(run: &Live<'_>, place: &Place, args: &[&str]) -> (Value, i32) {
 fn stops(run: &Live<'_>, place: &Place) -> Vec<String> {
     let (why, _) = place.json(&["why", "--json", "--run", &run.name]);
     let stops = why["stops"].as_array().expect("stops").iter();
-    // Holds come and go by themselves; what is counted is what needs a cue to go on.
-    let stops = stops.filter(|stop| stop["class"] != "hold");
+    // Holds come and go by themselves, and locomotion may tell of a death before the supervisor calls it a fault.
+    let stops = stops.filter(|stop| stop["class"] == "fault" || stop["class"] == "lock");
     stops.map(|stop| stop["reason"].as_str().unwrap_or_default().to_owned()).collect()
 }
 

@@ -145,16 +145,23 @@ fn paths_of_the_configuration_start_at_its_folder() {
     let settings = rust_files().into_iter().filter(|path| name(path).starts_with("shared/settings/src"));
     for path in settings {
         let text = fs::read_to_string(&path).expect("readable");
-        let (mut derives, mut is_read) = ("", false);
+        let (mut derives, mut is_read) = (String::new(), false);
         for (number, line) in code(&text) {
+            let is_type = ["struct ", "enum "].iter().any(|kind| {
+                line.strip_prefix("pub ").or(line.strip_prefix("pub(crate) ")).unwrap_or(line).starts_with(kind)
+            });
             match line {
-                _ if line.starts_with("#[derive(") => derives = line,
-                _ if line.starts_with("pub struct ") || line.starts_with("pub enum ") => {
-                    is_read = derives.contains("Deserialize");
+                _ if line.starts_with("#[derive(") => derives = line.to_owned(),
+                // A derive may stand on several lines.
+                _ if derives.starts_with('#') && !derives.contains(")]") => derives.push_str(line),
+                _ if is_type => {
+                    is_read = std::mem::take(&mut derives).contains("Deserialize");
                     types += usize::from(is_read);
                 }
                 "}" => is_read = false,
-                _ if is_read && line.contains("PathBuf") => wrong.push(format!("{}:{number}: {line}", name(&path))),
+                _ if is_read && (line.contains("PathBuf") || line.contains("Box<Path>")) => {
+                    wrong.push(format!("{}:{number}: {line}", name(&path)))
+                }
                 _ => {}
             }
         }

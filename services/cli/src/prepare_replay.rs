@@ -78,7 +78,7 @@ fn base(args: &ReplayArgs, recorded: Option<&str>) -> Result<Settings, Failure> 
             let name = format!("the settings recorded in {}", args.recording.display());
             let mut recorded = settings::load_over(&name, text, None).map_err(Failure::of_input)?;
             // A recording, whoever made it, starts no program here.
-            recorded.planned.retain(|planned| !matches!(planned.ask, Ask::PolicySwap { .. } | Ask::PolicyRollback));
+            recorded.planned.retain(|planned| !matches!(planned.ask, Ask::PolicySwap { .. } | Ask::PolicyRollback {}));
             let text = toml::to_string(&recorded).map_err(Failure::of_input)?;
             let mut settings = settings::load_over(&name, &text, config).map_err(Failure::of_input)?;
             // The recorded run may itself have been a replay.

@@ -290,11 +290,19 @@ impl Gate {
     pub fn judge(&mut self, now_ns: u64) -> Verdict {
         match self.check(now_ns) {
             Ok(velocity) => Verdict { velocity, reason: StopReason::default(), planned: false },
-            Err((reason, planned)) => Verdict { velocity: Twist2::ZERO, reason, planned },
+            Err((reason, planned)) => {
+                // The row of a reason says whether it ends by itself. A lifeline is latched as it closes: found closed
+                // in a later run, it waits for the new one alone.
+                let latches = reason.kind.is_latched() && reason.kind != StopKind::LifelineClosed;
+                if let Some(mode) = self.mode.filter(|mode| latches && mode.class == ModeClass::Run) {
+                    self.latch_at(mode.epoch, reason);
+                }
+                Verdict { velocity: Twist2::ZERO, reason, planned }
+            }
         }
     }
 
-    fn check(&mut self, now_ns: u64) -> Result<Twist2, (StopReason, bool)> {
+    fn check(&self, now_ns: u64) -> Result<Twist2, (StopReason, bool)> {
         let sudden = |reason| Err((reason, false));
         if let Some(reason) = self.stopped_by {
             return sudden(reason);
@@ -302,11 +310,7 @@ impl Gate {
         let Some(mode) = self.mode else { return sudden(StopReason::of(StopKind::Boot)) };
         let age = age_ns(now_ns, mode.header.stamp_ns);
         if age > self.limits.mode_max_age_ns {
-            let reason = StopReason::stream(StopKind::ModeStale, TopicId::Mode, age, self.limits.mode_max_age_ns);
-            if mode.class == ModeClass::Run {
-                self.latch_at(mode.epoch, reason);
-            }
-            return sudden(reason);
+            return sudden(StopReason::stream(StopKind::ModeStale, TopicId::Mode, age, self.limits.mode_max_age_ns));
         }
         if mode.class != ModeClass::Run {
             return sudden(mode.reason);

@@ -61,12 +61,12 @@ impl PlannedRequests {
 fn request(ask: Ask) -> Request {
     match ask {
         Ask::Cue { cue } => Request::Cue { cue },
-        Ask::Stop => Request::Stop,
-        Ask::Resume => Request::Resume {},
+        Ask::Stop {} => Request::Stop,
+        Ask::Resume {} => Request::Resume {},
         Ask::PolicySwap { exe, model } => {
             Request::PolicySwap { exe: exe.map(Into::into), model: model.map(PathBuf::from) }
         }
-        Ask::PolicyRollback => Request::PolicyRollback {},
+        Ask::PolicyRollback {} => Request::PolicyRollback {},
         Ask::Inject { target, fault, lasts, seed } => {
             Request::Inject { target, fault, for_ms: lasts.map(|lasts| lasts.ns() / 1_000_000), seed }
         }
@@ -85,7 +85,7 @@ impl Supervisor {
         while let Some((at_ns, ask)) = self.planned.next(now_ns) {
             let name = serde_json::to_string(&ask).unwrap_or_default();
             let told = format!("planned for {:.2} s: {name}", s_from_ns(at_ns));
-            if now_ns > at_ns + STILL_MEANT_NS && matches!(ask, Ask::Cue { .. } | Ask::Resume) {
+            if now_ns > at_ns + STILL_MEANT_NS && matches!(ask, Ask::Cue { .. } | Ask::Resume {}) {
                 self.figures.note(now_ns, format!("{told}: not done, for the supervisor slept"));
                 continue;
             }
@@ -131,7 +131,7 @@ mod tests {
         let mut planned = PlannedRequests::of(&settings);
         assert!(!planned.is_due(999_999_999) && planned.is_due(1_000_000_000));
         let done: Vec<Ask> = std::iter::from_fn(|| planned.next(3_000_000_000)).map(|(_, ask)| ask).collect();
-        assert_eq!(done, [Ask::Stop, Ask::Resume, Ask::PolicyRollback]);
+        assert_eq!(done, [Ask::Stop {}, Ask::Resume {}, Ask::PolicyRollback {}]);
         assert!(!planned.is_due(u64::MAX));
         let mut planned = PlannedRequests::of(&settings);
         assert_eq!((planned.give_up(), planned.is_due(u64::MAX)), (3, false));

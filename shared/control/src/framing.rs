@@ -3,6 +3,8 @@
 
 use serde::Serialize;
 
+use crate::Request;
+
 /// Longest request, bytes.
 pub const MAX_REQUEST: usize = 4096;
 /// Longest answer, bytes.
@@ -37,23 +39,31 @@ pub struct Inbox {
 
 impl Inbox {
     /// Takes a piece of what is sent: the whole lines that are there now, without their ends, and what is wrong with
-    /// what follows them, if anything. What came before that still counts: a stop may be among it.
+    /// what follows them, if anything. What came before that still counts, and so does a stop in the rest of the piece.
     pub fn take(&mut self, piece: &[u8]) -> (Vec<Vec<u8>>, Option<Abuse>) {
         let mut lines = Vec::new();
+        let mut abuse = None;
         for part in piece.split_inclusive(|byte| *byte == b'\n') {
             let (text, ends) = part.strip_suffix(b"\n").map_or((part, false), |text| (text, true));
             if self.begun.len() + text.len() > MAX_REQUEST {
-                return (lines, Some(Abuse::TooLong));
+                abuse = abuse.or(Some(Abuse::TooLong));
+            } else if ends && lines.len() == MAX_WAITING {
+                abuse = abuse.or(Some(Abuse::TooMany));
             }
-            if ends && lines.len() == MAX_WAITING {
-                return (lines, Some(Abuse::TooMany));
+            if abuse.is_some() {
+                self.begun.clear();
+                if ends && Request::parse(text) == Ok(Request::Stop) {
+                    lines.push(text.to_vec());
+                    return (lines, abuse);
+                }
+                continue;
             }
             self.begun.extend_from_slice(text);
             if ends {
                 lines.push(std::mem::take(&mut self.begun));
             }
         }
-        (lines, None)
+        (lines, abuse)
     }
 }
 
@@ -80,5 +90,15 @@ mod tests {
         assert_eq!(Inbox::default().take(&long), (vec![b"stop".to_vec()], Some(Abuse::TooLong)));
         let (lines, abuse) = Inbox::default().take(&b"\n".repeat(1000));
         assert_eq!((lines.len(), abuse), (4, Some(Abuse::TooMany)));
+    }
+
+    #[test]
+    fn a_stop_after_too_much_is_obeyed_all_the_same() {
+        let stop = br#"{"verb":"stop"}"#.to_vec();
+        let flood = [b"\n".repeat(9), stop.clone(), b"\n".to_vec()].concat();
+        let (lines, abuse) = Inbox::default().take(&flood);
+        assert_eq!((lines.len(), lines.last(), abuse), (5, Some(&stop), Some(Abuse::TooMany)));
+        let long = [vec![b'x'; MAX_REQUEST + 1], b"\n".to_vec(), stop.clone(), b"\n".to_vec()].concat();
+        assert_eq!(Inbox::default().take(&long), (vec![stop], Some(Abuse::TooLong)));
     }
 }

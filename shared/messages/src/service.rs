@@ -464,7 +464,7 @@ impl core::fmt::Display for ServiceId {
 
 #[cfg(test)]
 mod tests {
-    use super::{DeathSignal, SERVICES, ServiceId};
+    use super::{BEAT_FAST_MS, DeathSignal, SERVICES, ServiceId};
 
     #[test]
     fn every_service_has_a_number_and_a_name_of_its_own() {
@@ -482,6 +482,9 @@ mod tests {
         for spec in SERVICES.iter().filter(|spec| spec.id != ServiceId::Supervisor) {
             assert_eq!(spec.critical, spec.watched_by.is_some(), "{}", spec.name);
             assert_eq!(spec.stops_robot, spec.at_supervisor_death == DeathSignal::HangUp, "{}", spec.name);
+            // `supervision.beat_limit` is three fast beats.
+            let limit_ms = spec.beat_limit_ms.unwrap_or(3 * BEAT_FAST_MS);
+            assert!(limit_ms >= 3 * spec.beat_period_ms, "{} beats slower than it is judged", spec.name);
         }
     }
 }

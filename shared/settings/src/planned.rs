@@ -26,9 +26,9 @@ pub enum Ask {
         cue: CueKind,
     },
     /// The operator's stop.
-    Stop,
+    Stop {},
     /// Out of a lock.
-    Resume,
+    Resume {},
     /// Another policy is to be swapped in.
     PolicySwap {
         /// Another executable in place of `guidedog-policy`.
@@ -37,7 +37,7 @@ pub enum Ask {
         model: Option<PolicyModel>,
     },
     /// Back to the policy before.
-    PolicyRollback,
+    PolicyRollback {},
     /// A fault is injected, or mended.
     Inject {
         /// A stream, a service, or the host, by name.
@@ -69,7 +69,7 @@ pub(crate) fn check(settings: &Settings) -> Result<(), String> {
             Ask::PolicySwap { exe: None, model: None } => {
                 return Err(wrong("neither an executable nor a model is named".to_owned()));
             }
-            Ask::Cue { .. } | Ask::Resume if settings.commands_robot() => {
+            Ask::Cue { .. } | Ask::Resume {} if settings.commands_robot() => {
                 return Err(wrong(
                     "nothing but the handler or the operator starts a real robot, and locomotion.link \
                                   commands one"
@@ -101,7 +101,7 @@ mod tests {
         "#;
         let settings: Settings = toml::from_str(text).expect("a plan");
         assert_eq!(super::check(&settings), Ok(()));
-        assert_eq!((settings.planned.len(), &settings.planned[1].ask), (2, &Ask::Stop));
+        assert_eq!((settings.planned.len(), &settings.planned[1].ask), (2, &Ask::Stop {}));
         let written = toml::to_string(&settings).expect("settings can be written");
         assert_eq!(toml::from_str::<Settings>(&written).expect("and read"), settings);
     }
@@ -117,5 +117,14 @@ mod tests {
             assert!(super::check(&settings).is_err_and(|told| told.contains(why)), "{ask}");
         }
         assert!(toml::from_str::<Settings>("[[planned]]\nat = \"1s\"\nask = { verb = \"quit\" }\n").is_err());
+    }
+
+    #[test]
+    fn what_a_verb_does_not_know_is_refused() {
+        for verb in ["stop", "resume", "policy_rollback"] {
+            let text = format!("[[planned]]\nat = \"1s\"\nask = {{ verb = \"{verb}\", after = \"10s\" }}\n");
+            let refused = toml::from_str::<Settings>(&text).expect_err("it has no such key").to_string();
+            assert!(refused.contains("after"), "{verb}: {refused}");
+        }
     }
 }

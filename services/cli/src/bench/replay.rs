@@ -32,12 +32,13 @@ impl Tally {
         self.walls_s.push(wall_s);
         *self.digests.entry(report.digest.clone()).or_default() += 1;
         self.lost += report.lost.values().sum::<u64>();
-        let compared = report.compared().cloned().unwrap_or_default();
+        // A recording without permits leaves nothing to compare.
+        let Some(compared) = report.compared() else { return };
         let differ = |count: ComparedCount| count.different + count.additional;
         self.equal_to_recording += u32::from(differ(compared.permits) + differ(compared.actions) == 0);
         self.exact = compared.exact;
         if self.first_difference.is_none() {
-            self.first_difference = compared.first_difference;
+            self.first_difference.clone_from(&compared.first_difference);
         }
     }
 
@@ -127,5 +128,35 @@ fn arguments(recording: &Path, config: Option<&Path>) -> Result<ReplayArgs, Fail
             Ok(args)
         }
         _ => Err(Failure::input("the recording is no argument")),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use control::{Compared, ReplayFigures, RunFigures};
+
+    use super::*;
+
+    fn report(compared: Option<Compared>) -> Report {
+        let replayed = ReplayFigures {
+            recording: "walk.mcap".to_owned(),
+            scans: 1,
+            depth_frames: 0,
+            recorded_s: 1.0,
+            input_anomalies: BTreeMap::new(),
+            compared,
+        };
+        Report { world: Some(RunFigures { replayed: Some(replayed), ..RunFigures::default() }), ..Report::default() }
+    }
+
+    #[test]
+    fn a_replay_that_was_not_compared_is_not_equal_to_the_recording() {
+        let mut tally = Tally::default();
+        tally.take(&report(None), 1.0);
+        assert_eq!((tally.equal_to_recording, tally.exact), (0, false));
+        assert!(tally.is_well(1, false) && !tally.is_well(1, true));
+        tally.take(&report(Some(Compared { exact: true, ..Compared::default() })), 1.0);
+        assert_eq!((tally.equal_to_recording, tally.exact), (1, true));
+        assert!(!tally.is_well(2, true), "one of two was compared");
     }
 }
