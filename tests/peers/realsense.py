@@ -94,6 +94,15 @@ class Run:
             run.wait()
 
 
+def sees(status):
+    """Whether a cue may be given, and a dozen frames have come."""
+    try:
+        status = json.loads(status)
+    except json.JSONDecodeError:
+        return False
+    return status["mode"]["ready_for_cue"] and status["published"].get("depth/frame", 0) > 12
+
+
 def main(guidedog):
     with tempfile.TemporaryDirectory(prefix="gd", dir="/tmp") as folder:
         folder = pathlib.Path(folder)
@@ -102,7 +111,7 @@ def main(guidedog):
 
         played = run.configure("played", {"library": library, "file": "seen.db3"})
         assert "seen.db3 is there" in run.say("doctor", "--config", played)
-        status = run.until(played, lambda status: '"ready_for_cue":true' in status.replace(" ", ""))
+        status = run.until(played, sees)
         assert "Software, serial number 12345" in status, status
         wanted = [pixels(k) for k in range(FRAMES)]
         seen = set()
