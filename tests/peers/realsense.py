@@ -94,13 +94,22 @@ class Run:
             run.wait()
 
 
-def sees(status):
-    """Whether a cue may be given, and a dozen frames have come."""
-    try:
-        status = json.loads(status)
-    except json.JSONDecodeError:
-        return False
-    return status["mode"]["ready_for_cue"] and status["published"].get("depth/frame", 0) > 12
+def a_dozen_frames():
+    """Of a status: whether a dozen frames have come since a cue could first be given, when the recorder was there."""
+    first = None
+
+    def told(status):
+        nonlocal first
+        try:
+            status = json.loads(status)
+        except json.JSONDecodeError:
+            return False
+        frames = status["published"].get("depth/frame", 0)
+        if first is None and status["mode"]["ready_for_cue"]:
+            first = frames
+        return first is not None and frames >= first + 12
+
+    return told
 
 
 def main(guidedog):
@@ -111,7 +120,7 @@ def main(guidedog):
 
         played = run.configure("played", {"library": library, "file": "seen.db3"})
         assert "seen.db3 is there" in run.say("doctor", "--config", played)
-        status = run.until(played, sees)
+        status = run.until(played, a_dozen_frames())
         assert "Software, serial number 12345" in status, status
         wanted = [pixels(k) for k in range(FRAMES)]
         seen = set()
