@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use messages::{SpeechPhase, SpeechSaid};
 use transport::{Domain, Io, RunDir, Service, Subscriber, TransportError, run_tool};
 
-use crate::until;
+use crate::until_or;
 
 /// Listens to a live run until it is told to stop, or the run ends.
 #[derive(Debug)]
@@ -48,7 +48,7 @@ impl Ears {
     /// Waits until that sentence was begun so many times.
     pub fn wait(&self, text: &str, times: usize) {
         let count = || self.texts().iter().filter(|said| *said == text).count();
-        until(&format!("{times} times: {text}"), || count() >= times);
+        until_or(|| format!("{times} times: {text} Heard: {:?}", self.texts()), || count() >= times);
     }
 
     /// Listens no longer: everything that was published.

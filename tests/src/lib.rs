@@ -37,10 +37,15 @@ pub use wire::{Came, Wire};
 pub const WATCHDOG: Duration = Duration::from_secs(120);
 
 /// Waits until it is so; the test has failed where it never is.
-pub fn until(what: &str, mut is_so: impl FnMut() -> bool) {
+pub fn until(what: &str, is_so: impl FnMut() -> bool) {
+    until_or(|| what.to_owned(), is_so);
+}
+
+/// Waits until it is so; where it never is, the test has failed with what is told then.
+pub fn until_or(what: impl Fn() -> String, mut is_so: impl FnMut() -> bool) {
     let since = Instant::now();
     while !is_so() {
-        assert!(since.elapsed() < WATCHDOG, "never: {what}");
+        assert!(since.elapsed() < WATCHDOG, "never: {}", what());
         std::thread::sleep(Duration::from_millis(5));
     }
 }

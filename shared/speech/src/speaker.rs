@@ -347,7 +347,9 @@ impl Speaker {
             return None;
         }
         self.speaking = Some(Speaking { urgency: best, since_ns: now_ns, is_over: false });
-        Some(self.waiting.remove(i).utterance)
+        let utterance = self.waiting.remove(i).utterance;
+        self.ready_told |= utterance.sentence.topic == Topic::News(News::Ready);
+        Some(utterance)
     }
 
     /// What was being said has come to its end.
@@ -383,8 +385,8 @@ impl Speaker {
         if !ready && for_ns >= UNREADY_NS {
             self.ready_told = false;
         }
-        if ready && !self.ready_told && for_ns >= READY_AFTER_NS {
-            self.ready_told = true;
+        // It counts as told once it is begun: what waited behind another sentence may have been dropped.
+        if ready && !self.ready_told && for_ns >= READY_AFTER_NS && !self.waits(Topic::News(News::Ready)) {
             self.news(News::Ready, now_ns);
         }
     }
@@ -414,6 +416,10 @@ impl Speaker {
 
     fn was_told(&self, sentence: &Sentence, within_ns: u64, now_ns: u64) -> bool {
         self.told.iter().any(|(told, at_ns)| told == sentence && now_ns.saturating_sub(*at_ns) < within_ns)
+    }
+
+    fn waits(&self, topic: Topic) -> bool {
+        self.waiting.iter().any(|waiting| waiting.utterance.sentence.topic == topic)
     }
 
     fn drop_waiting(&mut self, is_over: impl Fn(Topic) -> bool) {

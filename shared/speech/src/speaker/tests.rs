@@ -211,6 +211,30 @@ fn ready_is_told_once_after_each_stop_and_after_it_was_not_ready() {
 }
 
 #[test]
+fn ready_that_had_to_wait_for_another_sentence_is_told_after_it() {
+    let mut bench = Bench::running();
+    bench.dies(ServiceId::Lidar);
+    bench.mode.ready_for_cue = true;
+    bench.pass(500, &[StopKind::ServiceDied]);
+    bench.mode.ready_for_cue = false;
+    bench.pass(100, &[StopKind::ServiceDied]);
+    bench.mode.ready_for_cue = true;
+    bench.pass(4000, &[StopKind::ServiceDied]);
+    assert_eq!(bench.texts(), ["Stopped: lidar lost, restarting.", "Ready."], "a moment while it waited");
+}
+
+#[test]
+fn ready_is_told_however_long_other_sentences_take() {
+    let mut bench = Bench::running();
+    bench.dies(ServiceId::Lidar);
+    bench.mode.ready_for_cue = true;
+    assert!(bench.listen());
+    bench.ends_ms = Some(bench.now_ms + 8000);
+    bench.pass(10_000, &[StopKind::ServiceDied]);
+    assert_eq!(bench.texts(), ["Stopped: lidar lost, restarting.", "Ready."]);
+}
+
+#[test]
 fn a_hold_is_told_when_it_lasts_and_again_while_it_does() {
     let mut bench = Bench::running();
     bench.pass(500, &[StopKind::AllUnsafe]);
