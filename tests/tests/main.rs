@@ -2,6 +2,7 @@
 
 mod access;
 mod bad_input;
+mod benches;
 mod camera;
 mod devices;
 mod enrol;

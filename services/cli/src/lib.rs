@@ -97,10 +97,10 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Import(args) => done(import::import(&args, json)),
         Verb::Bench(args) => match args.what {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
-            Bench::Shield => done(bench::shield::bench(json)),
-            Bench::Decoders => done(bench::decoders::bench(json)),
+            Bench::Shield { times } => done(bench::shield::bench(times, json)),
+            Bench::Decoders { times } => done(bench::decoders::bench(times, json)),
             Bench::Link { seconds } => done(bench::link::bench(seconds, json)),
-            Bench::World => done(bench::world::bench(json)),
+            Bench::World { times } => done(bench::world::bench(times, json)),
             Bench::Odometry { logs, relations } => done(bench::odometry::bench(&logs, relations.as_deref(), json)),
             Bench::Replay { recording, repeat, config } => {
                 bench::replay::bench(&recording, repeat, config.as_deref(), json)

@@ -25,9 +25,17 @@ pub enum Bench {
         seconds: u32,
     },
     /// The shield beside the paper's pseudo-code, one core
-    Shield,
+    Shield {
+        /// Measurements of each row; the pseudo-code is measured once in twenty
+        #[arg(long, default_value_t = 4000, value_name = "N", value_parser = clap::value_parser!(u32).range(20..=1_000_000))]
+        times: u32,
+    },
     /// Decoding of lidar samples, of every packing, beside the fastest line, one core
-    Decoders,
+    Decoders {
+        /// Measurements of each row
+        #[arg(long, default_value_t = 15, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        times: u32,
+    },
     /// How evenly the link to a robot sends, with and without real-time priority, quiet and busy
     Link {
         /// Each of the four measurements lasts so long
@@ -35,7 +43,11 @@ pub enum Bench {
         seconds: u32,
     },
     /// Decisions of simulated episodes a second, all cores: what training and evaluation are made of
-    World,
+    World {
+        /// Measurements of each row
+        #[arg(long, default_value_t = 15, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        times: u32,
+    },
     /// The odometry of recorded CARMEN logs, raw and corrected by their scans: errors side by side
     #[command(after_help = ODOMETRY_HELP)]
     Odometry {

@@ -10,8 +10,6 @@ use crate::out::{self, say, table};
 
 /// Frames of a format in one measurement.
 const FRAMES: usize = 20_000;
-/// Measurements of a format, in turns with the others.
-const TIMES: usize = 15;
 /// Samples of a turn.
 const TURN_SAMPLES: usize = 1600;
 /// The kernel hands over so many bytes at a time, as a serial port's buffer holds.
@@ -93,9 +91,9 @@ fn sample(number: usize) -> Sample {
 ///
 /// # Errors
 /// Where what was encoded is not decoded whole, or the report cannot be written.
-pub fn bench(as_json: bool) -> Result<(), Failure> {
+pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = Format::ALL.map(Row::new);
-    for _ in 0..TIMES {
+    for _ in 0..times {
         for row in &mut rows {
             row.measure()?;
         }

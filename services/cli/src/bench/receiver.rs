@@ -2,15 +2,15 @@
 
 use messages::{DepthFrame, Message};
 use rustix::process::Signal;
-use transport::{Domain, FrameSubscriber, Io, RunDir, Service, TransportError, monotonic_ns, run_tool};
+use transport::{Domain, FrameSubscriber, Io, RunDir, Service, TransportError, run_tool};
 
 use super::plain::PlainReceiver;
 use crate::args::{Program, ReceiverArgs};
 use crate::exit::Failure;
 use crate::out;
 
-/// Stamp of the message that ends the bench.
-pub(crate) const END_NS: u64 = u64::MAX;
+/// Stamp of the message that ends the bench: no other is so old. One from the future would be dropped.
+pub(crate) const END_NS: u64 = 0;
 
 /// The hidden verb `bench-receiver`.
 ///
@@ -55,14 +55,14 @@ impl OurReceiver {
 }
 
 impl Service for OurReceiver {
-    fn on_wake(&mut self, _io: &mut Io) -> Result<(), TransportError> {
+    fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         while let Some(frame) = self.frames.take()? {
-            let now = monotonic_ns();
+            let now_ns = io.now_ns();
             let header = frame.meta().header();
             if header.stamp_ns == END_NS {
                 self.done = true;
             } else {
-                self.taken.push((header.seq, now.saturating_sub(header.stamp_ns)));
+                self.taken.push((header.seq, now_ns.saturating_sub(header.stamp_ns)));
             }
         }
         Ok(())

@@ -25,19 +25,18 @@ const NAV2_US: f64 = 4450.0;
 const PLACES: usize = 64;
 /// Corners that stand for a disc's edge in the pseudo-code.
 const CORNERS: usize = 32;
-/// Measurements of a row: many of ours, fewer of what is slower.
-const OURS: usize = 4000;
-const THEIRS: usize = 200;
+/// What is slower is measured once in so many times.
+const OURS_FOR_THEIRS: u32 = 20;
 
 /// `guidedog bench shield`.
 ///
 /// # Errors
 /// Where the report cannot be written.
-pub fn bench(as_json: bool) -> Result<(), Failure> {
+pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = Vec::new();
     for actions in [ActionTable::eight(), ActionTable::ten()] {
         for beams in [360, 1440, 3600] {
-            rows.push(row(&actions, beams)?);
+            rows.push(row(&actions, beams, times)?);
         }
     }
     if as_json {
@@ -79,15 +78,15 @@ fn motion(harness: &DelayedHarness, handler: &Se2, start_from_end: Se2) -> Motio
     Motion { robot: start_from_end, handler: start_from_end * harness.step(handler, &start_from_end) }
 }
 
-fn row(actions: &ActionTable, count: usize) -> Result<Value, Failure> {
+fn row(actions: &ActionTable, count: usize, times: u32) -> Result<Value, Failure> {
     let (header, ranges) = corridor(count);
     let harness = DelayedHarness::default();
     let ends: Vec<Se2> = actions.actions().iter().map(|action| action.start_from_end()).collect();
     let handlers = handlers();
     let mut ours = Ours::new(&header, &ranges)?;
     let (mut ours_ns, mut fill_ns, mut theirs_ns) = (Vec::new(), Vec::new(), Vec::new());
-    for i in 0..OURS {
-        let handler = handlers[i % PLACES];
+    for i in 0..times {
+        let handler = handlers[i as usize % PLACES];
         let began = Instant::now();
         ours.fill(&header, &ranges)?;
         fill_ns.push(began.elapsed().as_nanos() as u64);
@@ -95,7 +94,7 @@ fn row(actions: &ActionTable, count: usize) -> Result<Value, Failure> {
         ours.judge(ends.iter().map(|end| motion(&harness, &handler, *end)), &handler);
         ours_ns.push(began.elapsed().as_nanos() as u64);
         // Both in one run, side by side: a machine that slows down slows both.
-        if i % (OURS / THEIRS) == 0 {
+        if i.is_multiple_of(OURS_FOR_THEIRS) {
             let began = Instant::now();
             let margins = pseudo_code(&ends, &handler, &harness, ours.beams());
             theirs_ns.push(began.elapsed().as_nanos() as u64);

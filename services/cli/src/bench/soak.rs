@@ -20,7 +20,7 @@ use crate::launch::Launch;
 use crate::out::{self, number, say};
 use crate::prepare;
 
-/// What a service maps and keeps grows with its first lives: it is counted from here on.
+/// What a service maps and keeps grows with its first lives: it is counted after so many kills, or as many as count.
 const WARM_UP: u32 = 100;
 /// A killed service is back, and the robot ready, within this.
 const BACK_WITHIN: Duration = Duration::from_secs(20);
@@ -111,8 +111,9 @@ fn kill_many(kills: u32) -> Result<Value, Failure> {
     let mut dice = Dice::new(1);
     let mut pids = BTreeSet::new();
     let mut before = Taken::default();
-    for i in 0..WARM_UP + kills {
-        if i == WARM_UP {
+    let warm_up = WARM_UP.min(kills);
+    for i in 0..warm_up + kills {
+        if i == warm_up {
             before = taken(&mut rig)?;
         }
         rig.walk()?;

@@ -124,12 +124,12 @@ struct Sender {
 }
 
 impl Sender {
-    fn send_ours(&mut self, elements: usize, stamp_ns: Option<u64>) -> Result<u64, TransportError> {
+    fn send_ours(&mut self, io: &Io, elements: usize, stamp_ns: Option<u64>) -> Result<u64, TransportError> {
         let mut loan = self.ours.loan(elements)?;
         (loan.meta_mut().width, loan.meta_mut().height) = (elements as u32, 1);
         let value = self.slot as u16;
         loan.data_mut().fill(value);
-        let stamp_ns = stamp_ns.unwrap_or_else(monotonic_ns);
+        let stamp_ns = stamp_ns.unwrap_or_else(|| io.now_ns());
         self.ours.publish(stamp_ns, loan).map(|header| header.seq)
     }
 
@@ -141,16 +141,16 @@ impl Sender {
         })
     }
 
-    fn send_next(&mut self) -> Result<(), TransportError> {
+    fn send_next(&mut self, io: &Io) -> Result<(), TransportError> {
         let Some(row) = self.rows.get(self.row).cloned() else {
-            self.send_ours(1, Some(END_NS))?;
+            self.send_ours(io, 1, Some(END_NS))?;
             self.send_plain(1, Some(END_NS))?;
             self.ended = true;
             self.next_ns += LINGER_NS;
             return Ok(());
         };
         let is_ours = self.slot.is_multiple_of(2);
-        let seq = if is_ours { self.send_ours(row.elements, None)? } else { self.send_plain(row.elements, None)? };
+        let seq = if is_ours { self.send_ours(io, row.elements, None)? } else { self.send_plain(row.elements, None)? };
         let seqs = if is_ours { &mut self.rows[self.row].ours } else { &mut self.rows[self.row].plain };
         if self.slot / 2 == WARM_UP {
             seqs.0 = seq;
@@ -173,7 +173,7 @@ impl Service for Sender {
                 self.done = true;
                 return Ok(());
             }
-            self.send_next()?;
+            self.send_next(io)?;
             // A sender that fell behind does not rush.
             self.next_ns = self.next_ns.max(now);
         }

@@ -12,8 +12,6 @@ use crate::out::{self, say, table};
 /// Episodes side by side, and decisions of each in one measurement: all parts of an episode, and beginning the next.
 const EPISODES: usize = 64;
 const DECISIONS: usize = 200;
-/// Measurements of a row, in turns with the other rows.
-const TIMES: usize = 15;
 /// What a prototype of the same task reached on two such cores, decisions a second: sensors alone, with the shield, and
 /// with noise as well.
 const PROTOTYPE: [f64; 3] = [293_000.0, 117_000.0, 38_000.0];
@@ -62,14 +60,14 @@ impl Row {
 ///
 /// # Errors
 /// Where the report cannot be written.
-pub fn bench(as_json: bool) -> Result<(), Failure> {
+pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = [
         Row::new("lidar, depth, motion", Noise::Ideal, false)?,
         Row::new("and the shield, eight actions", Noise::Ideal, true)?,
         Row::new("and noise", Noise::Noisy, true)?,
     ];
     // The machine's moods are shared by all rows.
-    for _ in 0..TIMES {
+    for _ in 0..times {
         rows.iter_mut().for_each(Row::measure);
     }
     let rows: Vec<Value> = rows.iter_mut().zip(PROTOTYPE).map(|(row, prototype)| row.json(prototype)).collect();
