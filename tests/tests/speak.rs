@@ -51,6 +51,11 @@ fn says(status: &Status, text: &str) -> bool {
     status.said.as_ref().is_some_and(|said| said.text == text)
 }
 
+/// Whether the robot said that last, and to its end.
+fn has_said(status: &Status, text: &str) -> bool {
+    says(status, text) && status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended)
+}
+
 /// From the stop to the first sample of each sentence about one, milliseconds.
 fn latencies_ms(said: &[SpeechSaid], urgency: Urgency) -> Vec<u64> {
     let begun = said.iter().filter(|said| said.phase == SpeechPhase::Begun && said.urgency == urgency);
@@ -90,10 +95,7 @@ fn a_walk_is_told_from_the_first_cue_to_the_end() {
     ears.wait("Stopped by the operator.", 1);
     assert!(!place.guidedog(&["cue", "left", "--run", "speak"]).status.success(), "the run is locked");
     ears.wait("Not now: I am locked.", 1);
-    let status = run.wait("what is said is told", |status| {
-        status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended)
-    });
-    assert!(says(&status, "Not now: I am locked."), "{status:#?}");
+    run.wait("what is said is told", |status| has_said(status, "Not now: I am locked."));
     assert!(place.guidedog(&["resume", "--run", "speak"]).status.success());
     ears.wait("Ready.", 3);
     let (report, code) = run.end();
@@ -173,7 +175,7 @@ fn a_lost_voice_stops_nobody_is_heard_as_a_tone_and_speaks_again() {
     }
     assert!(place.guidedog(&["stop", "--run", "speak"]).status.success());
     ears.wait("Stopped by the operator.", 1);
-    run.wait("it is heard", |status| status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended));
+    run.wait("it is heard", |status| has_said(status, "Stopped by the operator."));
     let (report, code) = run.end();
     assert_eq!((code, &report["restarts"]["speak"]), (0, &Value::from(2)), "{report:#}");
     // A busy machine may stop the robot for want of beats of others.
