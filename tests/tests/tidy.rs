@@ -86,11 +86,12 @@ fn banned_calls_are_not_made() {
     // (what, where it may be all the same)
     let banned: [(&str, &[&str]); 8] = [
         (".unwrap()", &[]),
-        ("println!(", &[]),
+        // Cargo reads what a build script prints; an example is a program to be watched.
+        ("println!(", &["services/mujoco/build.rs", "services/mujoco/examples/"]),
         ("dbg!(", &[]),
         ("todo!(", &[]),
         ("unimplemented!(", &[]),
-        ("Instant::now", &["services/cli/"]),
+        ("Instant::now", &["services/cli/", "services/mujoco/examples/"]),
         ("SystemTime::now", &[]),
         ("thread::sleep", &["services/cli/"]),
     ];

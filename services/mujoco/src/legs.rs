@@ -1,0 +1,252 @@
+//! A Go2 that walks by a learnt policy: joint targets every 20 ms, a PD controller in every step of the physics, and a
+//! loop around both that keeps a commanded velocity. At a command of zero it plants its feet.
+
+use std::path::{Path, PathBuf};
+
+use inference::{Session, TensorRef};
+use messages::Twist2;
+use mujoco_rs::prelude::*;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+
+use crate::scene::STEP_S;
+
+/// The policy's order of legs, and of the joints of each.
+const LEGS: [&str; 4] = ["FR", "FL", "RR", "RL"];
+const PARTS: [&str; 3] = ["hip", "thigh", "calf"];
+const JOINTS: usize = 12;
+/// Joint angles that the policy's output starts from, radians, and radians per unit of it, by part.
+const POSE_RAD: [f64; 3] = [0.0, 0.8, -1.5];
+const SCALE_RAD: [f64; 3] = [0.125, 0.25, 0.25];
+/// Stiffness of a joint, Nm/rad, and its damping, Nm s/rad: walking, as the policy was trained, and standing.
+const WALKING: (f64, f64) = (20.0, 0.5);
+const STANDING: (f64, f64) = (80.0, 2.0);
+/// Steps of the physics in a decision of the policy, and its length, seconds.
+const STEPS: u64 = 8;
+const DECISION_S: f64 = STEPS as f64 * STEP_S;
+/// What the policy is told: rates, gravity, command, angles, joint rates, its last output.
+const SENSES: usize = 45;
+/// Nothing that it is told, or says, counts for more than this.
+const CLIP: f64 = 100.0;
+/// Share of the way to an even stance in a decision.
+const SETTLED: f64 = 0.1;
+/// A robot that is slower than this plants its feet, m/s and rad/s.
+const STILL: f64 = 0.15;
+
+/// How a velocity is kept: an integral trim on the low-passed velocity of the body, as the policy's maker has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct VelocityLoop {
+    /// Time constant of the low pass, seconds.
+    pub low_pass_s: f64,
+    /// Trim per second and unit of error: forward, left, turning.
+    pub gain_per_s: [f64; 3],
+    /// The most trim: m/s, m/s, rad/s.
+    pub limit: [f64; 3],
+    /// The most that the command changes in a decision of the policy: m/s, m/s, rad/s.
+    pub slew: [f64; 3],
+}
+
+impl VelocityLoop {
+    /// The maker's own.
+    pub const SOFT: Self =
+        Self { low_pass_s: 0.3, gain_per_s: [1.5, 1.5, 2.0], limit: [0.4, 0.3, 0.6], slew: [0.05, 0.04, 0.10] };
+    /// Twice as stiff in everything.
+    pub const STIFF: Self =
+        Self { low_pass_s: 0.15, gain_per_s: [3.0, 3.0, 4.0], limit: [0.8, 0.6, 1.2], slew: [0.10, 0.08, 0.20] };
+}
+
+/// What keeps legs from walking.
+#[derive(Debug, thiserror::Error)]
+pub enum LegsError {
+    /// The model lacks a joint, a motor or a foot.
+    #[error("the robot's model has no {0}: it is no Go2")]
+    Missing(String),
+    /// The policy cannot be used.
+    #[error("{}: {what}", file.display())]
+    Policy {
+        /// The policy.
+        file: PathBuf,
+        /// Why.
+        what: String,
+    },
+}
+
+/// Where a joint's angle and rate are in the state, and which motor drives it.
+#[derive(Debug, Clone, Copy)]
+struct Joint {
+    angle: usize,
+    rate: usize,
+    motor: usize,
+}
+
+/// The robot's legs.
+pub struct Legs {
+    file: PathBuf,
+    session: Session,
+    keeps: VelocityLoop,
+    joints: Vec<Joint>,
+    feet: Vec<usize>,
+    targets_rad: [f64; JOINTS],
+    /// The policy's last output.
+    last: [f64; JOINTS],
+    /// The command as far as it has come, the body's low-passed velocity, and the trim: forward, left, turning.
+    command: Vector3<f64>,
+    moves: Vector3<f64>,
+    trim: Vector3<f64>,
+    stands: bool,
+    steps: u64,
+}
+
+fn pose_rad(joint: usize) -> f64 {
+    POSE_RAD[joint % 3]
+}
+
+/// The body's attitude (world frame).
+#[must_use]
+pub fn attitude(data: &MjData<Box<MjModel>>) -> UnitQuaternion<f64> {
+    let q = data.qpos();
+    UnitQuaternion::new_normalize(Quaternion::new(q[3], q[4], q[5], q[6]))
+}
+
+impl Legs {
+    /// The legs of a model of a Go2, which walk by the policy in that file.
+    ///
+    /// # Errors
+    /// Where the model is of another robot, or the policy cannot be read or used.
+    pub fn new(model: &MjModel, policy: &Path, keeps: VelocityLoop) -> Result<Self, LegsError> {
+        let wrong = |what: String| LegsError::Policy { file: policy.to_owned(), what };
+        let bytes = std::fs::read(policy).map_err(|error| wrong(error.to_string()))?;
+        let session = inference::session(&bytes, None).map_err(wrong)?;
+        let find = |kind: MjtObjBase, what: &str, name: &str| {
+            model.name_to_id(kind, name).ok_or_else(|| LegsError::Missing(format!("{what} {name}")))
+        };
+        let joint = |i: usize| {
+            let name = format!("{}_{}", LEGS[i / 3], PARTS[i % 3]);
+            let joint = find(MjtObjBase::mjOBJ_JOINT, "joint", &format!("{name}_joint"))?;
+            let motor = find(MjtObjBase::mjOBJ_ACTUATOR, "motor", &name)?;
+            let (angle, rate) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
+            Ok(Joint { angle, rate, motor })
+        };
+        Ok(Self {
+            file: policy.to_owned(),
+            session,
+            keeps,
+            joints: (0..JOINTS).map(joint).collect::<Result<_, LegsError>>()?,
+            feet: LEGS.iter().map(|leg| find(MjtObjBase::mjOBJ_GEOM, "foot", leg)).collect::<Result<_, _>>()?,
+            targets_rad: std::array::from_fn(pose_rad),
+            last: [0.0; JOINTS],
+            command: Vector3::zeros(),
+            moves: Vector3::zeros(),
+            trim: Vector3::zeros(),
+            stands: false,
+            steps: 0,
+        })
+    }
+
+    /// Puts the joints into the pose that the policy starts from.
+    pub fn pose(&self, data: &mut MjData<Box<MjModel>>) {
+        for (i, joint) in self.joints.iter().enumerate() {
+            data.qpos_mut()[joint.angle] = pose_rad(i);
+        }
+        data.forward();
+    }
+
+    /// Whether the feet are planted.
+    #[must_use]
+    pub fn stands(&self) -> bool {
+        self.stands
+    }
+
+    /// Sets the motors for the next step of the physics.
+    ///
+    /// # Errors
+    /// Where the policy gives no output.
+    pub fn drive(&mut self, data: &mut MjData<Box<MjModel>>, commanded: Twist2) -> Result<(), LegsError> {
+        if self.steps.is_multiple_of(STEPS) {
+            self.decide(data, commanded)?;
+        }
+        self.steps += 1;
+        let (stiffness, damping) = if self.stands { STANDING } else { WALKING };
+        for (joint, target_rad) in self.joints.iter().zip(self.targets_rad) {
+            let off_rad = target_rad - data.qpos()[joint.angle];
+            data.ctrl_mut()[joint.motor] = stiffness * off_rad - damping * data.qvel()[joint.rate];
+        }
+        Ok(())
+    }
+
+    fn decide(&mut self, data: &MjData<Box<MjModel>>, commanded: Twist2) -> Result<(), LegsError> {
+        let (rates, attitude) = (data.qvel(), attitude(data));
+        let (_, _, yaw_rad) = attitude.euler_angles();
+        let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw_rad);
+        let walks = level * Vector3::new(rates[0], rates[1], rates[2]);
+        let asked = self.keep(commanded, Vector3::new(walks.x, walks.y, rates[5]));
+        let is_still = commanded.is_zero() && self.command == Vector3::zeros() && self.moves.amax() < STILL;
+        self.stands = commanded.is_zero() && (self.stands || is_still && self.all_feet_touch(data));
+        if self.stands {
+            self.settle();
+            return Ok(());
+        }
+        let senses = self.senses(data, &attitude, &asked);
+        self.last = infer(&mut self.session, &senses)
+            .map_err(|what| LegsError::Policy { file: self.file.clone(), what })?
+            .map(|output| f64::from(output).clamp(-CLIP, CLIP));
+        self.targets_rad = std::array::from_fn(|i| pose_rad(i) + self.last[i] * SCALE_RAD[i % 3]);
+        Ok(())
+    }
+
+    /// Goes from wherever the last step ended to an even stance: uneven legs push the body about.
+    fn settle(&mut self) {
+        for (i, target_rad) in self.targets_rad.iter_mut().enumerate() {
+            *target_rad += (pose_rad(i) - *target_rad) * SETTLED;
+        }
+        // Nothing is to be made up for once it walks again.
+        self.trim = Vector3::zeros();
+        self.last = [0.0; JOINTS];
+    }
+
+    /// The command and its trim.
+    fn keep(&mut self, commanded: Twist2, moves: Vector3<f64>) -> Vector3<f64> {
+        let wanted = [commanded.vx_mps, commanded.vy_mps, commanded.wz_radps];
+        self.moves += (moves - self.moves) * (DECISION_S / (self.keeps.low_pass_s + DECISION_S));
+        for (axis, wanted) in wanted.into_iter().enumerate() {
+            let (slew, limit) = (self.keeps.slew[axis], self.keeps.limit[axis]);
+            self.command[axis] += (wanted - self.command[axis]).clamp(-slew, slew);
+            let more = self.keeps.gain_per_s[axis] * (self.command[axis] - self.moves[axis]) * DECISION_S;
+            self.trim[axis] = (self.trim[axis] + more).clamp(-limit, limit);
+        }
+        self.command + self.trim
+    }
+
+    fn all_feet_touch(&self, data: &MjData<Box<MjModel>>) -> bool {
+        let touches = |foot: &usize| data.contact().iter().any(|contact| contact.geom.contains(&(*foot as i32)));
+        self.feet.iter().all(touches)
+    }
+
+    fn senses(
+        &self,
+        data: &MjData<Box<MjModel>>,
+        attitude: &UnitQuaternion<f64>,
+        asked: &Vector3<f64>,
+    ) -> [f32; SENSES] {
+        let (angles, rates) = (data.qpos(), data.qvel());
+        let down = attitude.inverse() * -Vector3::z();
+        let mut senses = [0.0; SENSES];
+        for axis in 0..3 {
+            senses[axis] = 0.25 * rates[3 + axis];
+            senses[3 + axis] = down[axis];
+            senses[6 + axis] = asked[axis];
+        }
+        for (i, joint) in self.joints.iter().enumerate() {
+            senses[9 + i] = angles[joint.angle] - pose_rad(i);
+            senses[21 + i] = 0.05 * rates[joint.rate];
+            senses[33 + i] = self.last[i];
+        }
+        senses.map(|sense: f64| sense.clamp(-CLIP, CLIP) as f32)
+    }
+}
+
+fn infer(session: &mut Session, senses: &[f32; SENSES]) -> Result<[f32; JOINTS], String> {
+    let input = TensorRef::from_array_view(([1, SENSES], &senses[..])).map_err(|error| error.to_string())?;
+    let outputs = session.run(inference::inputs![input]).map_err(|error| error.to_string())?;
+    let (_, output) = outputs[0].try_extract_tensor::<f32>().map_err(|error| error.to_string())?;
+    output.try_into().map_err(|_| format!("it gives {} numbers, not {JOINTS}", output.len()))
+}
