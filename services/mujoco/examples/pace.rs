@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use guidedog_mujoco::legs::{Legs, VelocityLoop, attitude};
 use guidedog_mujoco::rays::Rays;
-use guidedog_mujoco::scene::{self, STEP_S};
+use guidedog_mujoco::scene::{self, STEP_S, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
 use nalgebra::Vector3;
@@ -28,18 +28,25 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let start = Pose2::new(x_m.parse()?, y_m.parse()?, yaw_deg.parse::<f64>()?.to_radians());
     let seconds: f64 = seconds.parse()?;
     let begun = Instant::now();
-    let model = scene::build(&Path::new(LEGS).join("go2.xml"), &World::load(Path::new(world))?, start, BODY_M)?;
+    let model = Scene {
+        robot: &Path::new(LEGS).join("go2.xml"),
+        world: &World::load(Path::new(world))?,
+        start,
+        body_m: BODY_M,
+        person: None,
+    }
+    .build()?;
     let mut legs = Legs::new(&model, &Path::new(LEGS).join("policy.onnx"), VelocityLoop::SOFT)?;
     let mut data = MjData::new(Box::new(model));
     legs.pose(&mut data);
-    let mut rays = Rays::new(&data, &[scene::SEEN]);
+    let mut rays = Rays::new(&data, &[scene::SEEN], &[scene::PERSON]);
     println!("{} geoms that stand still, built in {:.1?}", rays.geoms(), begun.elapsed());
     let mut digest = DefaultHasher::new();
     let [mut physics, mut scans, mut frames] = [Duration::ZERO; 3];
-    for step in 0..(seconds / STEP_S) as u64 {
+    for step in 0..(seconds / STEP_S).round() as u64 {
         let begun = Instant::now();
         legs.drive(&mut data, Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 })?;
-        data.step();
+        scene::step(&mut data)?;
         physics += begun.elapsed();
         if step % SCAN_STEPS == 0 {
             scans += cast(&mut rays, &data, [0.1, 0.0, 0.11], &beams(), 12.0, &mut digest);
@@ -54,6 +61,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("{seconds} s, {way_m:.2} m of way, in {whole:.1?}: {:.1} times real time", seconds / whole.as_secs_f64());
     println!("physics and policy {physics:.1?}, scans {scans:.1?}, depth frames {frames:.1?}");
     println!("digest {:016x}", digest.finish());
+    if whole.as_secs_f64() > seconds {
+        return Err("slower than real time".into());
+    }
+    if (way_m - 0.5 * seconds).abs() > 0.1 * 0.5 * seconds {
+        return Err("it did not walk as fast as it was told".into());
+    }
     Ok(())
 }
 

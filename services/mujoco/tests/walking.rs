@@ -2,12 +2,15 @@
 
 use std::path::{Path, PathBuf};
 
+use guidance::se2::{Point, Se2, se2};
 use guidedog_mujoco::legs::{Legs, LegsError, VelocityLoop, attitude};
+use guidedog_mujoco::person::{Person, PersonConfig};
 use guidedog_mujoco::rays::Rays;
-use guidedog_mujoco::scene;
+use guidedog_mujoco::scene::{self, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
-use world::World;
+use nalgebra::Vector2;
+use world::{Cell, GridMap, World};
 
 /// Height of the body over the floor before the first step, metres.
 const BODY_M: f64 = 0.32;
@@ -26,21 +29,42 @@ fn world(text: &str) -> World {
 struct Robot {
     data: MjData<Box<MjModel>>,
     legs: Legs,
+    person: Option<Person>,
+    /// The hardest pull of the last walk, newtons.
+    pull_max_n: f64,
 }
 
 impl Robot {
     fn new(world: &World, keeps: VelocityLoop) -> Self {
-        let model = scene::build(&brought("go2/go2.xml"), world, Pose2::default(), BODY_M).expect("a scene");
+        Self::with(None, world, keeps)
+    }
+
+    fn with(person: Option<PersonConfig>, world: &World, keeps: VelocityLoop) -> Self {
+        let scene = Scene { robot: &brought("go2/go2.xml"), world, start: Pose2::default(), body_m: BODY_M, person };
+        let model = scene.build().expect("a scene");
         let legs = Legs::new(&model, &brought("go2/policy.onnx"), keeps).expect("legs");
+        let person = person.map(|person| Person::new(&model, person).expect("somebody"));
         let mut data = MjData::new(Box::new(model));
         legs.pose(&mut data);
-        Self { data, legs }
+        person.iter().for_each(|person| person.pose(&mut data));
+        Self { data, legs, person, pull_max_n: 0.0 }
+    }
+
+    /// Where the handler is, seen from the robot.
+    fn robot_from_handler(&self) -> Se2 {
+        let person = self.person.as_ref().expect("somebody");
+        se2(self.pose()).inverse() * se2(person.place(&self.data))
     }
 
     fn walk(&mut self, seconds: f64, vx_mps: f64, vy_mps: f64, wz_radps: f64) {
+        self.pull_max_n = 0.0;
         for _ in 0..(seconds / scene::STEP_S).round() as u64 {
+            if let Some(person) = &mut self.person {
+                person.walk(&mut self.data);
+                self.pull_max_n = self.pull_max_n.max(person.pull_n());
+            }
             self.legs.drive(&mut self.data, Twist2 { vx_mps, vy_mps, wz_radps }).expect("the policy decides");
-            self.data.step();
+            scene::step(&mut self.data).expect("it goes on");
         }
     }
 
@@ -60,7 +84,9 @@ fn it_walks_as_fast_as_it_is_told_and_stands_still_after_it() {
         robot.walk(2.0, 0.5, 0.0, 0.0);
         let from = robot.pose();
         robot.walk(4.0, 0.5, 0.0, 0.0);
-        let way_m = robot.pose().x_m - from.x_m;
+        let to = robot.pose();
+        let (way_m, aside_m) = (to.x_m - from.x_m, (to.y_m - from.y_m).abs());
+        assert!(aside_m < 0.1 && (to.yaw_rad - from.yaw_rad).abs() < 0.1, "{from:?} {to:?}");
         assert!((1.8..2.2).contains(&way_m), "{way_m} m in 4 s at 0.5 m/s: {keeps:?}");
         let from = robot.pose();
         robot.walk(3.0, 0.0, 0.0, 0.0);
@@ -74,6 +100,24 @@ fn it_walks_as_fast_as_it_is_told_and_stands_still_after_it() {
         robot.walk(4.0, 0.0, 0.0, 0.349);
         let turned_rad = robot.pose().yaw_rad - from.yaw_rad;
         assert!((1.2..1.7).contains(&turned_rad), "{turned_rad} rad in 4 s at 0.349 rad/s: {keeps:?}");
+    }
+}
+
+#[test]
+fn the_handler_follows_at_the_harness_and_comes_to_rest_beside_the_robot() {
+    let person = PersonConfig::default();
+    for keeps in [VelocityLoop::SOFT, VelocityLoop::STIFF] {
+        let mut robot = Robot::with(Some(person), &world(""), keeps);
+        robot.walk(1.0, 0.0, 0.0, 0.0);
+        for (vx_mps, vy_mps, wz_radps) in [(0.5, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.349), (0.5, 0.0, -0.349)] {
+            robot.walk(4.0, vx_mps, vy_mps, wz_radps);
+            let (walking, pull_n) = (robot.robot_from_handler(), robot.pull_max_n);
+            robot.walk(3.0, 0.0, 0.0, 0.0);
+            let stood = robot.robot_from_handler();
+            let off_m = |at: &Se2| (at.translation.x + 0.75).hypot(at.translation.y + 0.35);
+            assert!(pull_n < 100.0, "{pull_n} N");
+            assert!(off_m(&walking) < 0.4 && off_m(&stood) < 0.2, "{walking} {stood}");
+        }
     }
 }
 
@@ -99,10 +143,12 @@ fn a_ray_meets_what_mujocos_own_ray_meets() {
     let text = "[[wall]]\npoints = [[-3.0, 2.0], [8.0, 2.5]]\n\
                 [[box]]\nat = [2.0, 0.5]\nsize = [0.6, 0.4]\nyaw_deg = 30\nz = [0.5, 1.5]\n\
                 [[pillar]]\nat = [1.5, -1.5]\nradius_m = 0.3\n";
-    let mut robot = Robot::new(&world(text), VelocityLoop::SOFT);
-    let mut rays = Rays::new(&robot.data, &[scene::SEEN]);
+    let mut robot = Robot::with(Some(PersonConfig::default()), &world(text), VelocityLoop::SOFT);
+    let mut rays = Rays::new(&robot.data, &[scene::SEEN], &[scene::PERSON]);
+    robot.walk(1.0, 0.5, 0.0, 0.0);
+    rays.look(&robot.data);
     let mut groups = [0; 6];
-    groups[scene::SEEN as usize] = 1;
+    (groups[scene::SEEN as usize], groups[scene::PERSON as usize]) = (1, 1);
     let mut met = 0;
     for i in 0..5000 {
         let angle = |of: f64| (f64::from(i) * of).sin();
@@ -117,6 +163,64 @@ fn a_ray_meets_what_mujocos_own_ray_meets() {
     assert!((1000..5000).contains(&met), "{met}");
 }
 
+/// A floor plan of a crooked room, 6 by 4 m, turned by half a radian and away from the origin.
+fn plan() -> GridMap {
+    let free = |i: usize| {
+        let (column, row) = (i % 60, i / 60);
+        let wall = column < 2 || row < 2 || (column > 40 && row > 25) || column.abs_diff(row) == 30;
+        if wall { Cell::Occupied } else { Cell::Free }
+    };
+    GridMap::new(60, 0.1, Pose2::new(-2.0, -2.5, 0.5), (0..60 * 40).map(free).collect())
+}
+
+#[test]
+fn the_lidar_meets_what_it_meets_in_the_projects_own_world() {
+    let text = "[[wall]]\npoints = [[-3.0, 2.0], [8.0, 2.5]]\n\
+                [[box]]\nat = [2.0, 0.5]\nsize = [0.6, 0.4]\nyaw_deg = 30\nz = [0.0, 1.0]\n\
+                [[pillar]]\nat = [1.5, -1.5]\nradius_m = 0.3\n";
+    for world in [world(text), World::new(2.6, Vec::new()).with_map(plan())] {
+        let robot = Robot::new(&world, VelocityLoop::SOFT);
+        let mut rays = Rays::new(&robot.data, &[scene::SEEN], &[]);
+        let (mut met, mut off) = (0, 0);
+        for i in 0..2000 {
+            let angle_rad = f64::from(i) * 0.0314;
+            let (sin, cos) = angle_rad.sin_cos();
+            let from = Point::new(0.3 * (0.7 * f64::from(i)).sin(), 0.3 * (0.9 * f64::from(i)).sin());
+            let theirs = world.cast(from, Vector2::new(cos, sin), 0.4, 10.0);
+            let ours = rays.cast(&[from.x, from.y, 0.4], &[cos, sin, 0.0], 10.0);
+            met += usize::from(theirs.is_some());
+            // A wall is 2 cm thick here. A ray that grazes a corner may meet either side of it.
+            let differs = match (ours, theirs) {
+                (Some(ours), Some(theirs)) => (ours - theirs).abs() > 0.03,
+                (ours, theirs) => ours.is_some() != theirs.is_some(),
+            };
+            off += usize::from(differs);
+        }
+        assert!(met > 500 && off <= 20, "{off} of {met}");
+    }
+}
+
+#[test]
+fn rays_along_axes_and_from_outside_meet_what_they_meet() {
+    let robot = Robot::new(&world("[[box]]\nat = [3.0, 0.0]\nsize = [2.0, 2.0]\nz = [0.0, 1.0]\n"), VelocityLoop::SOFT);
+    let mut rays = Rays::new(&robot.data, &[scene::SEEN], &[]);
+    for (from, way, wanted) in [
+        ([0.0, 0.0, 0.5], [1.0, 0.0, 0.0], Some(2.0)),
+        ([0.0, 0.0, 0.5], [1.0, -0.0, -0.0], Some(2.0)),
+        ([-7.0, 0.5, 0.5], [1.0, 0.0, 0.0], Some(9.0)),
+        ([9.0, 0.5, 0.5], [-1.0, 0.0, 0.0], Some(5.0)),
+        ([3.0, -8.0, 0.5], [0.0, 1.0, 0.0], Some(7.0)),
+        ([3.0, 0.0, 2.0], [0.0, 0.0, -1.0], Some(1.0)),
+        ([0.0, 0.0, 0.5], [-1.0, 0.0, 0.0], None),
+        ([0.0, 0.0, 0.5], [0.0, 0.0, 1.0], Some(2.1)),
+        ([0.0, 0.0, 0.5], [0.0, 0.0, -1.0], Some(0.5)),
+    ] {
+        let found = rays.cast(&from, &way, 20.0);
+        let is_it = found.zip(wanted).map_or(found == wanted, |(found, wanted)| (found - wanted).abs() < 1e-9);
+        assert!(is_it, "from {from:?} along {way:?}: {found:?}, not {wanted:?}");
+    }
+}
+
 #[test]
 fn what_is_no_go2_is_refused_with_what_it_lacks() {
     let folder = tempfile::tempdir().expect("a folder");
@@ -126,9 +230,15 @@ fn what_is_no_go2_is_refused_with_what_it_lacks() {
         "<mujoco><worldbody><body name='base'><freejoint/><geom size='1'/></body></worldbody></mujoco>",
     )
     .expect("written");
-    let model = scene::build(&file, &world(""), Pose2::default(), 1.0).expect("a scene");
+    let empty = world("");
+    let scene = Scene { robot: &file, world: &empty, start: Pose2::default(), body_m: 1.0, person: None };
+    let model = scene.build().expect("a scene");
     let missing = Legs::new(&model, &brought("go2/policy.onnx"), VelocityLoop::SOFT).err().expect("refused");
     assert!(matches!(&missing, LegsError::Missing(what) if what == "joint FR_hip_joint"), "{missing}");
-    let error = scene::build(&folder.path().join("none.xml"), &world(""), Pose2::default(), 1.0).expect_err("refused");
+    std::fs::write(&file, "<mujoco><worldbody><body name='base'><geom size='1'/></body></worldbody></mujoco>")
+        .expect("written");
+    let error = scene.build().expect_err("it cannot move");
+    assert!(error.what.contains("not free"), "{error}");
+    let error = Scene { robot: &folder.path().join("none.xml"), ..scene }.build().expect_err("refused");
     assert!(error.file.ends_with("none.xml"), "{error}");
 }

@@ -1,0 +1,188 @@
+//! The handler: a body that walks by itself, one hand on a stiff handle on the robot's back.
+//!
+//! It is no delayed harness, which the shield takes a handler for: it feels where the handle goes, answers after its
+//! reaction time, speeds up no faster than a person does, and turns as the robot is turned. What it does not follow
+//! pulls on the robot, by a spring and a damper at the hand.
+
+use std::collections::VecDeque;
+
+use messages::Pose2;
+use mujoco_rs::prelude::*;
+use nalgebra::{Rotation2, Vector2, Vector3};
+
+use crate::legs::attitude;
+use crate::scene::{STEP_S, SceneError};
+
+/// The handle on the robot's body (x forward, y left, z up), metres: above and behind it, to the handler's side.
+const BODY_FROM_HANDLE_M: [f64; 3] = [-0.45, -0.12, 0.50];
+/// The hand seen from the handler's middle, metres: it is at the handle where the handler walks at the default place.
+const HAND_M: [f64; 2] = [0.30, 0.23];
+/// The harness between handle and hand: stiffness, N/m, damping, N s/m, and the most that it pulls, N.
+const STIFFNESS: f64 = 150.0;
+const DAMPING: f64 = 40.0;
+const PULL_MAX_N: f64 = 150.0;
+/// How a person closes up: m/s per metre that the hand is off, and the time in which a wanted speed is reached, s.
+const CLOSING_PER_S: f64 = 1.0;
+const SPEEDING_UP_S: f64 = 0.3;
+/// How a person turns: rad/s per radian off, the most of it, and the time in which it is reached, s.
+const TURNING_PER_S: f64 = 2.0;
+const TURNING_MAX_RADPS: f64 = 1.5;
+const TURNING_UP_S: f64 = 0.2;
+/// A speed that is felt is that of the last so many steps.
+const FELT_STEPS: usize = 20;
+
+/// What a handler is like.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PersonConfig {
+    /// Where the handler walks, in the robot's frame.
+    pub robot_from_handler: Pose2,
+    /// Radius of the body, metres.
+    pub radius_m: f64,
+    /// Height, metres.
+    pub height_m: f64,
+    /// Mass, kilograms.
+    pub mass_kg: f64,
+    /// Until what is felt is answered, seconds.
+    pub reaction_s: f64,
+    /// The most that a person speeds up or slows down, m/s^2.
+    pub acceleration_mps2: f64,
+}
+
+impl Default for PersonConfig {
+    fn default() -> Self {
+        Self {
+            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            radius_m: 0.25,
+            height_m: 1.80,
+            mass_kg: 70.0,
+            reaction_s: 0.3,
+            acceleration_mps2: 2.0,
+        }
+    }
+}
+
+/// Name of the handler's body in the model.
+pub const BODY: &str = "handler";
+/// Names of its joints: along x, along y, and its turning (world frame).
+pub const JOINTS: [&str; 3] = ["handler_x", "handler_y", "handler_yaw"];
+
+/// What the handler felt in a step: the handle's place, its own hand's (world frame), metres, and the robot's heading,
+/// radians.
+#[derive(Debug, Clone, Copy)]
+struct Felt {
+    handle: Vector2<f64>,
+    hand: Vector2<f64>,
+    yaw_rad: f64,
+}
+
+/// The handler.
+#[derive(Debug)]
+pub struct Person {
+    config: PersonConfig,
+    /// Body of the robot, and where each joint's angle and rate are in the state.
+    robot: usize,
+    angles: [usize; 3],
+    rates: [usize; 3],
+    turning_kgm2: f64,
+    /// From the newest to the oldest that is still to be answered.
+    felt: VecDeque<Felt>,
+    forces: Vec<f64>,
+    pull_n: f64,
+}
+
+impl Person {
+    /// The handler of a scene that was built with one.
+    ///
+    /// # Errors
+    /// Where the scene has none.
+    pub fn new(model: &MjModel, config: PersonConfig) -> Result<Self, SceneError> {
+        let missing = |what: &str| SceneError { file: "the scene".to_owned(), what: format!("it has no {what}") };
+        let robot = model.name_to_id(MjtObjBase::mjOBJ_BODY, "base").ok_or_else(|| missing("body base"))?;
+        let (mut angles, mut rates) = ([0; 3], [0; 3]);
+        for (axis, name) in JOINTS.into_iter().enumerate() {
+            let joint = model.name_to_id(MjtObjBase::mjOBJ_JOINT, name).ok_or_else(|| missing(name))?;
+            (angles[axis], rates[axis]) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
+        }
+        // A cylinder about its axis.
+        let turning_kgm2 = config.mass_kg * config.radius_m * config.radius_m / 2.0;
+        let forces = vec![0.0; model.ffi().nv as usize];
+        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0 })
+    }
+
+    /// Puts the handler beside the robot, where they walk.
+    pub fn pose(&self, data: &mut MjData<Box<MjModel>>) {
+        let (_, _, yaw_rad) = attitude(data).euler_angles();
+        let offset = self.config.robot_from_handler;
+        let place = Vector2::new(data.qpos()[0], data.qpos()[1])
+            + Rotation2::new(yaw_rad) * Vector2::new(offset.x_m, offset.y_m);
+        let at = [place.x, place.y, yaw_rad + offset.yaw_rad];
+        for (angle, value) in self.angles.into_iter().zip(at) {
+            data.qpos_mut()[angle] = value;
+        }
+        data.forward();
+    }
+
+    /// Where the handler is (world frame).
+    #[must_use]
+    pub fn place(&self, data: &MjData<Box<MjModel>>) -> Pose2 {
+        let [x_m, y_m, yaw_rad] = self.angles.map(|angle| data.qpos()[angle]);
+        Pose2::new(x_m, y_m, yaw_rad)
+    }
+
+    /// What pulls at the handle, newtons.
+    #[must_use]
+    pub fn pull_n(&self) -> f64 {
+        self.pull_n
+    }
+
+    /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both.
+    pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>) {
+        let attitude = attitude(data);
+        let arm = attitude * Vector3::from(BODY_FROM_HANDLE_M);
+        let base = Vector3::from_column_slice(&data.qpos()[..3]);
+        let [x_m, y_m, own_rad] = self.angles.map(|angle| data.qpos()[angle]);
+        let [vx_mps, vy_mps, own_radps] = self.rates.map(|rate| data.qvel()[rate]);
+        let (own, reach) = (Vector2::new(vx_mps, vy_mps), Rotation2::new(own_rad) * Vector2::from(HAND_M));
+        let hand = Vector2::new(x_m, y_m) + reach;
+        let (_, _, yaw_rad) = attitude.euler_angles();
+        self.felt.push_front(Felt { handle: (base + arm).xy(), hand, yaw_rad });
+        self.felt.truncate((self.config.reaction_s / STEP_S) as usize + FELT_STEPS + 1);
+
+        let hand_moves = own + own_radps * Vector2::new(-reach.y, reach.x);
+        let pull = self.pull(&hand_moves);
+        self.pull_n = pull.norm();
+        let (push, turning_nm) = self.answer(&own, own_rad, own_radps);
+        self.forces.fill(0.0);
+        let (force, at) = ([-pull.x, -pull.y, 0.0], (base + arm).into());
+        // It fails where the body is not there, and it was found when this began.
+        let applied = data.apply_ft(&force, &[0.0; 3], &at, self.robot, &mut self.forces);
+        debug_assert!(applied.is_ok(), "{applied:?}");
+        self.forces[self.rates[0]] += push.x + pull.x;
+        self.forces[self.rates[1]] += push.y + pull.y;
+        self.forces[self.rates[2]] += turning_nm + reach.perp(&pull);
+        data.qfrc_applied_mut().copy_from_slice(&self.forces);
+    }
+
+    /// The harness's force on the hand, N.
+    fn pull(&self, hand_moves: &Vector2<f64>) -> Vector2<f64> {
+        let now = self.felt[0];
+        let before = self.felt[FELT_STEPS.min(self.felt.len() - 1)];
+        let handle_moves = (now.handle - before.handle) / (FELT_STEPS as f64 * STEP_S);
+        let pull = STIFFNESS * (now.handle - now.hand) + DAMPING * (handle_moves - hand_moves);
+        pull.cap_magnitude(PULL_MAX_N)
+    }
+
+    /// What the handler does about what was felt a reaction time ago: force, N, and moment, Nm.
+    fn answer(&self, own: &Vector2<f64>, own_rad: f64, own_radps: f64) -> (Vector2<f64>, f64) {
+        let last = self.felt.len() - 1;
+        let then = self.felt[((self.config.reaction_s / STEP_S) as usize).min(last)];
+        let before = self.felt[((self.config.reaction_s / STEP_S) as usize + FELT_STEPS).min(last)];
+        let handle_moves = (then.handle - before.handle) / (FELT_STEPS as f64 * STEP_S);
+        let wanted = handle_moves + CLOSING_PER_S * (then.handle - then.hand);
+        let speeding_up = ((wanted - own) / SPEEDING_UP_S).cap_magnitude(self.config.acceleration_mps2);
+        let off_rad = guidance::se2::wrap_angle(then.yaw_rad - own_rad);
+        let turning = (TURNING_PER_S * off_rad).clamp(-TURNING_MAX_RADPS, TURNING_MAX_RADPS);
+        let moment_nm = self.turning_kgm2 * (turning - own_radps) / TURNING_UP_S;
+        (self.config.mass_kg * speeding_up, moment_nm)
+    }
+}
