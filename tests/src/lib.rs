@@ -41,7 +41,7 @@ pub fn until(what: &str, is_so: impl FnMut() -> bool) {
     until_or(|| what.to_owned(), is_so);
 }
 
-/// Waits until it is so; where it never is, the test has failed with what is told then.
+/// Waits until it is so. Panics with `what()` after [`WATCHDOG`].
 pub fn until_or(what: impl Fn() -> String, mut is_so: impl FnMut() -> bool) {
     let since = Instant::now();
     while !is_so() {

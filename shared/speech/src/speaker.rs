@@ -132,7 +132,7 @@ pub struct Speaker {
     unsafe_mask: u32,
     waiting: Vec<Waiting>,
     speaking: Option<Speaking>,
-    /// A stop that could not be heard, and when it is told again, if it was not yet.
+    /// What could not be heard, and when it is told again, if it was not yet.
     again: Option<(Utterance, Option<u64>)>,
     told: VecDeque<(Sentence, u64)>,
     hold: Option<Hold>,
@@ -357,23 +357,28 @@ impl Speaker {
         self.speaking = None;
     }
 
-    /// What was being said could not be heard. Why the robot stands is told once more: nothing else would tell it.
+    /// What was being said could not be heard. Why the robot stands is told once more, and so is that it is ready:
+    /// nothing else would tell it.
     pub fn unheard(&mut self, utterance: &Utterance, now_ns: u64) {
         self.finished();
         let was_again = self.again.take().is_some_and(|(again, _)| again.about_ns == utterance.about_ns);
-        if utterance.urgency == Urgency::Stop && !was_again {
+        let matters = utterance.urgency == Urgency::Stop || utterance.sentence.topic == Topic::News(News::Ready);
+        if matters && !was_again {
             self.again = Some((*utterance, Some(now_ns + UNHEARD_AGAIN_NS)));
         }
     }
 
-    /// Tells a stop that could not be heard again, while it lasts.
+    /// Tells again what could not be heard, while it is so.
     fn tell_again(&mut self, now_ns: u64) {
         let Some((utterance, Some(at_ns))) = self.again else { return };
         if now_ns < at_ns {
             return;
         }
         self.again = Some((utterance, None));
-        let lasts = self.mode.is_some_and(|mode| mode.class != ModeClass::Run && mode.reason == utterance.reason);
+        let lasts = match utterance.urgency {
+            Urgency::Stop => self.mode.is_some_and(|m| m.class != ModeClass::Run && m.reason == utterance.reason),
+            _ => self.ready.0,
+        };
         if lasts {
             self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns: u64::MAX }, now_ns);
         }
@@ -385,16 +390,20 @@ impl Speaker {
         if !ready && for_ns >= UNREADY_NS {
             self.ready_told = false;
         }
-        // It counts as told once it is begun: what waited behind another sentence may have been dropped.
+        // It counts as told once it is its turn: until then it is dropped where the robot is no longer ready.
         if ready && !self.ready_told && for_ns >= READY_AFTER_NS && !self.waits(Topic::News(News::Ready)) {
-            self.news(News::Ready, now_ns);
+            self.news_until(News::Ready, now_ns, u64::MAX);
         }
     }
 
     fn news(&mut self, news: News, now_ns: u64) {
+        self.news_until(news, now_ns, now_ns + NEWS_WAITS_NS);
+    }
+
+    fn news_until(&mut self, news: News, now_ns: u64, until_ns: u64) {
         let reason = StopReason::default();
         let utterance = Utterance { sentence: Sentence::news(news), urgency: Urgency::News, about_ns: now_ns, reason };
-        self.add(Waiting { utterance, until_ns: now_ns + NEWS_WAITS_NS, breaks_in_after_ns: u64::MAX }, now_ns);
+        self.add(Waiting { utterance, until_ns, breaks_in_after_ns: u64::MAX }, now_ns);
     }
 
     fn add(&mut self, waiting: Waiting, now_ns: u64) {

@@ -134,6 +134,9 @@ pub struct SoakArgs {
     /// Kills of random services under load; 0 = none
     #[arg(long, value_name = "N", default_value_t = 1000)]
     pub kills: u32,
+    /// Kills before those that count: what a service maps and keeps grows with its first lives
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    pub warm_up: u32,
     /// Also simulated walks without a fault, for so much run time, such as 1h
     #[arg(long, value_name = "TIME", value_parser = duration)]
     pub quiet: Option<Millis>,

@@ -25,7 +25,7 @@ const NAV2_US: f64 = 4450.0;
 const PLACES: usize = 64;
 /// Corners that stand for a disc's edge in the pseudo-code.
 const CORNERS: usize = 32;
-/// What is slower is measured once in so many times.
+/// The pseudo-code is slow: it is measured once in this many measurements of ours.
 const OURS_FOR_THEIRS: u32 = 20;
 
 /// `guidedog bench shield`.

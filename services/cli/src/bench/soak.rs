@@ -20,8 +20,6 @@ use crate::launch::Launch;
 use crate::out::{self, number, say};
 use crate::prepare;
 
-/// What a service maps and keeps grows with its first lives: it is counted after so many kills, or as many as count.
-const WARM_UP: u32 = 100;
 /// A killed service is back, and the robot ready, within this.
 const BACK_WITHIN: Duration = Duration::from_secs(20);
 /// What is let go is gone after this.
@@ -66,7 +64,7 @@ pub fn bench(args: &SoakArgs, as_json: bool) -> Result<u8, Failure> {
     }
     let (mut report, mut well) = (json!({}), true);
     if args.kills > 0 {
-        let kills = kill_many(args.kills)?;
+        let kills = kill_many(args.kills, args.warm_up)?;
         well &= kills["grown"] == json!([]) && kills["orphans"] == 0;
         report["kills"] = kills;
     }
@@ -105,13 +103,12 @@ impl Drop for Load {
     }
 }
 
-fn kill_many(kills: u32) -> Result<Value, Failure> {
+fn kill_many(kills: u32, warm_up: u32) -> Result<Value, Failure> {
     let mut rig = Rig::new()?;
     let load = Load::new();
     let mut dice = Dice::new(1);
     let mut pids = BTreeSet::new();
     let mut before = Taken::default();
-    let warm_up = WARM_UP.min(kills);
     for i in 0..warm_up + kills {
         if i == warm_up {
             before = taken(&mut rig)?;

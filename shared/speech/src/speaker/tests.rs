@@ -224,6 +224,27 @@ fn ready_that_had_to_wait_for_another_sentence_is_told_after_it() {
 }
 
 #[test]
+fn ready_that_could_not_be_heard_is_told_once_more_while_it_is_so() {
+    for (stays_ready, times) in [(true, 2), (false, 1)] {
+        let mut bench = Bench::new(Verbosity::Normal);
+        bench.tell_mode();
+        bench.mode.ready_for_cue = true;
+        bench.pass(200, &[StopKind::Boot]);
+        let mut told = 0;
+        for _ in 0..200 {
+            bench.now_ms += 50;
+            bench.mode.ready_for_cue = stays_ready || told == 0;
+            bench.tell_mode();
+            if let Some(utterance) = bench.speaker.next(bench.now_ms * MS) {
+                told += usize::from(bench.language.text(&utterance.sentence) == "Ready.");
+                bench.speaker.unheard(&utterance, bench.now_ms * MS);
+            }
+        }
+        assert_eq!(told, times, "ready all the time: {stays_ready}");
+    }
+}
+
+#[test]
 fn ready_is_told_however_long_other_sentences_take() {
     let mut bench = Bench::running();
     bench.dies(ServiceId::Lidar);
