@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use guidedog_mujoco::legs::{Legs, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{BODY_M, Legs, VelocityLoop, attitude};
 use guidedog_mujoco::scene::{self, STEP_S, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
@@ -11,7 +11,6 @@ use nalgebra::Vector2;
 use world::World;
 
 const LEGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/legs/go2");
-const BODY_M: f64 = 0.32;
 /// Steps of the physics between two lines: 20 ms.
 const LINE_STEPS: u64 = 8;
 /// Seconds of each command, and of the zero after it.

@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use guidedog_mujoco::legs::{Legs, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{BODY_M, Legs, VelocityLoop, attitude};
 use guidedog_mujoco::rays::Rays;
 use guidedog_mujoco::scene::{self, STEP_S, Scene};
 use messages::{Pose2, Twist2};
@@ -14,7 +14,6 @@ use nalgebra::Vector3;
 use world::World;
 
 const LEGS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/legs/go2");
-const BODY_M: f64 = 0.32;
 /// Steps of the physics between two scans at 10 Hz, and between two depth frames at 15 Hz or little less.
 const SCAN_STEPS: u64 = 40;
 const FRAME_STEPS: u64 = 27;

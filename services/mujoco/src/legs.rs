@@ -17,6 +17,8 @@ const JOINTS: usize = 12;
 /// Joint angles that the policy's output starts from, radians, and radians per unit of it, by part.
 const POSE_RAD: [f64; 3] = [0.0, 0.8, -1.5];
 const SCALE_RAD: [f64; 3] = [0.125, 0.25, 0.25];
+/// Height of the body above the floor in that pose, with a little air under the feet, metres.
+pub const BODY_M: f64 = 0.32;
 /// Stiffness of a joint, Nm/rad, and its damping, Nm s/rad: walking, as the policy was trained, and standing.
 const WALKING: (f64, f64) = (20.0, 0.5);
 const STANDING: (f64, f64) = (80.0, 2.0);

@@ -6,9 +6,11 @@
 
 use std::collections::VecDeque;
 
+use guidance::se2::{pose2, se2, wrap_angle};
 use messages::Pose2;
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
+use world::HandlerConfig;
 
 use crate::legs::attitude;
 use crate::scene::{STEP_S, SceneError};
@@ -28,7 +30,7 @@ const SPEEDING_UP_S: f64 = 0.3;
 const TURNING_PER_S: f64 = 2.0;
 const TURNING_MAX_RADPS: f64 = 1.5;
 const TURNING_UP_S: f64 = 0.2;
-/// A speed that is felt is that of the last so many steps.
+/// The handler feels the handle's speed over this many steps.
 const FELT_STEPS: usize = 20;
 
 /// What a handler is like.
@@ -50,14 +52,8 @@ pub struct PersonConfig {
 
 impl Default for PersonConfig {
     fn default() -> Self {
-        Self {
-            robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            radius_m: 0.25,
-            height_m: 1.80,
-            mass_kg: 70.0,
-            reaction_s: 0.3,
-            acceleration_mps2: 2.0,
-        }
+        let HandlerConfig { robot_from_handler, radius_m, height_m, .. } = HandlerConfig::default();
+        Self { robot_from_handler, radius_m, height_m, mass_kg: 70.0, reaction_s: 0.3, acceleration_mps2: 2.0 }
     }
 }
 
@@ -112,11 +108,9 @@ impl Person {
     /// Puts the handler beside the robot, where they walk.
     pub fn pose(&self, data: &mut MjData<Box<MjModel>>) {
         let (_, _, yaw_rad) = attitude(data).euler_angles();
-        let offset = self.config.robot_from_handler;
-        let place = Vector2::new(data.qpos()[0], data.qpos()[1])
-            + Rotation2::new(yaw_rad) * Vector2::new(offset.x_m, offset.y_m);
-        let at = [place.x, place.y, yaw_rad + offset.yaw_rad];
-        for (angle, value) in self.angles.into_iter().zip(at) {
+        let robot = Pose2::new(data.qpos()[0], data.qpos()[1], yaw_rad);
+        let at = pose2(&(se2(robot) * se2(self.config.robot_from_handler)));
+        for (angle, value) in self.angles.into_iter().zip([at.x_m, at.y_m, at.yaw_rad]) {
             data.qpos_mut()[angle] = value;
         }
         data.forward();
@@ -146,7 +140,7 @@ impl Person {
         let hand = Vector2::new(x_m, y_m) + reach;
         let (_, _, yaw_rad) = attitude.euler_angles();
         self.felt.push_front(Felt { handle: (base + arm).xy(), hand, yaw_rad });
-        self.felt.truncate((self.config.reaction_s / STEP_S) as usize + FELT_STEPS + 1);
+        self.felt.truncate(self.reaction_steps() + FELT_STEPS + 1);
 
         let hand_moves = own + own_radps * Vector2::new(-reach.y, reach.x);
         let pull = self.pull(&hand_moves);
@@ -163,24 +157,30 @@ impl Person {
         data.qfrc_applied_mut().copy_from_slice(&self.forces);
     }
 
+    fn reaction_steps(&self) -> usize {
+        (self.config.reaction_s / STEP_S) as usize
+    }
+
+    /// What was felt so many steps ago, and how the handle moved then, m/s.
+    fn felt(&self, steps_ago: usize) -> (Felt, Vector2<f64>) {
+        let last = self.felt.len() - 1;
+        let [then, before] = [steps_ago, steps_ago + FELT_STEPS].map(|steps| self.felt[steps.min(last)]);
+        (then, (then.handle - before.handle) / (FELT_STEPS as f64 * STEP_S))
+    }
+
     /// The harness's force on the hand, N.
     fn pull(&self, hand_moves: &Vector2<f64>) -> Vector2<f64> {
-        let now = self.felt[0];
-        let before = self.felt[FELT_STEPS.min(self.felt.len() - 1)];
-        let handle_moves = (now.handle - before.handle) / (FELT_STEPS as f64 * STEP_S);
+        let (now, handle_moves) = self.felt(0);
         let pull = STIFFNESS * (now.handle - now.hand) + DAMPING * (handle_moves - hand_moves);
         pull.cap_magnitude(PULL_MAX_N)
     }
 
     /// What the handler does about what was felt a reaction time ago: force, N, and moment, Nm.
     fn answer(&self, own: &Vector2<f64>, own_rad: f64, own_radps: f64) -> (Vector2<f64>, f64) {
-        let last = self.felt.len() - 1;
-        let then = self.felt[((self.config.reaction_s / STEP_S) as usize).min(last)];
-        let before = self.felt[((self.config.reaction_s / STEP_S) as usize + FELT_STEPS).min(last)];
-        let handle_moves = (then.handle - before.handle) / (FELT_STEPS as f64 * STEP_S);
+        let (then, handle_moves) = self.felt(self.reaction_steps());
         let wanted = handle_moves + CLOSING_PER_S * (then.handle - then.hand);
         let speeding_up = ((wanted - own) / SPEEDING_UP_S).cap_magnitude(self.config.acceleration_mps2);
-        let off_rad = guidance::se2::wrap_angle(then.yaw_rad - own_rad);
+        let off_rad = wrap_angle(then.yaw_rad - own_rad);
         let turning = (TURNING_PER_S * off_rad).clamp(-TURNING_MAX_RADPS, TURNING_MAX_RADPS);
         let moment_nm = self.turning_kgm2 * (turning - own_radps) / TURNING_UP_S;
         (self.config.mass_kg * speeding_up, moment_nm)

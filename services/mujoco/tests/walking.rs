@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use guidance::se2::{Point, Se2, se2};
-use guidedog_mujoco::legs::{Legs, LegsError, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{BODY_M, Legs, LegsError, VelocityLoop, attitude};
 use guidedog_mujoco::person::{Person, PersonConfig};
 use guidedog_mujoco::rays::Rays;
 use guidedog_mujoco::scene::{self, Scene};
@@ -11,9 +11,6 @@ use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
 use nalgebra::Vector2;
 use world::{Cell, GridMap, World};
-
-/// Height of the body over the floor before the first step, metres.
-const BODY_M: f64 = 0.32;
 
 fn brought(file: &str) -> PathBuf {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/legs").join(file);
@@ -43,7 +40,7 @@ impl Robot {
         let scene = Scene { robot: &brought("go2/go2.xml"), world, start: Pose2::default(), body_m: BODY_M, person };
         let model = scene.build().expect("a scene");
         let legs = Legs::new(&model, &brought("go2/policy.onnx"), keeps).expect("legs");
-        let person = person.map(|person| Person::new(&model, person).expect("somebody"));
+        let person = person.map(|person| Person::new(&model, person).expect("the scene has a handler"));
         let mut data = MjData::new(Box::new(model));
         legs.pose(&mut data);
         person.iter().for_each(|person| person.pose(&mut data));
@@ -52,7 +49,7 @@ impl Robot {
 
     /// Where the handler is, seen from the robot.
     fn robot_from_handler(&self) -> Se2 {
-        let person = self.person.as_ref().expect("somebody");
+        let person = self.person.as_ref().expect("the scene has a handler");
         se2(self.pose()).inverse() * se2(person.place(&self.data))
     }
 
