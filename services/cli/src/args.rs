@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use messages::Pose2;
-use settings::{Millis, PolicyModel};
+use settings::{Millis, PhysicsKind, PolicyModel};
 
 use crate::exit::EXIT_CODES_HELP;
 
@@ -229,6 +229,9 @@ pub struct WorldArgs {
     /// Start in the map: metres, metres, radians (or 90deg)
     #[arg(long, value_name = "x,y,yaw", requires = "map", allow_hyphen_values = true, value_parser = start)]
     pub start: Option<Pose2>,
+    /// What moves robot and handler: the project's own flat world, or a legged robot in MuJoCo
+    #[arg(long, value_name = "flat|mujoco", value_parser = physics)]
+    pub physics: Option<PhysicsKind>,
     /// A route file: cues, and a goal and a time limit if it has them, in place of the scenario's
     #[arg(long, value_name = "FILE")]
     pub cues: Option<PathBuf>,
@@ -494,6 +497,14 @@ fn times(text: &str) -> Result<u32, String> {
 
 fn duration(text: &str) -> Result<Millis, String> {
     Millis::try_from(text.to_owned())
+}
+
+fn physics(text: &str) -> Result<PhysicsKind, String> {
+    match text {
+        "flat" => Ok(PhysicsKind::Flat),
+        "mujoco" => Ok(PhysicsKind::Mujoco),
+        _ => Err("known: flat, mujoco".to_owned()),
+    }
 }
 
 /// `x,y,yaw`: metres, metres, and radians or, with "deg" behind it, degrees.

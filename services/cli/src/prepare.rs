@@ -5,11 +5,12 @@ use std::sync::Arc;
 
 use policies::{Expected, Model};
 use recording::{Part, later_lives};
-use settings::{Millis, PolicyModel, Profile, Settings, Source, VoiceSettings, VoiceSource};
+use settings::{Millis, Mujoco, PhysicsKind, PolicyModel, Profile, Settings, Source, VoiceSettings, VoiceSource};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
 use crate::exit::Failure;
+use crate::launch::beside;
 use crate::out::say;
 
 /// Where nothing else is said.
@@ -166,7 +167,14 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
 /// # Errors
 /// As [`walk`].
 pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
-    let mut settings = load(Profile::Walk, args.pace.config.as_deref())?;
+    let profile = if args.physics == Some(PhysicsKind::Mujoco) { Profile::Mujoco } else { Profile::Walk };
+    let mut settings = load(profile, args.pace.config.as_deref())?;
+    if let Some(physics) = args.physics {
+        settings.simulation.physics = physics;
+    }
+    if settings.simulation.physics == PhysicsKind::Mujoco {
+        find_legs(&mut settings.simulation.mujoco)?;
+    }
     if args.emulated {
         settings.emulate();
         settings::check(&settings).map_err(Failure::input)?;
@@ -315,12 +323,42 @@ pub fn scenario_file(name: &str) -> Result<PathBuf, Failure> {
     find_scenario(name, &config_folders())
 }
 
+/// Names model and policy of the legged robot, where the configuration does not.
+///
+/// # Errors
+/// Where one of them, or the program that simulates it, is missing.
+fn find_legs(mujoco: &mut Mujoco) -> Result<(), Failure> {
+    let program = beside(PhysicsKind::Mujoco.program())?;
+    if !program.is_file() {
+        let build = "bring MuJoCo with scripts/mujoco, and build it with `cargo build` in services/mujoco";
+        return Err(Failure::input(format!("{} is missing: {build}", program.display())));
+    }
+    for (key, file, name) in [("model", &mut mujoco.model, "go2.xml"), ("policy", &mut mujoco.policy, "policy.onnx")] {
+        let path = match &*file {
+            Some(path) => path.clone().into(),
+            None => find_config_file(&Path::new("legs/go2").join(name))?,
+        };
+        if !path.is_file() {
+            let what = format!("simulation.mujoco.{key}: {} is missing", path.display());
+            let bring = if file.is_none() { ": bring it with scripts/mujoco" } else { "" };
+            return Err(Failure::input(what + bring));
+        }
+        *file = Some(path.into());
+    }
+    Ok(())
+}
+
 /// A file that hearing needs: in `cues` where configuration lies. Where there is none, the first place, for the error.
 ///
 /// # Errors
 /// Where the present folder is gone.
 pub fn find_speech_file(name: &str) -> Result<PathBuf, Failure> {
-    let places: Vec<PathBuf> = config_folders().iter().map(|folder| folder.join("cues").join(name)).collect();
+    find_config_file(&Path::new("cues").join(name))
+}
+
+/// A file where configuration lies. Where there is none, the first place, for the error.
+fn find_config_file(name: &Path) -> Result<PathBuf, Failure> {
+    let places: Vec<PathBuf> = config_folders().iter().map(|folder| folder.join(name)).collect();
     absolute(places.iter().find(|path| path.is_file()).or(places.first()).map_or(Path::new(""), PathBuf::as_path))
 }
 

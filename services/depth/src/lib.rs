@@ -1,5 +1,6 @@
 //! The depth driver: frames from a source, straight into shared memory.
 
+mod cast;
 mod grabbed;
 mod simulated;
 mod socket;
@@ -8,9 +9,10 @@ use grabber::gstreamer::GstCamera;
 use grabber::realsense::RealsenseCamera;
 use grabber::{Camera, Trouble};
 use messages::DepthFrame;
-use settings::{DepthDevice, Settings, Source};
+use settings::{DepthDevice, PhysicsKind, Settings, Source};
 use transport::{FramePublisher, Io, Service, TransportError};
 
+pub use cast::CastDepth;
 pub use grabbed::GrabbedFrames;
 pub use simulated::SimulatedDepth;
 pub use socket::FrameSocket;
@@ -44,7 +46,10 @@ impl DepthDriver {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn FrameSource> = match settings.depth.source {
-            Source::Simulated => Box::new(SimulatedDepth::open(&settings, io)?),
+            Source::Simulated => match settings.simulation.physics {
+                PhysicsKind::Flat => Box::new(SimulatedDepth::open(&settings, io)?),
+                PhysicsKind::Mujoco => Box::new(CastDepth::open(&settings, io)?),
+            },
             Source::Device => device(&settings, io)?,
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("depth.source names no source for this driver".to_owned()));

@@ -1,13 +1,15 @@
 //! The lidar driver: scans from a source, straight into shared memory.
 
+mod cast;
 mod deskew;
 mod rplidar;
 mod simulated;
 
 use messages::LidarScan;
-use settings::{LidarDevice, Settings, Source};
+use settings::{LidarDevice, PhysicsKind, Settings, Source};
 use transport::{FramePublisher, Io, Service, TransportError};
 
+pub use cast::CastLidar;
 pub use rplidar::RplidarSource;
 pub use simulated::SimulatedLidar;
 
@@ -43,7 +45,10 @@ impl LidarDriver {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let source: Box<dyn ScanSource> = match settings.lidar.source {
-            Source::Simulated => Box::new(SimulatedLidar::open(&settings, io)?),
+            Source::Simulated => match settings.simulation.physics {
+                PhysicsKind::Flat => Box::new(SimulatedLidar::open(&settings, io)?),
+                PhysicsKind::Mujoco => Box::new(CastLidar::open(&settings, io)?),
+            },
             Source::Device => device(&settings, io)?,
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));

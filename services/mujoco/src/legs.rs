@@ -58,6 +58,15 @@ impl VelocityLoop {
         Self { low_pass_s: 0.15, gain_per_s: [3.0, 3.0, 4.0], limit: [0.8, 0.6, 1.2], slew: [0.10, 0.08, 0.20] };
 }
 
+impl From<settings::VelocityLoop> for VelocityLoop {
+    fn from(of: settings::VelocityLoop) -> Self {
+        match of {
+            settings::VelocityLoop::Soft => Self::SOFT,
+            settings::VelocityLoop::Stiff => Self::STIFF,
+        }
+    }
+}
+
 /// What keeps legs from walking.
 #[derive(Debug, thiserror::Error)]
 pub enum LegsError {

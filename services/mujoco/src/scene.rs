@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use guidance::se2::{Point, Se2};
-use messages::Pose2;
+use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, Prism, SeenBy, World};
+use world::{GridMap, PERSON_HEIGHT_M, Prism, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -57,8 +57,7 @@ impl Scene<'_> {
     /// MuJoCo's model of it.
     ///
     /// # Errors
-    /// Where the robot's file cannot be read or holds no such body, people walk in the world (not built yet), or MuJoCo
-    /// refuses the scene.
+    /// Where the robot's file cannot be read or holds no such body, or MuJoCo refuses the scene.
     pub fn build(&self) -> Result<MjModel, SceneError> {
         let wrong = |what: String| SceneError { file: self.robot.display().to_string(), what };
         let mut spec = MjSpec::from_xml(self.robot).map_err(|error| wrong(error.to_string()))?;
@@ -66,9 +65,6 @@ impl Scene<'_> {
         let base = spec.body_mut("base").ok_or_else(|| wrong("it has no body named base".to_owned()))?;
         *base.pos_mut() = [self.start.x_m, self.start.y_m, self.body_m];
         *base.quat_mut() = turned(self.start.yaw_rad);
-        if !self.world.people().is_empty() {
-            return Err(wrong("people walk in the world, and none can be built yet".to_owned()));
-        }
         let still = spec.world_body_mut();
         add_plane(still, 0.0);
         add_plane(still, self.world.ceiling_m());
@@ -79,6 +75,8 @@ impl Scene<'_> {
         if let Some(person) = self.person {
             add_person(still, person);
         }
+        let people = self.world.people().iter().take(MAX_WALKERS);
+        people.enumerate().for_each(|(number, person)| add_passer(still, number, person.radius_m));
         let model = spec.compile().map_err(|error| wrong(error.to_string()))?;
         let is_free = model.jnt_type().first() == Some(&MjtJoint::mjJNT_FREE);
         let is_base =
@@ -89,6 +87,20 @@ impl Scene<'_> {
             Err(wrong("its body base is not its first, or not free".to_owned()))
         }
     }
+}
+
+/// Makes the robot so many times as heavy: all bodies but the world and the handler.
+pub fn scale_mass(model: &mut MjModel, scale: f64) {
+    let handler = model.name_to_id(MjtObjBase::mjOBJ_BODY, BODY);
+    for body in (1..model.body_mass().len()).filter(|body| Some(*body) != handler) {
+        model.body_mass_mut()[body] *= scale;
+        model.body_inertia_mut()[body].iter_mut().for_each(|inertia| *inertia *= scale);
+    }
+}
+
+/// Sets the sliding friction of everything: MuJoCo takes the greater of two geoms'.
+pub fn set_friction(model: &mut MjModel, sliding: f64) {
+    model.geom_friction_mut().iter_mut().for_each(|friction| friction[0] = sliding);
 }
 
 /// Lets a step of time pass.
@@ -140,6 +152,20 @@ fn add_person(still: &mut MjsBody, person: PersonConfig) {
     *geom.pos_mut() = [0.0, 0.0, f64::midpoint(CLEAR_M, person.height_m)];
     *geom.size_mut() = [person.radius_m, (person.height_m - CLEAR_M) / 2.0, 0.0];
     geom.set_mass(person.mass_kg);
+}
+
+/// Name of the body of somebody who walks in the world.
+pub(crate) fn passer(number: usize) -> String {
+    format!("passer_{number}")
+}
+
+/// Somebody who walks a path of their own, whatever pushes them.
+fn add_passer(still: &mut MjsBody, number: usize, radius_m: f64) {
+    let body = still.add_body().with_name(&passer(number));
+    body.set_mocap(true);
+    let geom = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(PERSON);
+    *geom.pos_mut() = [0.0, 0.0, PERSON_HEIGHT_M / 2.0];
+    *geom.size_mut() = [radius_m, PERSON_HEIGHT_M / 2.0, 0.0];
 }
 
 fn turned(yaw_rad: f64) -> [f64; 4] {

@@ -12,7 +12,7 @@ use messages::{QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
 use serde_json::json;
 use settings::Settings;
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
-use world::{Goal, Physics, PhysicsConfig};
+use world::{Goal, Physics, PhysicsConfig, Scenario, World};
 
 /// Without a supervisor, the world ends after this long: after locomotion and brake have stopped the robot.
 const LOST_LIMIT_NS: u64 = 700_000_000;
@@ -20,9 +20,40 @@ const LOST_LIMIT_NS: u64 = 700_000_000;
 const BEHIND_LIMIT_TICKS: u64 = 50;
 const TOKEN_BRAKE: u64 = 1;
 
+/// Robot, handler and people in motion.
+pub trait Motion {
+    /// Lets a quantum pass under a commanded velocity (robot frame).
+    ///
+    /// # Errors
+    /// Where the world cannot go on.
+    fn step(&mut self, command: Twist2) -> Result<(), TransportError>;
+
+    /// The truth; header and the command in force are left for the publisher.
+    fn truth(&self) -> WorldTruth;
+
+    /// Publishes what sensors see, where the world casts their rays itself.
+    ///
+    /// # Errors
+    /// Where it cannot be published.
+    fn sense(&mut self, _stamp_ns: u64) -> Result<(), TransportError> {
+        Ok(())
+    }
+}
+
+impl Motion for Physics {
+    fn step(&mut self, command: Twist2) -> Result<(), TransportError> {
+        self.step(command);
+        Ok(())
+    }
+
+    fn truth(&self) -> WorldTruth {
+        self.truth()
+    }
+}
+
 /// The service.
-pub struct Simulator {
-    physics: Physics,
+pub struct Simulator<M = Physics> {
+    motion: M,
     goal: Option<Goal>,
     ends_at_ns: u64,
     commands: Subscriber<RobotCommand>,
@@ -41,22 +72,36 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// Reads the scenario and its world.
+    /// The project's own flat world.
     ///
     /// # Errors
     /// Where a file cannot be read or is wrong, the start is not free, or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
+        Self::of(io, |_, settings, scenario, world| {
+            Physics::new(Arc::new(world), PhysicsConfig::from(settings), scenario.start)
+                .map_err(TransportError::service)
+        })
+    }
+}
+
+impl<M: Motion> Simulator<M> {
+    /// Reads the scenario and its world, in which `begin` puts everybody in their places.
+    ///
+    /// # Errors
+    /// Where a file cannot be read or is wrong, `begin` fails, or a port cannot be opened.
+    pub fn of(
+        io: &mut Io,
+        begin: impl FnOnce(&mut Io, &Settings, &Scenario, World) -> Result<M, TransportError>,
+    ) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         let scenario = world::scenario_of(&settings).map_err(TransportError::service)?;
-        let world = Arc::new(scenario.load_world().map_err(TransportError::service)?);
-        let config = PhysicsConfig::from(&settings);
-        config.validate().map_err(TransportError::service)?;
-        let physics = Physics::new(world, config, scenario.start).map_err(TransportError::service)?;
+        let world = scenario.load_world().map_err(TransportError::service)?;
+        let motion = begin(io, &settings, &scenario, world)?;
         let brake = UnixDatagram::bind(io.domain.dir.robot_socket()).map_err(TransportError::service)?;
         brake.set_nonblocking(true).map_err(TransportError::service)?;
         io.watch(&brake, TOKEN_BRAKE)?;
         Ok(Self {
-            physics,
+            motion,
             goal: scenario.route.goal,
             ends_at_ns: time_limit_ns(&settings, scenario.route.time_limit_s),
             commands: io.subscriber()?,
@@ -99,10 +144,11 @@ impl Simulator {
     }
 
     fn tick(&mut self, stamp_ns: u64) -> Result<(), TransportError> {
-        self.physics.step(self.command);
+        self.motion.step(self.command)?;
         let (command, command_since_ns) = (self.command, self.command_since_ns);
-        let truth = WorldTruth { command, command_since_ns, ..self.physics.truth() };
+        let truth = WorldTruth { command, command_since_ns, ..self.motion.truth() };
         let truth = self.truths.publish(stamp_ns, truth)?;
+        self.motion.sense(stamp_ns)?;
         self.reached |= self.goal.is_some_and(|goal| goal.reached(truth.world_from_robot));
         self.over |= self.reached || stamp_ns >= self.ends_at_ns;
         Ok(())
@@ -114,7 +160,7 @@ fn time_limit_ns(settings: &Settings, scenario_s: Option<f64>) -> u64 {
     settings.walk.time_limit.map(|limit| limit.ns()).or(scenario_s.map(ns_from_s)).unwrap_or(u64::MAX)
 }
 
-impl Service for Simulator {
+impl<M: Motion> Service for Simulator<M> {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
         self.take_commands(now)?;
@@ -178,9 +224,9 @@ impl Service for Simulator {
     }
 }
 
-impl Simulator {
+impl<M: Motion> Simulator<M> {
     fn figures(&self) -> serde_json::Value {
-        let truth = self.physics.truth();
+        let truth = self.motion.truth();
         let pose = truth.world_from_robot;
         let (end_pose, skipped_ticks) = ([pose.x_m, pose.y_m, pose.yaw_rad], self.skipped_ticks);
         json!(RunFigures {

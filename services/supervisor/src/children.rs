@@ -101,6 +101,12 @@ impl Children {
         Ok(Self { running: Vec::new(), executables, run: run.to_owned(), next_token: 100, doomed: Vec::new() })
     }
 
+    /// The executable of that name.
+    #[must_use]
+    pub fn executable(&self, name: &str) -> PathBuf {
+        self.executables.join(name)
+    }
+
     /// The children that have not been reaped.
     #[must_use]
     pub fn running(&self) -> &[Running] {
@@ -138,7 +144,7 @@ impl Children {
         let (control, control_child) = Line::pair()?;
         let control = if service.stops_robot() { closing_first(control) } else { control };
         let (far_end, life_child) = Line::pair()?;
-        let path = spec.exe.clone().unwrap_or_else(|| self.executables.join(format!("guidedog-{service}")));
+        let path = spec.exe.clone().unwrap_or_else(|| self.executable(&format!("guidedog-{service}")));
         let log = File::create(log).map_err(TransportError::service)?;
         let mut command = Command::new(&path);
         command

@@ -31,6 +31,7 @@ use messages::{
     ServiceId, SpeechSaid, StopKind, WorldTruth,
 };
 use serde_json::Value;
+use settings::PhysicsKind;
 use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
@@ -66,6 +67,8 @@ const TOKEN_OWNER: u64 = 2;
 pub struct Supervisor {
     machine: Machine,
     children: Children,
+    /// What moves the simulated world, where there is one.
+    physics: PhysicsKind,
     server: ControlServer,
     figures: Figures,
     janitor: Janitor,
@@ -213,6 +216,9 @@ impl Supervisor {
         let _ = std::fs::remove_file(io.domain.dir.log(service, incarnation.saturating_sub(LOGS_KEPT)));
         let spec = match service {
             ServiceId::Policy => self.machine.policy_spec(incarnation).clone(),
+            ServiceId::Simulator => {
+                PolicySpec { exe: Some(self.children.executable(self.physics.program())), ..PolicySpec::default() }
+            }
             _ => PolicySpec::default(),
         };
         let has_line = self.machine.has_line(service);

@@ -174,6 +174,12 @@ macro_rules! mirrored {
             #[derive(Debug, Clone, ::serde::Serialize, ::serde::Deserialize)]
             pub struct Json { $($(#[serde($default)])? $field: <$type as Mirrored>::Json,)+ }
 
+            impl Default for Json {
+                fn default() -> Self {
+                    $name::default().to_json()
+                }
+            }
+
             impl Mirrored for $name {
                 type Json = Json;
                 fn to_json(self) -> Json {

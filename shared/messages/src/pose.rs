@@ -1,4 +1,4 @@
-//! Planar poses and velocities as plain numbers. The mathematics on them is in `guidance`.
+//! Planar poses and velocities, and how the body is held over them, as plain numbers. The mathematics on them is in `guidance`.
 
 use crate::json::mirrored;
 #[cfg(feature = "ipc")]
@@ -36,6 +36,50 @@ mirrored! {
         pub vy_mps: f64,
         /// Counter-clockwise, radians per second.
         pub wz_radps: f64,
+    }
+}
+
+mirrored! {
+    /// How the robot's body (`base_link`) is held over the level frame on the floor below it (`base_footprint`, which
+    /// is meant by *robot* everywhere else): rolled about the forward axis, then pitched about the left axis, both
+    /// right-handed (ROS REP 103).
+    #[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
+    #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Attitude/1"))]
+    #[repr(C)]
+    pub struct Attitude {
+        /// Run time of the measurement, nanoseconds; 0 where no source tells the attitude.
+        pub stamp_ns: u64,
+        /// Positive with the left side up, radians.
+        pub roll_rad: f64,
+        /// Positive with the nose down, radians.
+        pub pitch_rad: f64,
+        /// Height of the body's origin over the floor, metres.
+        pub height_m: f64,
+        /// The same while the robot stands: heights of sensors are told for it, metres.
+        pub standing_m: f64,
+    }
+}
+
+impl Attitude {
+    /// No robot walks on while it leans further, radians.
+    pub const MAX_RAD: f64 = std::f64::consts::FRAC_PI_4;
+    /// No robot's body is higher, metres.
+    pub const HEIGHT_MAX_M: f64 = 3.0;
+
+    /// Whether a source tells it.
+    #[must_use]
+    pub fn is_known(&self) -> bool {
+        self.stamp_ns != 0
+    }
+
+    /// Whether its numbers are those of a robot on its legs.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        // What is no number is within nothing.
+        self.roll_rad.abs() <= Self::MAX_RAD
+            && self.pitch_rad.abs() <= Self::MAX_RAD
+            && [self.height_m, self.standing_m].iter().all(|m| (0.0..=Self::HEIGHT_MAX_M).contains(m))
     }
 }
 

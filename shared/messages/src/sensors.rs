@@ -1,7 +1,7 @@
 //! What the drivers publish.
 
 use crate::json::mirrored;
-use crate::{Frame, Header, Pose2, Twist2};
+use crate::{Attitude, Frame, Header, Pose2, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -112,7 +112,7 @@ pub struct DepthHeader {
 /// old.
 #[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Odometry/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Odometry/2"))]
 #[repr(C)]
 pub struct Odometry {
     /// Stamp, seq, incarnation.
@@ -123,4 +123,6 @@ pub struct Odometry {
     pub twist: Twist2,
     /// Standard deviations of x (m), y (m) and yaw (rad) gained since the frame began.
     pub sigma: [f64; 3],
+    /// How the robot's body is held.
+    pub attitude: Attitude,
 }

@@ -468,6 +468,32 @@ topics! {
         max_age: AgeLimit::Unlimited,
         why: "the newest command counts",
     }
+    /// One turn of the lidar in a world whose simulator casts the rays: ranges in metres.
+    WorldScan = 19, frame WorldScan WorldScanHeader {
+        name: "world/scan",
+        publishers: &[Simulator],
+        live_publishers: 1,
+        subscribers: &[Lidar],
+        buffer: 2,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        why: "the driver copies the newest one at once",
+    }
+    /// One image of the depth camera in a world whose simulator casts the rays: millimetres.
+    WorldFrame = 20, frame WorldFrame WorldFrameHeader {
+        name: "world/frame",
+        publishers: &[Simulator],
+        live_publishers: 1,
+        subscribers: &[Depth],
+        buffer: 2,
+        borrowed: 2,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Unlimited,
+        why: "as world/scan",
+    }
     /// The beat of a service, with its counters.
     Health = 10, message Health [port_count <= MAX_PORTS], injectable by service {
         name: "health",

@@ -1,7 +1,7 @@
 //! What passes between the simulated world and the drivers and links that stand in it.
 
 use crate::json::mirrored;
-use crate::{Header, Pose2, ServiceId, Twist2};
+use crate::{Attitude, DepthHeader, Frame, Header, MAX_BEAMS, Pose2, ScanHeader, ServiceId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use zerocopy::{FromBytes, TryFromBytes};
@@ -29,7 +29,7 @@ mirrored! {
     /// The true state of the simulated world.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/3"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/4"))]
     #[repr(C)]
     pub struct WorldTruth {
         /// Stamp, seq, incarnation.
@@ -38,6 +38,8 @@ mirrored! {
         pub world_from_robot: Pose2,
         /// The robot's velocity, robot frame.
         pub robot_twist: Twist2,
+        /// How the robot's body is held.
+        pub attitude: Attitude = default,
         /// Velocity in force at the robot, whoever commanded it.
         pub command: Twist2,
         /// Run time since which it has been.
@@ -71,4 +73,54 @@ pub struct RobotCommand {
     pub source: ServiceId,
     /// Robot frame.
     pub velocity: Twist2,
+}
+
+/// Marker of the topic `world/scan`: what the lidar driver publishes of a world whose simulator casts the rays itself.
+#[derive(Debug, Clone, Copy)]
+pub struct WorldScan;
+
+impl Frame for WorldScan {
+    type Element = f32;
+    type Meta = WorldScanHeader;
+    const LEN_MAX: Option<usize> = Some(MAX_BEAMS);
+    fn fits(_: &WorldScanHeader, len: usize) -> bool {
+        len <= MAX_BEAMS
+    }
+}
+
+/// Stands beside the ranges of a scan of the world.
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/WorldScanHeader/1"))]
+#[repr(C)]
+pub struct WorldScanHeader {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What the driver publishes beside the ranges; its own header means nothing.
+    pub scan: ScanHeader,
+}
+
+/// Marker of the topic `world/frame`: what the depth driver publishes of a world whose simulator casts the rays itself.
+#[derive(Debug, Clone, Copy)]
+pub struct WorldFrame;
+
+impl Frame for WorldFrame {
+    type Element = u16;
+    type Meta = WorldFrameHeader;
+    const LEN_MAX: Option<usize> = None;
+    fn fits(meta: &WorldFrameHeader, len: usize) -> bool {
+        crate::DepthFrame::fits(&meta.depth, len)
+    }
+}
+
+/// Stands beside the pixels of a depth frame of the world.
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/WorldFrameHeader/1"))]
+#[repr(C)]
+pub struct WorldFrameHeader {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What the driver publishes beside the pixels; its own header means nothing.
+    pub depth: DepthHeader,
 }

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 
 use messages::json::{HeaderJson, Mirrored, Reading, Real};
-use messages::{LidarScan, MAX_BEAMS, Odometry, Pose2, ScanHeader, TopicId, Twist2};
+use messages::{Attitude, LidarScan, MAX_BEAMS, Odometry, Pose2, ScanHeader, TopicId, Twist2};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
 
@@ -170,6 +170,7 @@ impl Recorded for Odometry {
             odom_from_robot: Mirrored::from_json(odometry.odom_from_robot),
             twist: Mirrored::from_json(odometry.twist),
             sigma: Mirrored::from_json(odometry.sigma),
+            attitude: odometry.attitude.map_or_else(Attitude::default, Mirrored::from_json),
         })
     }
 }
@@ -252,6 +253,9 @@ struct OdometryJson {
     odom_from_robot: <Pose2 as Mirrored>::Json,
     twist: <Twist2 as Mirrored>::Json,
     sigma: [Real; 3],
+    /// Recordings of level worlds, and old ones, have none.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    attitude: Option<<Attitude as Mirrored>::Json>,
 }
 
 impl OdometryMessage {
@@ -267,6 +271,7 @@ impl OdometryMessage {
                 odom_from_robot: odometry.odom_from_robot.to_json(),
                 twist: odometry.twist.to_json(),
                 sigma: odometry.sigma.to_json(),
+                attitude: odometry.attitude.is_known().then(|| odometry.attitude.to_json()),
             },
         }
     }

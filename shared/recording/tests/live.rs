@@ -12,9 +12,10 @@ use guidedog_recording::{
     About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Slice, Writer, life_path, recover,
 };
 use messages::{
-    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthFrame, DepthHeader, Header,
-    LocomotionState, Mode, ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2, Pose3, ServiceId,
-    SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
+    Attitude, Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthFrame,
+    DepthHeader, Header, LocomotionState, Mode, ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2,
+    Pose3, ServiceId, SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker,
+    WorldTruth,
 };
 use tempfile::tempdir;
 
@@ -24,6 +25,8 @@ fn header(seq: u64) -> Header {
 
 const POSE: Pose2 = Pose2 { x_m: 0.1 + 0.2, y_m: -0.0, yaw_rad: 5e-324 };
 const TWIST: Twist2 = Twist2 { vx_mps: f64::NAN, vy_mps: f64::INFINITY, wz_radps: f64::NEG_INFINITY };
+const ATTITUDE: Attitude =
+    Attitude { stamp_ns: 7, roll_rad: -0.0, pitch_rad: 1.0 / 3.0, height_m: 0.31, standing_m: f64::NAN };
 const REASON: StopReason = StopReason {
     kind: StopKind::StreamStale,
     service: ServiceId::Lidar,
@@ -83,7 +86,13 @@ fn every_topic() -> (Vec<Record>, Record) {
     *turn.header_mut() = header(1);
     let small = vec![
         turn,
-        Record::from(Odometry { header: header(3), odom_from_robot: POSE, twist: TWIST, sigma: [0.1; 3] }),
+        Record::from(Odometry {
+            header: header(3),
+            odom_from_robot: POSE,
+            twist: TWIST,
+            sigma: [0.1; 3],
+            attitude: ATTITUDE,
+        }),
         Record::from(cue(4)),
         Record::from(CueRequest { header: header(5), kind: CueKind::Right }),
         Record::from(action),

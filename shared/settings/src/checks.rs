@@ -6,8 +6,8 @@ use messages::topic::{AgeLimit, TOPICS};
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Settings,
-    Source, VoiceSource,
+    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, PhysicsKind,
+    Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -141,6 +141,11 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
         let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
         return Err(format!("simulation.emulated.on needs {needed}"));
     }
+    if emulated && settings.simulation.physics != PhysicsKind::Flat {
+        return Err(
+            "simulation.emulated.on needs simulation.physics = \"flat\": no device is emulated in MuJoCo".into()
+        );
+    }
     if emulated {
         check_emulated(settings)?;
     }
@@ -215,6 +220,7 @@ fn check_matching(settings: &Settings) -> Result<(), String> {
 /// What no robot, handler or lidar is like.
 fn check_bounds(settings: &Settings) -> Result<(), String> {
     let (limits, odometry, matching) = (&settings.locomotion.limits, &settings.odometry, &settings.odometry.matching);
+    let mujoco = &settings.simulation.mujoco;
     for (name, value, from, to) in [
         ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
@@ -236,7 +242,13 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
         ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
         ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
+        ("robot.body_height_m", settings.robot.body_height_m.get(), 0.05, 2.0),
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
+        ("simulation.mujoco.mass_scale", mujoco.mass_scale, 0.5, 2.0),
+        ("simulation.mujoco.friction", mujoco.friction, 0.1, 2.0),
+        ("simulation.mujoco.handler_mass_kg", mujoco.handler_mass_kg, 20.0, 200.0),
+        ("simulation.mujoco.handler_reaction", mujoco.handler_reaction.s(), 0.0, 2.0),
+        ("simulation.mujoco.handler_acceleration_mps2", mujoco.handler_acceleration_mps2, 0.1, 10.0),
         ("shield.unknown_gap_m", settings.shield.unknown_gap_m.get(), 0.0, 1.0),
         ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
         ("shield.memory.drift", settings.shield.memory.drift.get(), 0.0, 0.5),

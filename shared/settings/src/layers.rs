@@ -43,6 +43,8 @@ pub enum SettingsError {
 pub enum Profile {
     /// The defaults: a simulated walk.
     Walk,
+    /// A simulated walk of a legged robot in MuJoCo.
+    Mujoco,
     /// Recorded laser logs: no depth, null link, longer lives of permits.
     Carmen,
 }
@@ -51,6 +53,7 @@ impl Profile {
     fn text(self) -> (&'static str, &'static str) {
         match self {
             Self::Walk => ("config/guidedog.toml", include_str!("../../../config/guidedog.toml")),
+            Self::Mujoco => ("config/profiles/mujoco.toml", include_str!("../../../config/profiles/mujoco.toml")),
             Self::Carmen => ("config/profiles/carmen.toml", include_str!("../../../config/profiles/carmen.toml")),
         }
     }

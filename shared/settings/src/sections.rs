@@ -207,11 +207,14 @@ impl Settings {
 pub struct Robot {
     /// Radius of the disc that stands for the robot, metres.
     pub radius_m: Positive,
+    /// Height of the body's origin (`base_link`) above the floor while the robot stands, metres: heights of sensors
+    /// are told for it.
+    pub body_height_m: Positive,
 }
 
 impl Default for Robot {
     fn default() -> Self {
-        Self { radius_m: Positive::of(0.30) }
+        Self { radius_m: Positive::of(0.30), body_height_m: Positive::of(0.30) }
     }
 }
 
@@ -348,8 +351,82 @@ pub struct Simulation {
     pub seed: u64,
     /// Sway of the simulated handler, metres.
     pub handler_sway_m: f64,
+    /// What moves robot and handler.
+    pub physics: PhysicsKind,
+    /// The legged robot and the handler of `physics = "mujoco"`.
+    pub mujoco: Mujoco,
     /// Devices in the simulated world, for the real drivers.
     pub emulated: Emulated,
+}
+
+/// What moves robot and handler in the simulated world.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PhysicsKind {
+    /// The project's own flat world.
+    #[default]
+    Flat,
+    /// A legged robot in MuJoCo, which `guidedog-mujoco` simulates.
+    Mujoco,
+}
+
+impl PhysicsKind {
+    /// The program that simulates it.
+    #[must_use]
+    pub const fn program(self) -> &'static str {
+        match self {
+            Self::Flat => "guidedog-simulator",
+            Self::Mujoco => "guidedog-mujoco",
+        }
+    }
+}
+
+/// How the velocity of a legged robot is kept.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum VelocityLoop {
+    /// As the package has it that brings the walking policy.
+    #[default]
+    Soft,
+    /// Twice as stiff.
+    Stiff,
+}
+
+/// A legged robot and a handler in MuJoCo.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Mujoco {
+    /// The robot's model (MJCF); without it the Go2 that `scripts/mujoco` brings.
+    pub model: Option<ConfigPath>,
+    /// The policy that it walks by (ONNX); without it the one that `scripts/mujoco` brings.
+    pub policy: Option<ConfigPath>,
+    /// How its velocity is kept.
+    pub velocity_loop: VelocityLoop,
+    /// Mass of all its parts, times that of the model.
+    pub mass_scale: f64,
+    /// Friction of the floor: sliding, without unit.
+    pub friction: f64,
+    /// Mass of the handler, kilograms.
+    pub handler_mass_kg: f64,
+    /// Until the handler answers what the harness tells.
+    pub handler_reaction: Millis,
+    /// The most that the handler speeds up or slows down, m/s^2.
+    pub handler_acceleration_mps2: f64,
+}
+
+impl Default for Mujoco {
+    fn default() -> Self {
+        Self {
+            model: None,
+            policy: None,
+            velocity_loop: VelocityLoop::Soft,
+            mass_scale: 1.0,
+            friction: 1.0,
+            handler_mass_kg: 70.0,
+            handler_reaction: Millis::of_ms(300),
+            handler_acceleration_mps2: 2.0,
+        }
+    }
 }
 
 /// Devices that are emulated in the simulated world, for the drivers and the link that speak to real ones.
@@ -372,7 +449,13 @@ impl Default for Emulated {
 
 impl Default for Simulation {
     fn default() -> Self {
-        Self { seed: 1, handler_sway_m: 0.01, emulated: Emulated::default() }
+        Self {
+            seed: 1,
+            handler_sway_m: 0.01,
+            physics: PhysicsKind::Flat,
+            mujoco: Mujoco::default(),
+            emulated: Emulated::default(),
+        }
     }
 }
 

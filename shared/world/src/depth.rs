@@ -154,19 +154,29 @@ impl DepthSensor {
         faces.clear();
         self.view(scene).collect(scene, &mut faces);
         faces.sort_unstable_by_key(|face| face.rows().0);
-        let mut random = generator(Source::Depth, self.seed, self.incarnation, frame);
         let (mut active, mut next) = (Vec::with_capacity(faces.len()), 0);
-        for (row, out) in pixels.chunks_exact_mut(self.config.width).take(self.config.height).enumerate() {
+        let (camera, mount, ceiling_m) = (self.camera, self.config.robot_from_camera, scene.world.ceiling_m());
+        let draw = |row: usize, inverse_depths: &mut [f32]| {
             while next < faces.len() && faces[next].rows().0 <= row {
                 active.push(next);
                 next += 1;
             }
             active.retain(|&face| faces[face].rows().1 >= row);
-            let background = self.background(scene.world.ceiling_m(), row);
-            self.row.fill(background);
+            inverse_depths.fill(background(&camera, &mount, ceiling_m, row));
             for &face in &active {
-                faces[face].fill(row, &mut self.row);
+                faces[face].fill(row, inverse_depths);
             }
+        };
+        self.measure(draw, frame, pixels);
+        self.faces = faces;
+    }
+
+    /// As [`Self::render`], of depths that are told: `draw` writes a row's true inverse depths along the optical axis,
+    /// 1/metres, 0 where nothing is seen, for each row from the top.
+    pub fn measure(&mut self, mut draw: impl FnMut(usize, &mut [f32]), frame: u64, pixels: &mut [u16]) {
+        let mut random = generator(Source::Depth, self.seed, self.incarnation, frame);
+        for (row, out) in pixels.chunks_exact_mut(self.config.width).take(self.config.height).enumerate() {
+            draw(row, &mut self.row);
             if self.config.noise_per_m > 0.0 {
                 // A depth's sigma of k d^2 is a sigma of k on its inverse.
                 let noise = self.config.noise_per_m as f32;
@@ -176,21 +186,9 @@ impl DepthSensor {
             }
             self.write(out);
         }
-        self.faces = faces;
         if let Some(redwood) = &mut self.redwood {
             redwood.disturb(pixels, || normals(&mut random, 3 * self.config.width));
         }
-    }
-
-    /// Inverse depth of floor or ceiling at a row, 1/metres: without roll it is the same along the row.
-    fn background(&self, ceiling_m: f64, row: usize) -> f32 {
-        let camera = &self.config.robot_from_camera;
-        let up = (self.camera.cy_px - row as f64) / self.camera.focal_px;
-        let rise = up * camera.pitch_rad.cos() - camera.pitch_rad.sin();
-        let to_floor = -rise / camera.z_m;
-        let above = ceiling_m - camera.z_m;
-        let to_ceiling = if above > 0.0 { rise / above } else { 0.0 };
-        to_floor.max(to_ceiling) as f32
     }
 
     /// Turns the row's inverse depths into millimetres.
@@ -227,6 +225,16 @@ impl DepthSensor {
             pitch: (sin, cos),
         }
     }
+}
+
+/// Inverse depth of floor or ceiling at a row, 1/metres: without roll it is the same along the row.
+fn background(pinhole: &Pinhole, mount: &Pose3, ceiling_m: f64, row: usize) -> f32 {
+    let up = (pinhole.cy_px - row as f64) / pinhole.focal_px;
+    let rise = up * mount.pitch_rad.cos() - mount.pitch_rad.sin();
+    let to_floor = -rise / mount.z_m;
+    let above = ceiling_m - mount.z_m;
+    let to_ceiling = if above > 0.0 { rise / above } else { 0.0 };
+    to_floor.max(to_ceiling) as f32
 }
 
 /// Where a camera stands and what it can reach.

@@ -128,11 +128,17 @@ impl LidarSensor {
     /// nothing was hit, NaN where there is no reading (drop-out, or nearer than the least range).
     pub fn scan(&mut self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
         self.draw(scene);
+        self.measure(|beam| self.image.range_m(beam), frame, ranges);
+    }
+
+    /// As [`Self::scan`], of ranges that are told: `range_m` gives the true range of a beam, metres; `None` where it
+    /// meets nothing within the greatest range.
+    pub fn measure(&self, range_m: impl Fn(usize) -> Option<f64>, frame: u64, ranges: &mut [f32]) {
         let config = &self.config;
         let readings = ranges.iter_mut().take(config.beams).enumerate();
         if config.sigma_m == 0.0 && config.drop_out == 0.0 {
             for (beam, range) in readings {
-                *range = self.reading(self.image.range_m(beam), 0.0);
+                *range = self.reading(range_m(beam), 0.0);
             }
             return;
         }
@@ -140,7 +146,7 @@ impl LidarSensor {
         for (beam, range) in readings {
             // Both are drawn for every beam, so that what one beam sees changes no other beam's noise.
             let (lost, noise): (f64, f64) = (random.random(), StandardNormal.sample(&mut random));
-            let reading = self.reading(self.image.range_m(beam), noise * config.sigma_m);
+            let reading = self.reading(range_m(beam), noise * config.sigma_m);
             *range = if lost < config.drop_out { f32::NAN } else { reading };
         }
     }

@@ -59,9 +59,11 @@ pub struct People {
 
 /// Robot or handler, as people see them.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Agent {
-    pub(crate) at: Point,
-    pub(crate) radius_m: f64,
+pub struct Agent {
+    /// Place, world frame.
+    pub at: Point,
+    /// Radius of the body, metres.
+    pub radius_m: f64,
 }
 
 impl People {
@@ -93,7 +95,7 @@ impl People {
 
     /// Lets everybody walk for `dt_s`. Nobody steps into an agent: who would is held, and `touched(person, agent)` is
     /// called.
-    pub(crate) fn step(&mut self, time_s: f64, dt_s: f64, agents: &[Agent], mut touched: impl FnMut(usize, usize)) {
+    pub fn step(&mut self, time_s: f64, dt_s: f64, agents: &[Agent], mut touched: impl FnMut(usize, usize)) {
         for (number, state) in self.states.iter_mut().enumerate() {
             state.step(time_s, dt_s, agents, |agent| touched(number, agent));
         }

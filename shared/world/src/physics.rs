@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use guidance::se2::{Point, Se2, exp, pose2, se2, wrap_angle};
-use messages::{Header, MAX_WALKERS, Pose2, Twist2, Walker, WorldTruth};
+use messages::{Attitude, Header, MAX_WALKERS, Pose2, Twist2, Walker, WorldTruth};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -244,6 +244,7 @@ impl Physics {
             header: Header::default(),
             world_from_robot: pose2(&self.world_from_robot),
             robot_twist: self.twist,
+            attitude: Attitude::default(),
             world_from_handler: pose2(&self.world_from_handler),
             command: Twist2::ZERO,
             command_since_ns: 0,

@@ -7,7 +7,7 @@ use control::{Client, ServicePhase, ServiceStatus, Status};
 use messages::ServiceId;
 use serde_json::{Value, json};
 
-use crate::args::{PaceArgs, WalkArgs, WorldArgs};
+use crate::args::{WalkArgs, WorldArgs};
 use crate::exit::Failure;
 use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
@@ -36,18 +36,8 @@ struct Usage {
 pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let mut route = tempfile::NamedTempFile::new().map_err(Failure::of_run)?;
     writeln!(route, "# No cues, no goal: the robot stands.").map_err(Failure::of_run)?;
-    let pace = PaceArgs::default();
     let scenario = Some(prepare::DEFAULT_SCENARIO.to_owned());
-    let world = WorldArgs {
-        scenario,
-        map: None,
-        start: None,
-        cues: Some(route.path().to_owned()),
-        policy: None,
-        emulated: false,
-        voice: None,
-        pace,
-    };
+    let world = WorldArgs { scenario, cues: Some(route.path().to_owned()), ..WorldArgs::default() };
     let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;
     // Ended by us, long before.
     prepared.settings.walk.time_limit = settings::Millis::try_from("1h".to_owned()).ok();

@@ -100,6 +100,7 @@ pub fn odometry(stamp_ns: u64, leg_from_robot: &Se2) -> Odometry {
         odom_from_robot: Pose2::new(at.x, at.y, leg_from_robot.rotation.angle()),
         twist: Twist2::ZERO,
         sigma: [0.0; 3],
+        ..Odometry::default()
     }
 }
 

@@ -1,6 +1,6 @@
 //! The odometry stream of a log.
 
-use messages::{Header, Odometry, Pose2, Twist2, s_from_ns};
+use messages::{Attitude, Header, Odometry, Pose2, Twist2, s_from_ns};
 
 use super::line::wrapped;
 use super::survey::Entry;
@@ -45,6 +45,7 @@ pub fn odometry(entries: &[Entry], stamps_ns: &[u64]) -> (Vec<Odometry>, u64) {
         odom_from_robot: fix.pose,
         twist: fix.twist,
         sigma: [0.0; 3],
+        attitude: Attitude::default(),
     };
     (odom.into_iter().zip(1..).map(record).collect(), left_out as u64)
 }

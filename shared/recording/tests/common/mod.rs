@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use guidedog_recording::{About, Existing, Reader, Record, Slice, Writer};
-use messages::{Header, LidarScan, Odometry, Pose2, ScanHeader, Twist2};
+use messages::{Attitude, Header, LidarScan, Odometry, Pose2, ScanHeader, Twist2};
 
 pub fn header(stamp_ns: u64, seq: u64) -> Header {
     Header { stamp_ns, seq, step: 3, published_ns: 0, incarnation: 2, reserved: 0 }
@@ -30,6 +30,7 @@ pub fn odometry(stamp_ns: u64, seq: u64) -> Record {
         odom_from_robot: Pose2::new(seq as f64 / 7.0, -0.0, std::f64::consts::PI),
         twist: Twist2 { vx_mps: 5e-324, vy_mps: f64::MIN_POSITIVE, wz_radps: f64::NEG_INFINITY },
         sigma: [f64::NAN, f64::INFINITY, 0.3],
+        attitude: Attitude::default(),
     })
 }
 

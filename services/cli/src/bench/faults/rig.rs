@@ -79,7 +79,7 @@ fn settings_at(place: &TempDir) -> Result<settings::Settings, Failure> {
     let cues = Some(write("silent.toml", "# Nobody but the bench gives cues.\n")?);
     let pace = PaceArgs { faults: true, ..PaceArgs::default() };
     let start = Some(messages::Pose2::new(3.0, 0.0, 0.0));
-    let world = WorldArgs { scenario: None, map, start, cues, policy: None, emulated: false, voice: None, pace };
+    let world = WorldArgs { map, start, cues, pace, ..WorldArgs::default() };
     let mut settings = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?.settings;
     let time = |text: &str| Millis::try_from(text.to_owned()).map_err(Failure::input);
     // The longest there is; then another run begins.

@@ -1,0 +1,260 @@
+//! The world of a run in motion: a quantum at a time, as the simulator of stepped time asks for it.
+
+use std::path::Path;
+
+use guidance::se2::Point;
+use guidedog_simulator::{Motion, Simulator};
+use messages::{Attitude, MAX_WALKERS, Pose2, Twist2, Walker, WorldFrame, WorldScan, WorldTruth};
+use mujoco_rs::prelude::*;
+use nalgebra::{Rotation2, Vector2};
+use settings::{Mujoco, Settings};
+use transport::{FramePublisher, Io, Rhythm, TransportError};
+use world::{
+    Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S, World,
+};
+
+use crate::legs::{self, BODY_M, Legs, VelocityLoop};
+use crate::person::{Person, PersonConfig};
+use crate::rays::Rays;
+use crate::scene::{self, STEP_S, Scene};
+use crate::sight::Sight;
+use crate::touch::Touches;
+
+/// Steps of the physics in a quantum.
+const STEPS: u64 = (TICK_S / STEP_S).round() as u64;
+
+/// The service.
+pub type LeggedSimulator = Simulator<LeggedMotion>;
+
+/// Reads the scenario and puts robot and handler in their places.
+///
+/// # Errors
+/// Where a file cannot be read or is wrong, the start is not free, or a port cannot be opened.
+pub fn open(io: &mut Io) -> Result<LeggedSimulator, TransportError> {
+    Simulator::of(io, |io, settings, scenario, world| {
+        let motion = LeggedMotion::new(settings, scenario, &world).map_err(TransportError::service)?;
+        motion.seen_by(settings, io)
+    })
+}
+
+/// A legged robot and a handler, and what their sensors see.
+pub struct LeggedMotion {
+    data: MjData<Box<MjModel>>,
+    legs: Legs,
+    person: Person,
+    people: People,
+    touches: Touches,
+    /// Radii of robot and handler as people see them, metres.
+    radii_m: [f64; 2],
+    sensors: Option<Sensors>,
+    standing_m: f64,
+    distance_m: f64,
+    steps: u64,
+}
+
+/// Sensors, and where their readings go.
+struct Sensors {
+    /// What the lidar sees, and what the camera sees besides: dirty glass.
+    lidar_rays: Rays,
+    camera_rays: Rays,
+    lidar: LidarSensor,
+    camera: DepthSensor,
+    scans: (FramePublisher<WorldScan>, Rhythm),
+    frames: (FramePublisher<WorldFrame>, Rhythm),
+    ranges_m: Vec<Option<f64>>,
+    inverse_depths: Vec<f32>,
+}
+
+/// What keeps the world from beginning.
+#[derive(Debug, thiserror::Error)]
+pub enum MotionError {
+    /// Whoever starts the run names the files.
+    #[error("simulation.mujoco.{0} names no file")]
+    NoFile(&'static str),
+    /// The scene cannot be built.
+    #[error(transparent)]
+    Scene(#[from] scene::SceneError),
+    /// The robot cannot walk.
+    #[error(transparent)]
+    Legs(#[from] legs::LegsError),
+}
+
+impl LeggedMotion {
+    /// Robot and handler at the scenario's start, at rest.
+    ///
+    /// # Errors
+    /// Where model or policy cannot be used.
+    pub fn new(settings: &Settings, scenario: &Scenario, world: &World) -> Result<Self, MotionError> {
+        let mujoco = &settings.simulation.mujoco;
+        let robot = mujoco.model.as_deref().ok_or(MotionError::NoFile("model"))?;
+        let policy: &Path = mujoco.policy.as_deref().ok_or(MotionError::NoFile("policy"))?;
+        let person = person(settings, mujoco);
+        let scene = Scene { robot, world, start: scenario.start, body_m: BODY_M, person: Some(person) };
+        let mut model = scene.build()?;
+        scene::scale_mass(&mut model, mujoco.mass_scale);
+        scene::set_friction(&mut model, mujoco.friction);
+        let legs = Legs::new(&model, policy, VelocityLoop::from(mujoco.velocity_loop))?;
+        let person = Person::new(&model, person)?;
+        let touches = Touches::new(&model)?;
+        let mut data = MjData::new(Box::new(model));
+        legs.pose(&mut data);
+        person.pose(&mut data);
+        let mut motion = Self {
+            data,
+            legs,
+            person,
+            people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
+            touches,
+            radii_m: [settings.robot.radius_m.get(), settings.handler.radius_m.get()],
+            sensors: None,
+            standing_m: settings.robot.body_height_m.get(),
+            distance_m: 0.0,
+            steps: 0,
+        };
+        motion.place_people();
+        Ok(motion)
+    }
+
+    /// With the sensors of the settings, whose drivers listen.
+    ///
+    /// # Errors
+    /// Where a sensor is out of its bounds or a topic cannot be opened.
+    fn seen_by(mut self, settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+        let (seed, incarnation) = (settings.simulation.seed, io.identity().incarnation);
+        let lidar = LidarSensor::new(LidarConfig::from(&settings.lidar), seed, incarnation);
+        let camera = DepthSensor::new(DepthConfig::from(&settings.depth), seed, incarnation);
+        let (lidar, camera) = (lidar.map_err(TransportError::service)?, camera.map_err(TransportError::service)?);
+        let (beams, pixels) = (lidar.config().beams, camera.pixels());
+        self.sensors = Some(Sensors {
+            lidar_rays: Rays::new(&self.data, &[scene::SEEN], &[scene::PERSON]),
+            camera_rays: Rays::new(&self.data, &[scene::SEEN, scene::SEEN_BY_CAMERA], &[scene::PERSON]),
+            lidar,
+            camera,
+            scans: (io.frame_publisher(beams)?, Rhythm::at_hz(settings.lidar.rate_hz.get())),
+            frames: (io.frame_publisher(pixels)?, Rhythm::at_hz(settings.depth.rate_hz.get())),
+            ranges_m: Vec::with_capacity(beams),
+            inverse_depths: vec![0.0; pixels],
+        });
+        Ok(self)
+    }
+
+    /// Lets people walk for a quantum: whether one of them wants to walk through robot or handler.
+    fn move_people(&mut self) -> bool {
+        let at = [self.world_from_robot(), self.person.place(&self.data)];
+        let agent = |i: usize| Agent { at: Point::new(at[i].x_m, at[i].y_m), radius_m: self.radii_m[i] };
+        let (time_s, agents) = (self.steps as f64 * STEP_S, [agent(0), agent(1)]);
+        let mut is_walked_into = false;
+        self.people.step(time_s, TICK_S, &agents, |_, _| is_walked_into = true);
+        self.place_people();
+        is_walked_into
+    }
+
+    fn place_people(&mut self) {
+        for (place, walker) in self.data.mocap_pos_mut().iter_mut().zip(self.people.walkers()) {
+            *place = [walker.x_m, walker.y_m, 0.0];
+        }
+    }
+
+    fn walkers(&self) -> [Walker; MAX_WALKERS] {
+        let mut walkers = [Walker::default(); MAX_WALKERS];
+        walkers.iter_mut().zip(self.people.walkers()).for_each(|(slot, walker)| *slot = walker);
+        walkers
+    }
+
+    fn world_from_robot(&self) -> Pose2 {
+        let (_, _, yaw_rad) = legs::attitude(&self.data).euler_angles();
+        Pose2::new(self.data.qpos()[0], self.data.qpos()[1], yaw_rad)
+    }
+
+    fn velocity(&self) -> Twist2 {
+        let (attitude, rates) = (legs::attitude(&self.data), self.data.qvel());
+        let (_, _, yaw_rad) = attitude.euler_angles();
+        let level = Rotation2::new(-yaw_rad) * Vector2::new(rates[0], rates[1]);
+        let turns = attitude * nalgebra::Vector3::new(rates[3], rates[4], rates[5]);
+        Twist2 { vx_mps: level.x, vy_mps: level.y, wz_radps: turns.z }
+    }
+
+    fn attitude(&self) -> Attitude {
+        let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
+        // A whole number of steps: nanoseconds of run time begin with the run.
+        let stamp_ns = messages::ns_from_s(self.steps as f64 * STEP_S).max(1);
+        Attitude { stamp_ns, roll_rad, pitch_rad, height_m: self.data.qpos()[2], standing_m: self.standing_m }
+    }
+}
+
+/// The handler of the settings.
+fn person(settings: &Settings, mujoco: &Mujoco) -> PersonConfig {
+    let handler = PhysicsConfig::from(settings).handler;
+    PersonConfig {
+        robot_from_handler: handler.robot_from_handler,
+        radius_m: handler.radius_m,
+        height_m: handler.height_m,
+        mass_kg: mujoco.handler_mass_kg,
+        reaction_s: mujoco.handler_reaction.s(),
+        acceleration_mps2: mujoco.handler_acceleration_mps2,
+    }
+}
+
+impl Motion for LeggedMotion {
+    fn step(&mut self, command: Twist2) -> Result<(), TransportError> {
+        let (before, is_walked_into) = (self.world_from_robot(), self.move_people());
+        for _ in 0..STEPS {
+            self.person.walk(&mut self.data);
+            self.legs.drive(&mut self.data, command).map_err(TransportError::service)?;
+            scene::step(&mut self.data).map_err(TransportError::service)?;
+            self.touches.look(&self.data, is_walked_into);
+            self.steps += 1;
+        }
+        let after = self.world_from_robot();
+        self.distance_m += (after.x_m - before.x_m).hypot(after.y_m - before.y_m);
+        Ok(())
+    }
+
+    fn truth(&self) -> WorldTruth {
+        WorldTruth {
+            world_from_robot: self.world_from_robot(),
+            robot_twist: self.velocity(),
+            attitude: self.attitude(),
+            world_from_handler: self.person.place(&self.data),
+            distance_m: self.distance_m,
+            robot_collisions: self.touches.robot(),
+            handler_collisions: self.touches.handler(),
+            hit_by_others: self.touches.by_others(),
+            walker_count: self.people.len() as u32,
+            walkers: self.walkers(),
+            ..WorldTruth::default()
+        }
+    }
+
+    fn sense(&mut self, stamp_ns: u64) -> Result<(), TransportError> {
+        let Some(sensors) = &mut self.sensors else { return Ok(()) };
+        let base = Sight::of(&self.data, self.standing_m);
+        sensors.scan(&self.data, &base, stamp_ns)?;
+        sensors.photograph(&self.data, &base, stamp_ns)
+    }
+}
+
+impl Sensors {
+    fn scan(&mut self, data: &MjData<Box<MjModel>>, base: &Sight, stamp_ns: u64) -> Result<(), TransportError> {
+        let Some(number) = self.scans.1.due(stamp_ns) else { return Ok(()) };
+        self.lidar_rays.look(data);
+        base.scan(self.lidar.config(), &mut self.lidar_rays, &mut self.ranges_m);
+        let mut loan = self.scans.0.loan(self.ranges_m.len())?;
+        loan.meta_mut().scan = self.lidar.scan_header();
+        self.lidar.measure(|beam| self.ranges_m[beam], number, loan.data_mut());
+        self.scans.0.publish(stamp_ns, loan).map(|_| ())
+    }
+
+    fn photograph(&mut self, data: &MjData<Box<MjModel>>, base: &Sight, stamp_ns: u64) -> Result<(), TransportError> {
+        let Some(number) = self.frames.1.due(stamp_ns) else { return Ok(()) };
+        self.camera_rays.look(data);
+        let (header, reach_m) = (self.camera.depth_header(), self.camera.config().range_max_m);
+        base.photograph(&header, reach_m, &mut self.camera_rays, &mut self.inverse_depths);
+        let mut loan = self.frames.0.loan(self.inverse_depths.len())?;
+        loan.meta_mut().depth = header;
+        let (width, depths) = (header.width as usize, &self.inverse_depths);
+        let draw = |row: usize, out: &mut [f32]| out.copy_from_slice(&depths[row * width..(row + 1) * width]);
+        self.camera.measure(draw, number, loan.data_mut());
+        self.frames.0.publish(stamp_ns, loan).map(|_| ())
+    }
+}
