@@ -126,7 +126,7 @@ impl PolicyService {
 
     /// A new odometry frame voids all that was placed in the one before.
     fn take_pose(&mut self, pose: &Odometry) {
-        if !pose.odom_from_robot.is_finite() || !pose.twist.is_finite() {
+        if !pose.is_usable() {
             return;
         }
         if self.pose.is_none_or(|old| old.header.incarnation != pose.header.incarnation) {
@@ -172,13 +172,19 @@ impl PolicyService {
         if age_ns(now_ns, scan_stamp_ns) > self.scan_max_age_ns {
             return None;
         }
-        let measured = Measured { header: scan.meta(), data: scan.data(), now_from_then: then(scan_stamp_ns)? };
+        let measured = Measured {
+            header: scan.meta(),
+            data: scan.data(),
+            now_from_then: then(scan_stamp_ns)?,
+            tilt: self.track.held_at(scan_stamp_ns)?.tilt().copied(),
+        };
         let frame = self.frame.as_ref().and_then(|frame| {
             let header = frame.meta();
             let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.depth_max_age_ns;
             let now_from_then = then(header.header.stamp_ns).filter(|_| fresh)?;
+            let tilt = self.track.held_at(header.header.stamp_ns)?.tilt().copied();
             (action.depth_stamp_ns, action.depth_seq) = (header.header.stamp_ns, header.header.seq);
-            Some(Measured { header, data: frame.data(), now_from_then })
+            Some(Measured { header, data: frame.data(), now_from_then, tilt })
         });
         (action.scan_stamp_ns, action.scan_seq) = (scan_stamp_ns, scan.meta().header.seq);
         (action.odometry_stamp_ns, action.odometry_seq) = (pose.header.stamp_ns, pose.header.seq);
@@ -190,7 +196,7 @@ impl PolicyService {
         let evidence = self.awareness.evidence();
         let situation = Situation {
             scan: scan.meta(),
-            ranges: scan.data(),
+            ranges: self.awareness.level_ranges(scan.data()),
             evidence,
             handler: self.awareness.handler().body(evidence.beams.sigma_m()),
             odom_from_robot,

@@ -171,7 +171,7 @@ impl Core {
 
     /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
     pub fn take_odometry(&mut self, odometry: &Odometry) {
-        if !odometry.odom_from_robot.is_finite() || !odometry.twist.is_finite() {
+        if !odometry.is_usable() {
             self.invalid_inputs += 1;
             return;
         }

@@ -234,8 +234,13 @@ impl Episode {
         }
         let now_ns = (self.looks as f64 * self.config.dt_s * 1e9) as u64;
         let now_from_then = Se2::identity();
-        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then };
-        let depth = self.depth.as_ref().map(|(_, header, data)| Measured { header, data: &data[..], now_from_then });
+        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then, tilt: None };
+        let depth = self.depth.as_ref().map(|(_, header, data)| Measured {
+            header,
+            data: &data[..],
+            now_from_then,
+            tilt: None,
+        });
         // On a scan of which nothing can be used nothing is decided, nor where nobody knows where the handler is: as in
         // a run, the robot stands.
         let observed = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);

@@ -12,6 +12,7 @@ use crate::memory::{Memory, MemoryConfig};
 use crate::scan::{Beams, ScanError};
 use crate::se2::Se2;
 use crate::shield::Evidence;
+use crate::tilt::Tilt;
 
 /// A frame of a sensor, and where the robot was when it was taken, in the robot frame of now.
 #[derive(Debug, Clone, Copy)]
@@ -22,6 +23,8 @@ pub struct Measured<'a, Header, Sample> {
     pub data: &'a [Sample],
     /// Where the robot was then.
     pub now_from_then: Se2,
+    /// How its body was held then, where that is known.
+    pub tilt: Option<Tilt>,
 }
 
 /// See the module.
@@ -30,6 +33,8 @@ pub struct Awareness {
     /// In the robot frame of the scan's stamp, and seen from where the robot is now.
     stamped_beams: Beams,
     beams: Beams,
+    /// Of the scan over the level floor, where the body tilted.
+    ranges_m: Vec<f32>,
     depth: DepthView,
     depth_seen: bool,
     memory: Option<Memory>,
@@ -43,6 +48,7 @@ impl Awareness {
         Self {
             stamped_beams: Beams::default(),
             beams: Beams::default(),
+            ranges_m: Vec::new(),
             depth: DepthView::default(),
             depth_seen: false,
             memory: memory.map(Memory::new),
@@ -78,9 +84,14 @@ impl Awareness {
         depth: Option<Measured<'_, DepthHeader, u16>>,
     ) -> Result<(), ScanError> {
         self.stamped_beams.fill(scan.header, scan.data)?;
+        self.ranges_m.clear();
+        if let Some(tilt) = &scan.tilt {
+            self.stamped_beams.level(tilt, scan.header.height_m);
+            self.stamped_beams.ranges_m(&mut self.ranges_m);
+        }
         self.stamped_beams.seen_from(&scan.now_from_then, &mut self.beams);
         self.depth_seen = depth.is_some_and(|depth| {
-            let usable = self.depth.fill(depth.header, depth.data).is_ok();
+            let usable = self.depth.fill_tilted(depth.header, depth.data, depth.tilt.as_ref()).is_ok();
             self.depth.move_to(&depth.now_from_then);
             usable
         });
@@ -112,6 +123,13 @@ impl Awareness {
     #[must_use]
     pub fn evidence(&self) -> Evidence<'_> {
         Evidence { beams: &self.beams, depth: self.depth_seen.then_some(&self.depth), memory: self.memory.as_ref() }
+    }
+
+    /// The ranges of the scan as a lidar over the level floor would have told them, metres; those that it told where
+    /// the body was level.
+    #[must_use]
+    pub fn level_ranges<'a>(&'a self, told_m: &'a [f32]) -> &'a [f32] {
+        if self.ranges_m.is_empty() { told_m } else { &self.ranges_m }
     }
 
     /// Where the handler is taken to be.

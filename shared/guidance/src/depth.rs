@@ -1,13 +1,27 @@
 //! What a depth frame adds to the lidar: obstacles that its plane misses, as points, and what is seen free.
 
+mod floor;
+
+use std::ops::Range;
+
 use messages::DepthHeader;
-use nalgebra::Vector2;
+use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
+use crate::tilt::Tilt;
+use floor::Floor;
 
 /// What is lower is floor or can be walked over, metres.
 const FLOOR_M: f64 = 0.08;
+/// The same where the body sways, metres at the camera and metres more per metre of way: what attitude and trim are off
+/// grows with the distance.
+const SWAYING_FLOOR_M: f64 = 0.05;
+const SWAYING_FLOOR_PER_M: f64 = 0.015;
+/// Rays that hardly lead ahead tell of no column.
+const AHEAD_MIN: f64 = 0.05;
+/// Of so many rows and looked-at columns one tells where the floor is.
+const FLOOR_OF: usize = 4;
 /// What is higher is over everybody's head, metres.
 const HEAD_M: f64 = 1.90;
 /// About so many columns are looked at, but every row: a bar across the way is thin in height.
@@ -57,14 +71,55 @@ pub enum DepthError {
     Geometry(&'static str),
 }
 
+fn check(header: &DepthHeader, pixels: usize) -> Result<(), DepthError> {
+    let (width, height) = (header.width as usize, header.height as usize);
+    if pixels == 0 || width.checked_mul(height) != Some(pixels) {
+        return Err(DepthError::Size { pixels, width: header.width, height: header.height });
+    }
+    if ![header.fx_px, header.fy_px].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
+        return Err(DepthError::Geometry("focal length"));
+    }
+    let mount = header.robot_from_camera;
+    let numbers = [mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad, mount.pitch_rad, header.cx_px, header.cy_px];
+    if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(DepthError::Geometry("mounting pose")) }
+}
+
+/// Every so manyth column is looked at.
+fn stride(header: &DepthHeader) -> usize {
+    (header.width as usize / COLUMNS).max(1)
+}
+
+/// Tangent of the angle to the left of the camera's axis.
+fn left_of(header: &DepthHeader, u: usize) -> f64 {
+    -(u as f64 - header.cx_px) / header.fx_px
+}
+
+/// Tangent of the angle above it.
+fn up_of(header: &DepthHeader, v: usize) -> f64 {
+    -(v as f64 - header.cy_px) / header.fy_px
+}
+
+/// Whether the next pixel to the right or below is about as near.
+fn agrees(pixels_mm: &[u16], width: usize, at: usize) -> bool {
+    let depth_m = f64::from(pixels_mm[at]) / 1000.0;
+    let near_m = AGREE_M + AGREE_SHARE * depth_m;
+    let is_near = |mm: &u16| (f64::from(*mm) / 1000.0 - depth_m).abs() <= near_m;
+    let right = pixels_mm.get(at + 1).filter(|_| (at + 1) % width != 0);
+    right.is_some_and(is_near) || pixels_mm.get(at + width).is_some_and(is_near)
+}
+
+fn place(camera: Point, forward: Vector2<f64>, along: f64, left: f64) -> Point {
+    camera + forward * along + Vector2::new(-forward.y, forward.x) * left
+}
+
 /// One column of the image.
 #[derive(Debug, Clone, Copy)]
 struct Column {
     /// Tangent of the angle to the left of the camera's axis.
     left: f64,
-    /// The nearest obstacle: along the camera's axis over the floor, and its depth, metres.
+    /// The nearest obstacle: along the camera's axis over the floor, and to the left of it, metres.
     near_m: f64,
-    near_depth_m: f64,
+    near_left_m: f64,
     /// Nothing between floor and head is nearer, as far as the image reaches up, metres.
     free_m: f64,
     /// How far its rays reach within the band between floor and head, metres.
@@ -80,13 +135,37 @@ struct Column {
 impl Column {
     fn new(left: f64) -> Self {
         let none = f64::INFINITY;
-        Self { left, near_m: none, near_depth_m: none, free_m: none, far_m: 0.0, floor_m: none, unknown: 0, known: 0 }
+        Self { left, near_m: none, near_left_m: none, free_m: none, far_m: 0.0, floor_m: none, unknown: 0, known: 0 }
     }
 
     /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
     fn take_unknown(&mut self, fy_px: f64) {
         self.unknown += 1;
         self.free_m = self.free_m.min(HIDDEN_M * fy_px / f64::from(self.unknown));
+    }
+
+    /// A pixel that says something; `agrees` tells whether its neighbours are about as near.
+    fn take(&mut self, pixel: &Pixel, camera_m: f64, agrees: impl FnOnce() -> bool) {
+        (self.unknown, self.known) = (0, self.known + 1);
+        let Pixel { along_m, left_m, height_m, floor_m } = *pixel;
+        if !(floor_m..=HEAD_M).contains(&height_m) {
+            // The ray left the band before it ended.
+            let edge_m = if height_m < floor_m { floor_m } else { HEAD_M };
+            let share = ((edge_m - camera_m) / (height_m - camera_m)).clamp(0.0, 1.0);
+            self.far_m = self.far_m.max(along_m * share);
+            if height_m < floor_m {
+                self.floor_m = self.floor_m.min(along_m * share);
+            }
+            return;
+        }
+        self.far_m = self.far_m.max(along_m);
+        if along_m >= self.near_m {
+            return;
+        }
+        self.free_m = self.free_m.min(along_m);
+        if agrees() {
+            (self.near_m, self.near_left_m) = (along_m, left_m);
+        }
     }
 
     fn end(&mut self) {
@@ -102,6 +181,32 @@ struct Row {
     rise: f64,
 }
 
+/// What a pixel sees: how far along the camera's axis over the floor and to the left of it, how high over the floor,
+/// and up to which height that is floor, metres.
+#[derive(Debug, Clone, Copy)]
+struct Pixel {
+    along_m: f64,
+    left_m: f64,
+    height_m: f64,
+    floor_m: f64,
+}
+
+/// Image axis, image left and image up of a camera on a body that sways: along its axis over the floor, to the left of
+/// it, and up.
+#[derive(Debug, Clone, Copy)]
+struct Axes {
+    ahead: Vector3<f64>,
+    left: Vector3<f64>,
+    up: Vector3<f64>,
+}
+
+impl Axes {
+    /// Where a metre of depth leads at a pixel: along, left, up.
+    fn ray(&self, left: f64, up: f64) -> Vector3<f64> {
+        self.ahead + self.left * left + self.up * up
+    }
+}
+
 /// A depth frame as the shield sees it. Reused from frame to frame.
 #[derive(Debug, Clone)]
 pub struct DepthView {
@@ -110,6 +215,10 @@ pub struct DepthView {
     /// The same in the robot frame of now.
     points: Vec<Point>,
     columns: Vec<Column>,
+    /// The columns that every row of the image reaches: the others say what stands there, but not that nothing does.
+    whole: Range<usize>,
+    /// Places that may be floor: ahead, left, height, metres.
+    low: Vec<Vector3<f64>>,
     camera: Point,
     forward: Vector2<f64>,
     /// The robot of the frame's stamp, in the robot frame of now.
@@ -122,6 +231,8 @@ impl Default for DepthView {
             stamped: Vec::new(),
             points: Vec::new(),
             columns: Vec::new(),
+            whole: 0..0,
+            low: Vec::new(),
             camera: Point::origin(),
             forward: Vector2::x(),
             now_from_stamped: Se2::identity(),
@@ -130,41 +241,31 @@ impl Default for DepthView {
 }
 
 impl DepthView {
-    /// Takes in a frame.
+    /// Takes in a frame of a camera on a body that is level.
     ///
     /// # Errors
     /// Where the frame cannot be used; the view is then empty.
     pub fn fill(&mut self, header: &DepthHeader, pixels_mm: &[u16]) -> Result<(), DepthError> {
+        self.fill_tilted(header, pixels_mm, None)
+    }
+
+    /// Takes in a frame of a camera on a body that was held so at the frame's stamp; level without a tilt.
+    ///
+    /// # Errors
+    /// As [`Self::fill`].
+    pub fn fill_tilted(
+        &mut self,
+        header: &DepthHeader,
+        pixels_mm: &[u16],
+        tilt: Option<&Tilt>,
+    ) -> Result<(), DepthError> {
         self.clear();
-        let (width, height) = (header.width as usize, header.height as usize);
-        if pixels_mm.is_empty() || width.checked_mul(height) != Some(pixels_mm.len()) {
-            return Err(DepthError::Size { pixels: pixels_mm.len(), width: header.width, height: header.height });
+        check(header, pixels_mm.len())?;
+        match tilt {
+            None => self.look_level(header, pixels_mm),
+            Some(tilt) => self.look_tilted(header, pixels_mm, tilt),
         }
-        let (fx, fy) = (header.fx_px, header.fy_px);
-        if !(fx.is_finite() && fy.is_finite() && fx > 0.0 && fy > 0.0) {
-            return Err(DepthError::Geometry("focal length"));
-        }
-        let mount = header.robot_from_camera;
-        if ![mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad, mount.pitch_rad, header.cx_px, header.cy_px]
-            .iter()
-            .all(|v| v.is_finite())
-        {
-            return Err(DepthError::Geometry("mounting pose"));
-        }
-        self.camera = Point::new(mount.x_m, mount.y_m);
-        self.forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
-        let left_of = |u: usize| -(u as f64 - header.cx_px) / fx;
-        let stride = (width / COLUMNS).max(1);
-        self.columns.extend((0..width).step_by(stride).map(|u| Column::new(left_of(u))));
-        let (sin, cos) = mount.pitch_rad.sin_cos();
-        for v in 0..height {
-            // The camera is tilted down: its axis loses height with distance.
-            let up = -(v as f64 - header.cy_px) / fy;
-            let row = Row { along: cos + up * sin, rise: up * cos - sin };
-            let below = pixels_mm.get((v + 1) * width..(v + 2) * width).unwrap_or_default();
-            self.look_at_row(row, mount.z_m, fy, &pixels_mm[v * width..(v + 1) * width], below);
-        }
-        let looked_at = self.columns.len() * height;
+        let looked_at = (header.width as usize).div_ceil(stride(header)) * header.height as usize;
         let known: usize = self.columns.iter().map(|column| column.known as usize).sum();
         if known * KNOWN_OF < looked_at {
             self.clear();
@@ -172,46 +273,113 @@ impl DepthView {
         }
         for i in 0..self.columns.len() {
             self.columns[i].end();
-            let Column { left, near_m, near_depth_m, .. } = self.columns[i];
+            let Column { near_m, near_left_m, .. } = self.columns[i];
             if near_m.is_finite() {
-                self.stamped.push(self.place(near_m, left * near_depth_m));
+                self.stamped.push(self.place(near_m, near_left_m));
             }
         }
         self.points.clone_from(&self.stamped);
         Ok(())
     }
 
-    fn look_at_row(&mut self, row: Row, camera_m: f64, fy_px: f64, pixels_mm: &[u16], below_mm: &[u16]) {
-        let stride = (pixels_mm.len() / COLUMNS).max(1);
-        for (column, u) in self.columns.iter_mut().zip((0..pixels_mm.len()).step_by(stride)) {
-            if pixels_mm[u] == 0 {
-                column.take_unknown(fy_px);
-                continue;
-            }
-            (column.unknown, column.known) = (0, column.known + 1);
-            let depth_m = f64::from(pixels_mm[u]) / 1000.0;
-            let (along_m, height_m) = (depth_m * row.along, camera_m + depth_m * row.rise);
-            if !(FLOOR_M..=HEAD_M).contains(&height_m) {
-                // The ray left the band before it ended.
-                let edge_m = if height_m < FLOOR_M { FLOOR_M } else { HEAD_M };
-                let share = ((edge_m - camera_m) / (height_m - camera_m)).clamp(0.0, 1.0);
-                column.far_m = column.far_m.max(along_m * share);
-                if height_m < FLOOR_M {
-                    column.floor_m = column.floor_m.min(along_m * share);
+    fn look_level(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
+        let mount = header.robot_from_camera;
+        self.camera = Point::new(mount.x_m, mount.y_m);
+        self.forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
+        let (width, stride) = (header.width as usize, stride(header));
+        self.columns.extend((0..width).step_by(stride).map(|u| Column::new(left_of(header, u))));
+        self.whole = 0..self.columns.len();
+        let (sin, cos) = mount.pitch_rad.sin_cos();
+        for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
+            // The camera is tilted down: its axis loses height with distance.
+            let up = up_of(header, v);
+            let row = Row { along: cos + up * sin, rise: up * cos - sin };
+            for (column, u) in self.columns.iter_mut().zip((0..width).step_by(stride)) {
+                if row_mm[u] == 0 {
+                    column.take_unknown(header.fy_px);
+                    continue;
                 }
-                continue;
-            }
-            column.far_m = column.far_m.max(along_m);
-            if along_m >= column.near_m {
-                continue;
-            }
-            column.free_m = column.free_m.min(along_m);
-            let near = AGREE_M + AGREE_SHARE * depth_m;
-            let agrees = |mm: Option<&u16>| mm.is_some_and(|mm| (f64::from(*mm) / 1000.0 - depth_m).abs() <= near);
-            if agrees(pixels_mm.get(u + 1)) || agrees(below_mm.get(u)) {
-                (column.near_m, column.near_depth_m) = (along_m, depth_m);
+                let depth_m = f64::from(row_mm[u]) / 1000.0;
+                let pixel = Pixel {
+                    along_m: depth_m * row.along,
+                    left_m: column.left * depth_m,
+                    height_m: mount.z_m + depth_m * row.rise,
+                    floor_m: FLOOR_M,
+                };
+                column.take(&pixel, mount.z_m, || agrees(pixels_mm, width, v * width + u));
             }
         }
+    }
+
+    /// A pixel's column is the one in whose direction its ray leads over the floor.
+    fn look_tilted(&mut self, header: &DepthHeader, pixels_mm: &[u16], tilt: &Tilt) {
+        let mount = header.robot_from_camera;
+        let camera = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
+        let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
+        let in_robot = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| tilt.direction(mounted * axis));
+        self.camera = camera.xy();
+        self.forward = in_robot[0].xy().normalize();
+        let in_view =
+            |axis: Vector3<f64>| Vector3::new(axis.xy().dot(&self.forward), self.forward.perp(&axis.xy()), axis.z);
+        let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
+        self.lay_out(header, &axes);
+        let floor = self.find_floor(header, pixels_mm, &axes, camera.z);
+        let (width, stride, spacing) = (header.width as usize, stride(header), stride(header) as f64 / header.fx_px);
+        let leftmost = self.columns.first().map_or(0.0, |column| column.left);
+        for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
+            let up = up_of(header, v);
+            for u in (0..width).step_by(stride) {
+                let ray = axes.ray(left_of(header, u), up);
+                let number = ((leftmost - ray.y / ray.x) / spacing + 0.5) as usize;
+                let Some(column) = self.columns.get_mut(number).filter(|_| ray.x > AHEAD_MIN) else { continue };
+                if row_mm[u] == 0 {
+                    column.take_unknown(header.fy_px);
+                    continue;
+                }
+                let seen = ray * (f64::from(row_mm[u]) / 1000.0);
+                let place = place(self.camera, self.forward, seen.x, seen.y);
+                let pixel = Pixel {
+                    along_m: seen.x,
+                    left_m: seen.y,
+                    height_m: camera.z + seen.z - floor.height_m(place.x, place.y),
+                    floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
+                };
+                column.take(&pixel, camera.z, || agrees(pixels_mm, width, v * width + u));
+            }
+        }
+    }
+
+    /// Columns for all directions that the image reaches: as far apart as those that are looked at.
+    fn lay_out(&mut self, header: &DepthHeader, axes: &Axes) {
+        let (right_px, bottom_px) = (header.width as usize - 1, header.height as usize - 1);
+        let tangent = |u: usize, v: usize| {
+            let ray = axes.ray(left_of(header, u), up_of(header, v));
+            ray.y / ray.x.max(AHEAD_MIN)
+        };
+        let (left, right) =
+            ([tangent(0, 0), tangent(0, bottom_px)], [tangent(right_px, 0), tangent(right_px, bottom_px)]);
+        let (leftmost, rightmost) = (left[0].max(left[1]), right[0].min(right[1]));
+        let spacing = stride(header) as f64 / header.fx_px;
+        let count = ((leftmost - rightmost).max(0.0) / spacing) as usize + 1;
+        self.columns.extend((0..count).map(|i| Column::new(leftmost - i as f64 * spacing)));
+        let reached = |column: &Column| column.left <= left[0].min(left[1]) && column.left >= right[0].max(right[1]);
+        let first = self.columns.iter().position(reached).unwrap_or(0);
+        let behind = self.columns.iter().rposition(reached).map_or(0, |last| last + 1);
+        self.whole = first..behind.max(first);
+    }
+
+    fn find_floor(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera_m: f64) -> Floor {
+        let (width, step) = (header.width as usize, FLOOR_OF * stride(header));
+        self.low.clear();
+        for v in (0..header.height as usize).step_by(FLOOR_OF) {
+            for u in (0..width).step_by(step).filter(|u| pixels_mm[v * width + u] != 0) {
+                let ray = axes.ray(left_of(header, u), up_of(header, v));
+                let seen = ray * (f64::from(pixels_mm[v * width + u]) / 1000.0);
+                let place = place(self.camera, self.forward, seen.x, seen.y);
+                self.low.push(Vector3::new(place.x, place.y, camera_m + seen.z));
+            }
+        }
+        Floor::of(&self.low)
     }
 
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot
@@ -223,7 +391,7 @@ impl DepthView {
     }
 
     fn place(&self, along: f64, left: f64) -> Point {
-        self.camera + self.forward * along + Vector2::new(-self.forward.y, self.forward.x) * left
+        place(self.camera, self.forward, along, left)
     }
 
     /// Whether the lidar tells why the camera of that header sees nothing: what stands before it is nearer than
@@ -251,6 +419,7 @@ impl DepthView {
         self.stamped.clear();
         self.points.clear();
         self.columns.clear();
+        self.whole = 0..0;
         self.now_from_stamped = Se2::identity();
     }
 
@@ -278,18 +447,19 @@ impl DepthView {
     fn beside(&self, point: Point) -> Option<(&[Column], f64)> {
         let to = self.now_from_stamped.inverse() * point - self.camera;
         let along = to.dot(&self.forward);
-        if along <= 0.0 || self.columns.len() < 2 {
+        let columns = &self.columns[self.whole.clone()];
+        if along <= 0.0 || columns.len() < 2 {
             return None;
         }
         let left = to.dot(&Vector2::new(-self.forward.y, self.forward.x)) / along;
         // Columns go from left to right; what the outermost saw lies on the edge of the view and may be off by
         // rounding.
-        let (first, last) = (self.columns[0].left, self.columns[self.columns.len() - 1].left);
+        let (first, last) = (columns[0].left, columns[columns.len() - 1].left);
         if left > first + EDGE || left < last - EDGE {
             return None;
         }
-        let i = self.columns.partition_point(|column| column.left > left).clamp(1, self.columns.len() - 1);
-        Some((&self.columns[i - 1..=i], along))
+        let i = columns.partition_point(|column| column.left > left).clamp(1, columns.len() - 1);
+        Some((&columns[i - 1..=i], along))
     }
 }
 
@@ -298,7 +468,9 @@ mod tests {
     use super::{DepthError, DepthView};
     use crate::scan::Beams;
     use crate::se2::{Point, Se2};
-    use messages::{DepthHeader, Pose3};
+    use crate::tilt::Tilt;
+    use messages::{Attitude, DepthHeader, Pose3};
+    use nalgebra::{Point3, Rotation3, Vector3};
 
     fn header() -> DepthHeader {
         DepthHeader {
@@ -426,6 +598,77 @@ mod tests {
         view.move_to(&Se2::translation(-0.5, 0.0));
         assert!(view.points().iter().all(|p| (p.x - 1.75).abs() < 1e-9));
         assert!(view.sees_free(Point::new(1.5, 0.1)) && !view.sees_free(Point::new(1.9, 0.1)));
+    }
+
+    fn held(roll_deg: f64, pitch_deg: f64) -> Tilt {
+        let [roll_rad, pitch_rad] = [roll_deg, pitch_deg].map(f64::to_radians);
+        Tilt::of(&Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m: 0.28, standing_m: 0.30 }).expect("known")
+    }
+
+    /// What the camera of `header` sees of a floor, of a wall at x = 5 and of a block between two places, when the body
+    /// is held so.
+    fn seen(header: &DepthHeader, tilt: &Tilt, block: Option<[[f64; 3]; 2]>) -> Vec<u16> {
+        let mount = header.robot_from_camera;
+        let eye = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
+        let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
+        let depth_at = |i: usize| {
+            let (v, u) = (i / header.width as usize, i % header.width as usize);
+            let ray = tilt.direction(mounted * Vector3::new(1.0, super::left_of(header, u), super::up_of(header, v)));
+            let floor_m = if ray.z < 0.0 { -eye.z / ray.z } else { f64::INFINITY };
+            let wall_m = if ray.x > 0.0 { (5.0 - eye.x) / ray.x } else { f64::INFINITY };
+            let block_m = block.map_or(f64::INFINITY, |[low, high]| {
+                let sides = [0, 1, 2].map(|axis| {
+                    let ends = [low[axis], high[axis]].map(|end| (end - eye[axis]) / ray[axis]);
+                    [ends[0].min(ends[1]), ends[0].max(ends[1])]
+                });
+                let enters = sides.iter().map(|side| side[0]).fold(0.0, f64::max);
+                let leaves = sides.iter().map(|side| side[1]).fold(f64::INFINITY, f64::min);
+                if enters < leaves { enters } else { f64::INFINITY }
+            });
+            floor_m.min(wall_m).min(block_m)
+        };
+        let mm = |i: usize| Some(depth_at(i)).filter(|m| *m < 10.0).map_or(0, |m| (m * 1000.0).round() as u16);
+        (0..(header.width * header.height) as usize).map(mm).collect()
+    }
+
+    fn camera_160() -> DepthHeader {
+        DepthHeader { width: 160, height: 120, fx_px: 80.0, fy_px: 80.0, cx_px: 79.5, cy_px: 59.5, ..header() }
+    }
+
+    #[test]
+    fn a_bare_floor_is_none_however_the_body_is_held_and_a_low_block_stands_where_it_stands() {
+        let (header, mut view) = (camera_160(), DepthView::default());
+        let block = [[1.2, -0.1, 0.0], [1.4, 0.1, 0.12]];
+        for (roll_deg, pitch_deg) in [(0.0, 0.0), (6.0, 0.0), (-6.0, 8.0), (12.0, -5.0), (-12.0, 12.0)] {
+            let tilt = held(roll_deg, pitch_deg);
+            view.fill_tilted(&header, &seen(&header, &tilt, None), Some(&tilt)).expect("usable");
+            let near = view.points().iter().filter(|p| p.x < 4.8).count();
+            assert_eq!(near, 0, "{roll_deg} {pitch_deg}: {:?}", view.points());
+            assert!(view.sees_bare_floor(Point::new(2.0, 0.2)) && view.sees_free(Point::new(4.5, 0.0)));
+            view.fill_tilted(&header, &seen(&header, &tilt, Some(block)), Some(&tilt)).expect("usable");
+            let on_block = |p: &&Point| (1.15..1.45).contains(&p.x) && p.y.abs() < 0.13;
+            let found = view.points().iter().filter(on_block).count();
+            assert!(found >= 8, "{roll_deg} {pitch_deg}: {found}");
+            assert!(!view.sees_free(Point::new(1.5, 0.0)) && view.sees_free(Point::new(1.5, 0.5)));
+        }
+    }
+
+    #[test]
+    fn an_attitude_that_is_half_a_degree_off_makes_no_obstacle_of_the_floor() {
+        let (header, mut view) = (camera_160(), DepthView::default());
+        for (roll_off_deg, pitch_off_deg) in [(0.5, 0.5), (-0.9, 0.9), (0.9, -0.9)] {
+            let (truth, told) = (held(4.0, 3.0), held(4.0 + roll_off_deg, 3.0 + pitch_off_deg));
+            view.fill_tilted(&header, &seen(&header, &truth, None), Some(&told)).expect("usable");
+            assert!(view.points().iter().all(|p| p.x > 3.0), "{:?}", view.points());
+        }
+    }
+
+    #[test]
+    fn what_some_rows_of_a_rolled_image_do_not_reach_is_not_seen_free() {
+        let (header, tilt, mut view) = (camera_160(), held(12.0, 0.0), DepthView::default());
+        view.fill_tilted(&header, &seen(&header, &tilt, None), Some(&tilt)).expect("usable");
+        let at = |bearing: f64| Point::new(0.25 + 2.0, 2.0 * bearing);
+        assert!(view.sees_free(at(0.0)) && !view.sees_free(at(0.97)) && !view.sees_free(at(-0.97)));
     }
 
     #[test]

@@ -17,6 +17,7 @@ pub mod scan;
 pub mod se2;
 pub mod seed;
 pub mod shield;
+pub mod tilt;
 pub mod track;
 pub mod travel_line;
 pub mod wayfinding;
@@ -31,7 +32,8 @@ pub use memory::{Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, Evidence, Judgement, Motion, Shield, ShieldConfig, Suppressed};
-pub use track::PoseTrack;
+pub use tilt::Tilt;
+pub use track::{Held, PoseTrack};
 pub use travel_line::{Foot, TravelLine};
 pub use wayfinding::{CueStart, Delta, HandlerErrors, Measure, Reward, RewardConfig};
 

@@ -3,10 +3,11 @@
 use std::ops::Range;
 
 use messages::{MAX_BEAMS, ScanHeader};
-use nalgebra::Vector2;
+use nalgebra::{Point3, Vector2, Vector3};
 
 use crate::boundary::{Directions, Readings};
 use crate::se2::{Point, Se2, about_bearing_rad, pose2, se2};
+use crate::tilt::Tilt;
 
 /// No lidar's beams are nearer to each other, radians.
 const INCREMENT_MIN_RAD: f64 = 1e-6;
@@ -14,6 +15,11 @@ const INCREMENT_MIN_RAD: f64 = 1e-6;
 const ANGLE_MAX_RAD: f64 = 1e4;
 /// A lidar that is less exact is none, metres: the handler's mask is three times as wide.
 pub const SIGMA_MAX_M: f64 = 0.1;
+
+/// A beam that ends lower than this over the level floor met the floor, metres; and metres more per metre of range, for
+/// what an attitude is off.
+const FLOOR_M: f64 = 0.10;
+const FLOOR_PER_M: f64 = 0.02;
 
 /// What a beam says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -129,9 +135,46 @@ impl Beams {
                 self.unknown.push(i);
             }
         }
+        self.sort_readings();
+        Ok(())
+    }
+
+    /// The beams were those of a lidar so high on a body that was held so: from now on they are those over the level
+    /// floor. One that met the floor, or would have, is free up to there, and says nothing of what is behind. Without a
+    /// height (0) nobody knows which did.
+    ///
+    /// Beams keep their bearings: at 5 degrees of roll and pitch they are off by less than half a degree.
+    pub fn level(&mut self, tilt: &Tilt, height_m: f64) {
+        let lidar_m = tilt.place(Point3::new(self.origin.x, self.origin.y, height_m)).z;
+        for beam in self.beams.iter_mut().filter(|beam| beam.kind != BeamKind::Unknown) {
+            let way = tilt.direction(Vector3::new(beam.direction.x, beam.direction.y, 0.0));
+            let floor_m = if height_m > 0.0 { to_floor_m(lidar_m, way.z) } else { f64::INFINITY };
+            if beam.reading_m >= floor_m {
+                (beam.kind, beam.reading_m) = (BeamKind::Free, floor_m);
+            }
+            beam.reading_m *= way.xy().norm();
+            beam.end = Point::from(self.origin + beam.direction * beam.reading_m);
+        }
+        self.sort_readings();
+    }
+
+    /// The readings as a lidar over the level floor would tell them, in the lidar's order, metres: NaN where a beam
+    /// says nothing, infinite where it met nothing.
+    pub fn ranges_m(&self, ranges_m: &mut Vec<f32>) {
+        ranges_m.clear();
+        ranges_m.extend((0..self.beams.len()).map(|i| {
+            let beam = self.beams[self.number(i, self.beams.len())];
+            match beam.kind {
+                BeamKind::Hit => beam.reading_m as f32,
+                BeamKind::Free => f32::INFINITY,
+                BeamKind::Unknown => f32::NAN,
+            }
+        }));
+    }
+
+    fn sort_readings(&mut self) {
         let known = |beam: &Beam| if beam.kind == BeamKind::Unknown { f64::INFINITY } else { beam.reading_m };
         self.readings.fill(self.beams.iter().map(known));
-        Ok(())
     }
 
     /// Computes the directions, where they are not those of the scan before.
@@ -335,6 +378,12 @@ fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
     Ok(())
 }
 
+/// How far a beam that rises by `rise` per metre can tell anything but floor, metres.
+fn to_floor_m(lidar_m: f64, rise: f64) -> f64 {
+    let falls = FLOOR_PER_M - rise;
+    if falls > 0.0 { (lidar_m - FLOOR_M).max(0.0) / falls } else { f64::INFINITY }
+}
+
 fn classify(range_m: f64, header: &ScanHeader) -> (BeamKind, f64) {
     if range_m.is_nan() || range_m < header.range_min_m {
         (BeamKind::Unknown, 0.0)
@@ -441,5 +490,34 @@ pub(crate) mod tests {
         bad.range_min_m = f64::NAN;
         assert_eq!(beams.fill(&bad, &[1.0; 360]), Err(ScanError::Geometry("range")));
         assert!(beams.beams().is_empty());
+    }
+
+    #[test]
+    fn a_beam_that_meets_the_floor_is_free_up_to_there_and_a_wall_stands_where_it_stands() {
+        use messages::Attitude;
+        let attitude = Attitude { stamp_ns: 1, height_m: 0.3, standing_m: 0.3, ..Attitude::default() };
+        let tilt = crate::Tilt::of(&Attitude { pitch_rad: 0.1, ..attitude }).expect("known");
+        let mut beams = Beams::default();
+        // The floor ahead, a wall to the left, nothing to the right, the handler behind.
+        let mut ranges = vec![f32::INFINITY; 360];
+        let ahead = |i: usize| i % 360;
+        let (front, left, behind) = (ahead(180), ahead(270), ahead(0));
+        (ranges[front], ranges[left], ranges[behind]) = (3.5, 2.0, 0.8);
+        beams.fill(&header(), &ranges).expect("usable");
+        let nearest = |x: f64, y: f64| beams.fan().nearest(Point::new(x, y)).expect("in the fan");
+        let [front, left, behind] = [nearest(3.0, 0.0), nearest(0.0, 3.0), nearest(-3.0, 0.0)];
+        beams.level(&tilt, 0.35);
+        let of = |i: usize| (beams.beams()[i].kind, beams.beams()[i].reading_m);
+        let (kind, free_m) = of(front);
+        assert!(kind == BeamKind::Free && (1.9..3.5).contains(&free_m), "{free_m}");
+        assert!(of(left).0 == BeamKind::Hit && (of(left).1 - 2.0).abs() < 0.01);
+        assert!(of(behind).0 == BeamKind::Hit && (of(behind).1 - 0.8 * 0.1_f64.cos()).abs() < 0.01);
+        let mut told = Vec::new();
+        beams.ranges_m(&mut told);
+        assert_eq!((told.len(), told[beams.number_of(front)]), (360, f32::INFINITY));
+        // Nobody knows how high the lidar is: nothing is taken for floor.
+        beams.fill(&header(), &ranges).expect("usable");
+        beams.level(&tilt, 0.0);
+        assert_eq!(beams.beams()[front].kind, BeamKind::Hit);
     }
 }

@@ -2,19 +2,47 @@
 
 use std::collections::VecDeque;
 
-use messages::{NS_PER_S, Odometry, s_from_ns};
+use messages::{Attitude, NS_PER_S, Odometry, s_from_ns};
 
 use crate::se2::{Se2, exp, log, se2};
+use crate::tilt::{Tilt, between};
 
 /// Poses are kept for this long: longer than any input may be old.
 const KEPT_NS: u64 = 2 * NS_PER_S;
 /// The robot is taken to move on with its last velocity for at most this long, seconds.
 const AHEAD_MAX_S: f64 = 0.2;
 
+/// A walking body keeps its attitude for at most this long, give or take a degree,
+const HELD_AHEAD_NS: u64 = NS_PER_S / 40;
+/// and sways no more than once between two attitudes that are so far apart.
+const HELD_APART_NS: u64 = NS_PER_S / 10;
+
+/// How a body is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Held {
+    /// Level, for all that is known.
+    Level,
+    /// As a source tells.
+    Tilted(Tilt),
+}
+
+impl Held {
+    /// The tilt, where a source tells it.
+    #[must_use]
+    pub fn tilt(&self) -> Option<&Tilt> {
+        match self {
+            Self::Level => None,
+            Self::Tilted(tilt) => Some(tilt),
+        }
+    }
+}
+
 /// The last poses of one odometry frame, the oldest first.
 #[derive(Debug, Clone, Default)]
 pub struct PoseTrack {
     poses: VecDeque<(u64, Se2)>,
+    /// How the body was held, where a source tells it.
+    attitudes: VecDeque<Attitude>,
     newest: Option<Odometry>,
 }
 
@@ -22,6 +50,7 @@ impl PoseTrack {
     /// Forgets everything: a new frame, or a jump within one.
     pub fn clear(&mut self) {
         self.poses.clear();
+        self.attitudes.clear();
         self.newest = None;
     }
 
@@ -36,6 +65,32 @@ impl PoseTrack {
         while self.poses.front().is_some_and(|(at_ns, _)| at_ns.saturating_add(KEPT_NS) < stamp_ns) {
             self.poses.pop_front();
         }
+        self.push_attitude(odometry.attitude);
+    }
+
+    fn push_attitude(&mut self, attitude: Attitude) {
+        if !attitude.is_known() || self.attitudes.back().is_some_and(|last| attitude.stamp_ns <= last.stamp_ns) {
+            return;
+        }
+        self.attitudes.push_back(attitude);
+        while self.attitudes.front().is_some_and(|at| at.stamp_ns.saturating_add(KEPT_NS) < attitude.stamp_ns) {
+            self.attitudes.pop_front();
+        }
+    }
+
+    /// How the body was held at a time: level where no source tells it, `None` where one does, but not of that time.
+    #[must_use]
+    pub fn held_at(&self, time_ns: u64) -> Option<Held> {
+        let Some(newest) = self.attitudes.back() else { return Some(Held::Level) };
+        let tilted = |attitude: &Attitude| Tilt::of(attitude).map(Held::Tilted);
+        if time_ns >= newest.stamp_ns {
+            return tilted(newest).filter(|_| time_ns - newest.stamp_ns <= HELD_AHEAD_NS);
+        }
+        let next = self.attitudes.partition_point(|at| at.stamp_ns <= time_ns);
+        let (before, after) = (self.attitudes.get(next.checked_sub(1)?)?, self.attitudes.get(next)?);
+        let apart_ns = after.stamp_ns - before.stamp_ns;
+        let share = (time_ns - before.stamp_ns) as f64 / apart_ns as f64;
+        tilted(&between(before, after, share)).filter(|_| apart_ns <= HELD_APART_NS)
     }
 
     /// `odom_from_robot` at a time: between two poses on the way from one to the other, after the last one on with its
@@ -57,9 +112,9 @@ impl PoseTrack {
 
 #[cfg(test)]
 mod tests {
-    use super::PoseTrack;
+    use super::{Held, PoseTrack};
     use crate::se2::pose2;
-    use messages::{Header, Odometry, Pose2, Twist2};
+    use messages::{Attitude, Header, Odometry, Pose2, Twist2};
 
     const MS: u64 = 1_000_000;
 
@@ -97,5 +152,25 @@ mod tests {
         let old = Odometry { odom_from_robot: Pose2::new(9.0, 0.0, 0.0), ..Odometry::default() };
         track.push(&old);
         assert!(track.at(1080 * MS).is_some_and(|pose| pose.translation.x < 1.0));
+    }
+
+    #[test]
+    fn an_attitude_is_that_of_the_time_or_none() {
+        let mut track = PoseTrack::default();
+        assert_eq!(track.held_at(0), Some(Held::Level), "no source tells any");
+        for i in 0..5u64 {
+            let stamp_ns = (1000 + 20 * i) * MS;
+            let attitude = Attitude { stamp_ns, pitch_rad: 0.01 * i as f64, ..Attitude::default() };
+            let header = Header { stamp_ns, ..Header::default() };
+            track.push(&Odometry { header, attitude, ..Odometry::default() });
+        }
+        let pitch_rad = |ms: u64| match track.held_at(ms * MS) {
+            Some(Held::Tilted(tilt)) => Some(-tilt.direction(nalgebra::Vector3::x()).z.asin()),
+            Some(Held::Level) => Some(f64::NAN),
+            None => None,
+        };
+        assert!((pitch_rad(1050).expect("between two") - 0.025).abs() < 1e-9);
+        assert!((pitch_rad(1100).expect("just after the last") - 0.04).abs() < 1e-9);
+        assert_eq!((pitch_rad(1200), pitch_rad(900)), (None, None), "of another time");
     }
 }

@@ -29,7 +29,7 @@ impl Frame for LidarScan {
 /// Stands beside the ranges of a scan. `header.stamp_ns` is the time of the last beam.
 #[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/ScanHeader/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/ScanHeader/2"))]
 #[repr(C)]
 pub struct ScanHeader {
     /// Stamp, seq, incarnation.
@@ -46,6 +46,8 @@ pub struct ScanHeader {
     pub sigma_m: f64,
     /// Where the lidar is on the robot.
     pub robot_from_lidar: Pose2,
+    /// Height of its plane above the floor while the body stands level, metres; 0 where nobody tells it.
+    pub height_m: f64,
 }
 
 /// Marker of the topic `depth/frame`: `u16` depth along the optical axis in millimetres, 0 = none (16UC1), row by row
@@ -125,4 +127,13 @@ pub struct Odometry {
     pub sigma: [f64; 3],
     /// How the robot's body is held.
     pub attitude: Attitude,
+}
+
+impl Odometry {
+    /// Whether its numbers are those of a robot on its legs.
+    #[must_use]
+    pub fn is_usable(&self) -> bool {
+        let stands = !self.attitude.is_known() || self.attitude.is_usable();
+        self.odom_from_robot.is_finite() && self.twist.is_finite() && stands
+    }
 }

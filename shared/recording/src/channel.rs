@@ -149,6 +149,7 @@ impl Recorded for Slice<LidarScan> {
                 range_max_m: scan.range_max_m.0,
                 sigma_m: scan.sigma_m.0,
                 robot_from_lidar: Mirrored::from_json(scan.robot_from_lidar),
+                height_m: scan.height_m.0,
             },
             data: message.ranges.into_iter().map(|reading| reading.0).collect(),
         })
@@ -204,6 +205,9 @@ struct ScanJson {
     range_max_m: Real,
     sigma_m: Real,
     robot_from_lidar: <Pose2 as Mirrored>::Json,
+    /// Recordings have it since a body may tilt.
+    #[serde(default)]
+    height_m: Real,
 }
 
 impl ScanMessage {
@@ -225,6 +229,7 @@ impl ScanMessage {
                 range_max_m: Real(scan.range_max_m),
                 sigma_m: Real(scan.sigma_m),
                 robot_from_lidar: scan.robot_from_lidar.to_json(),
+                height_m: Real(scan.height_m),
             },
         }
     }

@@ -64,6 +64,7 @@ impl LidarConfig {
             range_max_m: self.range_max_m,
             sigma_m: self.sigma_m,
             robot_from_lidar: self.robot_from_lidar,
+            height_m: self.height_m,
         }
     }
 

@@ -3,7 +3,7 @@
 
 use super::plausible::{Repeats, Succession};
 use guidance::depth::DepthError;
-use guidance::{Beams, DepthView, Evidence, HandlerBody, Memory, MemoryConfig, PoseTrack, Se2};
+use guidance::{Beams, DepthView, Evidence, HandlerBody, Held, Memory, MemoryConfig, PoseTrack, Se2};
 use messages::{DepthHeader, Header, Outcome, ScanHeader, age_ns};
 
 /// See the module.
@@ -54,7 +54,11 @@ impl Surroundings {
 
     /// Takes in a scan: whether it can be used. The robot was on that track.
     pub fn take_scan(&mut self, header: &ScanHeader, ranges_m: &[f32], track: &PoseTrack) -> bool {
-        self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok();
+        let held = track.held_at(header.header.stamp_ns);
+        self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok() && held.is_some();
+        if let Some(tilt) = held.as_ref().and_then(Held::tilt) {
+            self.stamped_beams.level(tilt, header.height_m);
+        }
         if self.scan.is_none_or(|last| last.incarnation != header.header.incarnation) {
             self.succession.lose_place();
         }
@@ -71,8 +75,10 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
-        let filled = self.depth.fill(header, pixels_mm);
-        self.depth_usable = filled.is_ok();
+        // Where nobody knows how the camera was held, floor cannot be told from obstacles.
+        let held = track.held_at(header.header.stamp_ns);
+        let filled = self.depth.fill_tilted(header, pixels_mm, held.as_ref().and_then(Held::tilt));
+        self.depth_usable = filled.is_ok() && held.is_some();
         self.depth_blind = matches!(filled, Err(DepthError::Blind { .. }));
         self.depth_header = Some(*header);
         self.depth_usable

@@ -81,6 +81,7 @@ pub fn header(stamp_ns: u64) -> ScanHeader {
         range_max_m: 25.0,
         sigma_m: 0.025,
         robot_from_lidar: Pose2::new(0.2, 0.0, 0.0),
+        height_m: 0.0,
     }
 }
 

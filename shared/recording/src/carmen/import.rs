@@ -195,6 +195,7 @@ fn scan(survey: &mut Survey, header: Header, mut ranges_m: Vec<f32>) -> Record {
         range_max_m: f64::from(range_max_m),
         sigma_m: SIGMA_M,
         robot_from_lidar: Pose2::new(survey.laser_offset_m, 0.0, 0.0),
+        height_m: 0.0,
     };
     Slice::<LidarScan> { header, data: ranges_m }.into()
 }

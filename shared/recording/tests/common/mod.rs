@@ -20,6 +20,7 @@ pub fn scan(stamp_ns: u64, seq: u64, ranges_m: Vec<f32>) -> Record {
         range_max_m: 81.0,
         sigma_m: 0.025,
         robot_from_lidar: Pose2::new(0.1 + 0.2, -1.0 / 3.0, 1e-17),
+        height_m: 0.0,
     };
     Slice::<LidarScan> { header, data: ranges_m }.into()
 }

@@ -1,0 +1,102 @@
+//! Where the floor is in a frame: gravity is the reference, and the frame may trim it. A plane that is fitted freely
+//! tips into the first hole.
+
+use nalgebra::{Matrix3, Vector3};
+
+/// The floor may lie so much off the level one under the robot, metres,
+const OFF_MAX_M: f64 = 0.03;
+/// and slope by so much on either axis: two degrees.
+const SLOPE_MAX: f64 = 0.035;
+/// What the attitude is off, one standard deviation: metres, and half a degree.
+const OFF_SIGMA_M: f64 = 0.015;
+const SLOPE_SIGMA: f64 = 0.009;
+/// Of a place of the floor as a pixel sees it, one standard deviation at a metre, metres; it grows with the distance.
+const PLACE_SIGMA_M: f64 = 0.01;
+/// Farther places say little, metres.
+const REACH_M: f64 = 3.0;
+/// What is so far off the floor that was found is something else, metres.
+const OUTSIDE_M: f64 = 0.04;
+const ROUNDS: usize = 3;
+
+/// Height over the level floor: so much under the robot, and so much more per metre ahead and to the left.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Floor {
+    off_m: f64,
+    ahead: f64,
+    left: f64,
+}
+
+impl Floor {
+    /// The floor of places (robot frame: ahead, left, height over the level floor, metres): the most likely one, where
+    /// the attitude is off by as much as an attitude is.
+    pub(super) fn of(places: &[Vector3<f64>]) -> Self {
+        let mut floor = Self::default();
+        for round in 0..ROUNDS {
+            let gate = |distance_m: f64| match round {
+                0 => OFF_MAX_M + SLOPE_MAX * distance_m,
+                _ => OUTSIDE_M,
+            };
+            floor = floor.fitted(places, gate);
+        }
+        floor
+    }
+
+    /// How high the floor is at a place, metres.
+    pub(super) fn height_m(&self, x_m: f64, y_m: f64) -> f64 {
+        self.off_m + self.ahead * x_m + self.left * y_m
+    }
+
+    fn fitted(&self, places: &[Vector3<f64>], gate_m: impl Fn(f64) -> f64) -> Self {
+        let prior = Vector3::new(OFF_SIGMA_M, SLOPE_SIGMA, SLOPE_SIGMA).map(|sigma| sigma.powi(-2));
+        let (mut normal, mut right) = (Matrix3::from_diagonal(&prior), Vector3::zeros());
+        for place in places {
+            let distance_m = place.xy().norm();
+            if distance_m > REACH_M || (place.z - self.height_m(place.x, place.y)).abs() > gate_m(distance_m) {
+                continue;
+            }
+            let weight = (PLACE_SIGMA_M * distance_m.max(0.5)).powi(-2);
+            let row = Vector3::new(1.0, place.x, place.y);
+            normal += row * row.transpose() * weight;
+            right += row * (place.z * weight);
+        }
+        // The prior makes it regular.
+        let Some(solution) = normal.cholesky().map(|factor| factor.solve(&right)) else { return *self };
+        Self {
+            off_m: solution.x.clamp(-OFF_MAX_M, OFF_MAX_M),
+            ahead: solution.y.clamp(-SLOPE_MAX, SLOPE_MAX),
+            left: solution.z.clamp(-SLOPE_MAX, SLOPE_MAX),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Floor, SLOPE_MAX};
+    use nalgebra::Vector3;
+
+    fn places(height_m: impl Fn(f64, f64) -> f64) -> Vec<Vector3<f64>> {
+        let place = |i: usize| (0.6 + 0.05 * (i / 21) as f64, 0.1 * (i % 21) as f64 - 1.0);
+        (0..21 * 40).map(place).map(|(x, y)| Vector3::new(x, y, height_m(x, y))).collect()
+    }
+
+    #[test]
+    fn an_attitude_that_is_a_degree_off_is_found() {
+        let floor = Floor::of(&places(|x, y| 0.01 + 0.017 * x - 0.009 * y));
+        assert!((floor.height_m(2.0, 0.5) - (0.01 + 0.034 - 0.0045)).abs() < 2e-3, "{floor:?}");
+    }
+
+    #[test]
+    fn a_hole_does_not_tip_it_and_a_box_does_not_lift_it() {
+        let hole = Floor::of(&places(|x, _| if x > 1.5 { -0.3 } else { 0.0 }));
+        assert!(hole.height_m(1.4, 0.0).abs() < 0.003, "{hole:?}");
+        let low = Floor::of(&places(|x, y| if x > 1.2 && y.abs() < 0.3 { 0.08 } else { 0.0 }));
+        assert!(low.height_m(1.2, 0.0).abs() < 0.015, "{low:?}");
+    }
+
+    #[test]
+    fn it_never_slopes_further_than_an_attitude_is_off() {
+        let ramp = Floor::of(&places(|x, _| 0.083 * x));
+        assert!(ramp.ahead <= SLOPE_MAX && ramp.off_m.abs() <= 0.03, "{ramp:?}");
+        assert_eq!(Floor::of(&[]), Floor::default());
+    }
+}
