@@ -1,39 +1,83 @@
-//! Whether the robot moves as it is commanded, as far as odometry tells: pure, times come in. An odometry that is
-//! frozen, or takes a radius for a diameter, has fresh stamps and no age check sees it; a robot that does not obey
-//! is no better.
+//! Whether the robot moves as it is commanded, and as its own velocity says, as far as odometry tells: pure, times come
+//! in. An odometry that is frozen, or takes a radius for a diameter, has fresh stamps and no age check sees it; a robot
+//! that does not obey is no better.
 
 use std::collections::VecDeque;
 
-use messages::{Odometry, Pose2, Twist2, s_from_ns};
+use messages::{NS_PER_S, Odometry, Pose2, Twist2, s_from_ns};
 
-/// What was commanded and what was seen are compared over so long: a decision.
-const WINDOW_NS: u64 = 500_000_000;
-/// A robot answers a command within this, its odometry's own age included.
-const LAGS_NS: [u64; 3] = [0, 75_000_000, 150_000_000];
-/// A way may be off by this much, metres: a hand's breadth in half a second,
-const WAY_M: f64 = 0.05;
-/// a turn by this much, radians,
-const TURN_RAD: f64 = 0.10;
-/// and either by this share of it: slip, and a scale that is a little wrong.
+/// What was commanded, and what the velocities come to, are compared with what was seen over so long: a decision,
+const WINDOW_NS: u64 = NS_PER_S / 2;
+/// and over so long, where legs may be off by so many times as much.
+const LONG_WINDOW_NS: u64 = NS_PER_S;
+const LONG_OFF: f64 = 1.4;
+/// A robot may answer a command after any of these, up to its own lag.
+const LAG_STEP_NS: u64 = NS_PER_S / 40;
+/// Slip, and a scale that is a little wrong: a way or a turn may be off by this share of it.
 const SHARE: f64 = 0.2;
+/// Pose and velocity of an odometry are off each other by no more than this in a window, metres and radians,
+const OWN_WAY_M: f64 = 0.05;
+const OWN_TURN_RAD: f64 = 0.10;
+/// and this share.
+const OWN_SHARE: f64 = 0.25;
 /// Poses further apart than this tell of no window between them.
 const GAP_NS: u64 = 100_000_000;
 /// No robot walks so far, metres,
 const REACH_M: f64 = 1e6;
 /// or turns so often, radians.
 const REACH_RAD: f64 = 1e3;
-/// The most that is kept: a window, the lag and odometry's age, at 100 Hz of poses and three times as many wakes.
-const KEPT: usize = 256;
+/// The most that is kept: the long window, the lag and odometry's age, at 100 Hz of poses and three times as many
+/// wakes.
+const KEPT: usize = 640;
+
+/// How a healthy robot answers a command, `[robot.response]`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Response {
+    /// It answers within this, its odometry's own age included, nanoseconds.
+    pub lag_ns: u64,
+    /// In half a second it is off by at most this, metres, whichever way,
+    pub way_off_m: f64,
+    /// and by this, radians.
+    pub turn_off_rad: f64,
+}
 
 type Track = VecDeque<(u64, Pose2)>;
 
-/// The last commands, added up to where they would have brought the robot, and where odometry says it came.
-#[derive(Debug, Default)]
+impl Response {
+    /// That of a configuration.
+    #[must_use]
+    pub fn of(response: &settings::Response) -> Self {
+        Self {
+            lag_ns: response.lag.ns(),
+            way_off_m: response.way_off_m.get(),
+            turn_off_rad: response.turn_off_rad.get(),
+        }
+    }
+}
+
+/// The last commands, added up to where they would have brought the robot, and where odometry says it came, by its
+/// poses and by its velocities.
+#[derive(Debug)]
 pub struct Accord {
+    response: Response,
     commanded: Track,
     velocity: Twist2,
     seen: Track,
+    /// The velocities that odometry tells, added up.
+    told: Track,
+    told_velocity: Twist2,
     incarnation: u32,
+}
+
+/// Takes a track on to a time with a velocity.
+fn go_on(track: &mut Track, now_ns: u64, velocity: Twist2) {
+    match track.back().copied() {
+        None => keep(track, now_ns, Pose2::default()),
+        Some((last_ns, pose)) if now_ns > last_ns => {
+            keep(track, now_ns, moved(pose, velocity, s_from_ns(now_ns - last_ns)));
+        }
+        Some(_) => {}
+    }
 }
 
 fn keep(track: &mut Track, at_ns: u64, pose: Pose2) {
@@ -70,23 +114,62 @@ fn pose_at(track: &Track, at_ns: u64) -> Option<Pose2> {
     })
 }
 
-/// Way, metres, and turn, radians, of a track from one time to another.
-fn motion(track: &Track, from_ns: u64, to_ns: u64) -> Option<(f64, f64)> {
+/// Motion of a track from one time to another, in the robot's frame at the first: ahead and to the left, metres, and
+/// the turn, radians.
+fn motion(track: &Track, from_ns: u64, to_ns: u64) -> Option<[f64; 3]> {
     let (from, to) = (pose_at(track, from_ns)?, pose_at(track, to_ns)?);
-    Some(((to.x_m - from.x_m).hypot(to.y_m - from.y_m), (to.yaw_rad - from.yaw_rad).abs()))
+    let (sin, cos) = from.yaw_rad.sin_cos();
+    let (dx_m, dy_m) = (to.x_m - from.x_m, to.y_m - from.y_m);
+    Some([cos * dx_m + sin * dy_m, cos * dy_m - sin * dx_m, to.yaw_rad - from.yaw_rad])
+}
+
+/// Between which motions one must lie.
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    least: [f64; 3],
+    most: [f64; 3],
+}
+
+impl Bounds {
+    fn of(motion: [f64; 3]) -> Self {
+        Self { least: motion, most: motion }
+    }
+
+    fn or(self, motion: [f64; 3]) -> Self {
+        Self {
+            least: std::array::from_fn(|i| self.least[i].min(motion[i])),
+            most: std::array::from_fn(|i| self.most[i].max(motion[i])),
+        }
+    }
+
+    /// Whether a motion is between them, give or take so much and a share. What is no number is between nothing.
+    fn hold(&self, motion: [f64; 3], (way_m, turn_rad): (f64, f64), share: f64) -> bool {
+        let greatest = |i: usize| self.least[i].abs().max(self.most[i].abs());
+        let way_m = way_m + share * greatest(0).hypot(greatest(1));
+        let off = [way_m, way_m, turn_rad + share * greatest(2)];
+        (0..3).all(|i| (self.least[i] - off[i]..=self.most[i] + off[i]).contains(&motion[i]))
+    }
 }
 
 impl Accord {
+    /// For a robot that answers so.
+    #[must_use]
+    pub fn new(response: Response) -> Self {
+        Self {
+            response,
+            // A stop does not wait for memory.
+            commanded: Track::with_capacity(KEPT),
+            velocity: Twist2::ZERO,
+            seen: Track::with_capacity(KEPT),
+            told: Track::with_capacity(KEPT),
+            told_velocity: Twist2::ZERO,
+            incarnation: 0,
+        }
+    }
+
     /// That velocity is in force at the robot from now on.
     pub fn commanded(&mut self, now_ns: u64, velocity: Twist2) {
-        let pose = match self.commanded.back() {
-            Some((last_ns, pose)) if now_ns > *last_ns => moved(*pose, self.velocity, s_from_ns(now_ns - last_ns)),
-            Some((_, pose)) => *pose,
-            None => Pose2::default(),
-        };
-        if self.commanded.back().is_none_or(|(last_ns, _)| now_ns > *last_ns) {
-            keep(&mut self.commanded, now_ns, pose);
-        }
+        go_on(&mut self.commanded, now_ns, self.velocity);
         self.velocity = velocity;
     }
 
@@ -94,7 +177,7 @@ impl Accord {
     /// held against it afterwards.
     pub fn contradicts(&mut self, odometry: &Odometry) -> bool {
         if !is_believable(&odometry.odom_from_robot) {
-            self.seen.clear();
+            self.forget_seen();
             return true;
         }
         let (stamp_ns, incarnation) = (odometry.header.stamp_ns, odometry.header.incarnation);
@@ -103,7 +186,7 @@ impl Accord {
             return false;
         }
         if incarnation != self.incarnation || last_ns.is_some_and(|last_ns| stamp_ns > last_ns + GAP_NS) {
-            self.seen.clear();
+            self.forget_seen();
             self.incarnation = incarnation;
         }
         // A turn that crosses over from pi to -pi goes on.
@@ -111,25 +194,47 @@ impl Accord {
             last.yaw_rad + wrapped(odometry.odom_from_robot.yaw_rad - last.yaw_rad)
         });
         keep(&mut self.seen, stamp_ns, Pose2 { yaw_rad, ..odometry.odom_from_robot });
-        self.judge(stamp_ns).unwrap_or(false)
+        // On the way from the last pose it moved as the two velocities say.
+        go_on(&mut self.told, stamp_ns, halfway(self.told_velocity, odometry.twist));
+        self.told_velocity = odometry.twist;
+        let windows = [(WINDOW_NS, 1.0), (LONG_WINDOW_NS, LONG_OFF)];
+        let disobeys = windows.into_iter().any(|(window_ns, off)| self.obeys(stamp_ns, window_ns, off) == Some(false));
+        disobeys || self.is_one(stamp_ns) == Some(false)
     }
 
-    /// `None` while less than a window is known.
-    fn judge(&self, stamp_ns: u64) -> Option<bool> {
+    fn forget_seen(&mut self) {
+        self.seen.clear();
+        self.told.clear();
+        self.told_velocity = Twist2::ZERO;
+    }
+
+    /// Whether it came where it was commanded; `None` while less than a window is known.
+    fn obeys(&self, stamp_ns: u64, window_ns: u64, off: f64) -> Option<bool> {
+        let from_ns = stamp_ns.checked_sub(window_ns)?;
+        let seen = motion(&self.seen, from_ns, stamp_ns)?;
+        let Response { lag_ns, way_off_m, turn_off_rad } = self.response;
+        let mut lags_ns = (0..).map(|i| i * LAG_STEP_NS).take_while(|lag| *lag < lag_ns).chain([lag_ns]);
+        let lagged = |lag_ns: u64| motion(&self.commanded, from_ns.checked_sub(lag_ns)?, stamp_ns - lag_ns);
+        let first = Bounds::of(lagged(lags_ns.next()?)?);
+        let bounds = lags_ns.try_fold(first, |bounds, lag_ns| Some(bounds.or(lagged(lag_ns)?)))?;
+        Some(bounds.hold(seen, (off * way_off_m, off * turn_off_rad), SHARE))
+    }
+
+    /// Whether its poses go where its velocities lead: what freezes or drifts in one of the two is seen whatever the
+    /// legs do. One that tells no velocities, but zeros, cannot be asked.
+    fn is_one(&self, stamp_ns: u64) -> Option<bool> {
         let from_ns = stamp_ns.checked_sub(WINDOW_NS)?;
-        let (way_m, turn_rad) = motion(&self.seen, from_ns, stamp_ns)?;
-        let mut ways = (f64::INFINITY, 0.0_f64);
-        let mut turns = ways;
-        for lag_ns in LAGS_NS {
-            let (way, turn) = motion(&self.commanded, from_ns.checked_sub(lag_ns)?, stamp_ns - lag_ns)?;
-            ways = (ways.0.min(way), ways.1.max(way));
-            turns = (turns.0.min(turn), turns.1.max(turn));
-        }
-        let within = |value: f64, (least, most): (f64, f64), off: f64| {
-            ((1.0 - SHARE) * least - off..=(1.0 + SHARE) * most + off).contains(&value)
-        };
-        // What is no number is within nothing.
-        Some(!(within(way_m, ways, WAY_M) && within(turn_rad, turns, TURN_RAD)))
+        let (seen, told) = (motion(&self.seen, from_ns, stamp_ns)?, motion(&self.told, from_ns, stamp_ns)?);
+        let tells_none = told == [0.0; 3] && self.told_velocity.is_zero();
+        Some(tells_none || Bounds::of(told).hold(seen, (OWN_WAY_M, OWN_TURN_RAD), OWN_SHARE))
+    }
+}
+
+fn halfway(a: Twist2, b: Twist2) -> Twist2 {
+    Twist2 {
+        vx_mps: f64::midpoint(a.vx_mps, b.vx_mps),
+        vy_mps: f64::midpoint(a.vy_mps, b.vy_mps),
+        wz_radps: f64::midpoint(a.wz_radps, b.wz_radps),
     }
 }
 
@@ -146,16 +251,17 @@ fn wrapped(rad: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use super::Accord;
+    use super::{Accord, Response};
     use messages::{Header, Odometry, Pose2, Twist2};
 
     const MS: u64 = 1_000_000;
+    const RESPONSE: Response = Response { lag_ns: 150 * MS, way_off_m: 0.05, turn_off_rad: 0.10 };
     const FORWARD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
 
     /// Commands at 50 Hz what `command` says and shows, 20 ms late, the poses that `pose` makes of the true one: when
     /// they contradict each other, milliseconds.
     fn first(command: impl Fn(u64) -> Twist2, pose: impl Fn(u64, Pose2) -> Pose2) -> Option<u64> {
-        let (mut accord, mut truth) = (Accord::default(), Pose2::default());
+        let (mut accord, mut truth) = (Accord::new(RESPONSE), Pose2::default());
         let mut velocity = Twist2::ZERO;
         for ms in (0..4000).step_by(20) {
             // The robot follows with a lag of its own.
@@ -201,7 +307,7 @@ mod tests {
 
     #[test]
     fn a_gap_and_a_new_frame_begin_anew() {
-        let mut accord = Accord::default();
+        let mut accord = Accord::new(RESPONSE);
         let pose = |ms: u64, x_m: f64, incarnation: u32| Odometry {
             header: Header { stamp_ns: ms * MS, incarnation, ..Header::default() },
             odom_from_robot: Pose2::new(x_m, 0.0, 0.0),
@@ -217,7 +323,7 @@ mod tests {
 
     #[test]
     fn garbage_contradicts_and_is_forgotten() {
-        let mut accord = Accord::default();
+        let mut accord = Accord::new(RESPONSE);
         let odometry = |ms: u64, yaw_rad: f64| Odometry {
             header: Header { stamp_ns: ms * MS, seq: ms, incarnation: 1, ..Header::default() },
             odom_from_robot: Pose2 { yaw_rad, ..Pose2::default() },
@@ -230,6 +336,56 @@ mod tests {
         for ms in (1020..3000).step_by(20) {
             accord.commanded(ms * MS, Twist2::ZERO);
             assert!(!accord.contradicts(&odometry(ms, 0.1)), "{ms} ms");
+        }
+    }
+
+    /// As [`first`], of a robot on legs, whose odometry tells velocities.
+    fn first_on_legs(pose: impl Fn(u64, Pose2) -> Pose2, twist: impl Fn(u64, Twist2) -> Twist2) -> Option<u64> {
+        let legs = Response { lag_ns: 300 * MS, way_off_m: 0.18, turn_off_rad: 0.40 };
+        let (mut accord, mut truth) = (Accord::new(legs), Pose2::default());
+        for ms in (0..6000).step_by(20) {
+            let command = Twist2 { wz_radps: if (ms / 1500) % 2 == 0 { 0.35 } else { -0.35 }, ..FORWARD };
+            // It sways, and overshoots.
+            let sway = (ms as f64 * 0.02).sin();
+            let moves = Twist2 {
+                vx_mps: command.vx_mps + 0.15 * sway,
+                vy_mps: 0.2 * sway,
+                wz_radps: 1.3 * command.wz_radps + 0.3 * sway,
+            };
+            truth = super::moved(truth, moves, 0.02);
+            accord.commanded(ms * MS, command);
+            let header = Header { stamp_ns: ms * MS, incarnation: 1, ..Header::default() };
+            let (odom_from_robot, twist) = (pose(ms, truth), twist(ms, moves));
+            if accord.contradicts(&Odometry { header, odom_from_robot, twist, ..Odometry::default() }) {
+                return Some(ms);
+            }
+        }
+        None
+    }
+
+    #[test]
+    fn legs_that_sway_are_not_accused_and_an_odometry_that_lies_is_found_within_half_a_second() {
+        assert_eq!(first_on_legs(|_, truth| truth, |_, moves| moves), None);
+        assert_eq!(first_on_legs(|_, truth| truth, |_, _| Twist2::ZERO), None, "it tells no velocities");
+        let from = |ms: u64| ms.saturating_sub(3000) as f64 / 1000.0;
+        let drifts = |ms: u64, truth: Pose2| Pose2 { y_m: truth.y_m + 0.3 * from(ms), ..truth };
+        let turns = |ms: u64, truth: Pose2| Pose2 {
+            yaw_rad: super::wrapped(truth.yaw_rad + 30_f64.to_radians() * from(ms)),
+            ..truth
+        };
+        for seen in [first_on_legs(drifts, |_, moves| moves), first_on_legs(turns, |_, moves| moves)] {
+            assert!(seen.is_some_and(|seen| (3000..=3500).contains(&seen)), "{seen:?}");
+        }
+    }
+
+    #[test]
+    fn a_heading_that_is_frozen_or_mirrored_is_found_within_a_second() {
+        let frozen = |ms: u64, truth: Pose2| if ms < 3000 { truth } else { Pose2 { yaw_rad: 0.7, ..truth } };
+        let mirrored = |ms: u64, truth: Pose2| {
+            if ms < 3000 { truth } else { Pose2 { yaw_rad: super::wrapped(-truth.yaw_rad), ..truth } }
+        };
+        for seen in [first_on_legs(frozen, |_, moves| moves), first_on_legs(mirrored, |_, moves| moves)] {
+            assert!(seen.is_some_and(|seen| (3000..=4000).contains(&seen)), "{seen:?}");
         }
     }
 }

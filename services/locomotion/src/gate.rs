@@ -6,7 +6,7 @@ use messages::{
 };
 use settings::{EstopSource, Settings};
 
-use crate::accord::Accord;
+use crate::accord::{Accord, Response};
 
 /// What the gate holds a permit against.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,6 +27,8 @@ pub struct GateLimits {
     pub actions: Vec<Twist2>,
     /// Whether the robot whose odometry comes is the one that is commanded; a recorded one is not.
     pub obeyed: bool,
+    /// How a healthy robot answers a command.
+    pub response: Response,
     /// Largest planned change of each component of the speed, metres per second squared.
     pub acceleration_mps2: f64,
     /// Largest planned change of the turn, radians per second squared.
@@ -42,6 +44,7 @@ impl GateLimits {
         Self {
             actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
             obeyed: settings.locomotion.link.is_obeyed(),
+            response: Response::of(&settings.robot.response),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
             estop_max_age_ns: (settings.estop.source != EstopSource::Absent)
@@ -103,11 +106,11 @@ impl Gate {
     #[must_use]
     pub fn new(limits: GateLimits) -> Self {
         Self {
+            accord: Accord::new(limits.response),
             limits,
             mode: None,
             permit: None,
             odometry: None,
-            accord: Accord::default(),
             estop: (StopInput::Unknown, 0),
             stop_cue: None,
             latched_epoch: None,

@@ -220,7 +220,7 @@ fn check_matching(settings: &Settings) -> Result<(), String> {
 /// What no robot, handler or lidar is like.
 fn check_bounds(settings: &Settings) -> Result<(), String> {
     let (limits, odometry, matching) = (&settings.locomotion.limits, &settings.odometry, &settings.odometry.matching);
-    let mujoco = &settings.simulation.mujoco;
+    let (mujoco, response) = (&settings.simulation.mujoco, &settings.robot.response);
     for (name, value, from, to) in [
         ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
@@ -243,6 +243,10 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
         ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
         ("robot.body_height_m", settings.robot.body_height_m.get(), 0.05, 2.0),
+        ("robot.response.lag", response.lag.s(), 0.0, 0.5),
+        // Where it may be farther off, a robot that stands still while it is to walk is not found.
+        ("robot.response.way_off_m", response.way_off_m.get(), 0.01, 0.25),
+        ("robot.response.turn_off_rad", response.turn_off_rad.get(), 0.01, 0.60),
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
         ("simulation.mujoco.mass_scale", mujoco.mass_scale, 0.5, 2.0),
         ("simulation.mujoco.friction", mujoco.friction, 0.1, 2.0),

@@ -210,11 +210,31 @@ pub struct Robot {
     /// Height of the body's origin (`base_link`) above the floor while the robot stands, metres: heights of sensors
     /// are told for it.
     pub body_height_m: Positive,
+    /// How it answers a command when all is well.
+    pub response: Response,
+}
+
+/// How a healthy robot answers a command. What it does beyond this, odometry is taken to contradict the command.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Response {
+    /// Until it does what is commanded, its odometry's own age included.
+    pub lag: Millis,
+    /// In half a second it is off by at most this whichever way, metres; in a second by 1.4 times as much.
+    pub way_off_m: Positive,
+    /// The same of its heading, radians.
+    pub turn_off_rad: Positive,
+}
+
+impl Default for Response {
+    fn default() -> Self {
+        Self { lag: Millis::of_ms(150), way_off_m: Positive::of(0.05), turn_off_rad: Positive::of(0.10) }
+    }
 }
 
 impl Default for Robot {
     fn default() -> Self {
-        Self { radius_m: Positive::of(0.30), body_height_m: Positive::of(0.30) }
+        Self { radius_m: Positive::of(0.30), body_height_m: Positive::of(0.30), response: Response::default() }
     }
 }
 
