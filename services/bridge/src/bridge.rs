@@ -1,7 +1,7 @@
 //! Locomotion's voice.
 
 use dds::PERIOD_NS;
-use links::{FromBridge, ToBridge};
+use links::{FromBridge, ToBridge, Told};
 use messages::Twist2;
 use transport::{Io, LineListener, Service, TransportError, monotonic_ns};
 
@@ -91,7 +91,12 @@ impl Bridge {
         }
         self.reported_ns = now_ns;
         let word = FromBridge {
-            state: self.voice.newest.map(|(state, came_ns)| (state.velocity, state.own_from_robot, came_ns)),
+            state: self.voice.newest.map(|(state, came_ns)| Told {
+                velocity: state.velocity,
+                own_from_robot: state.own_from_robot,
+                roll_pitch_rad: state.roll_pitch_rad,
+                came_ns,
+            }),
             charge_percent: self.voice.charge_percent(now_ns),
             remote_stop: self.voice.driver.remote_stop(),
             forgotten: self.forgotten,

@@ -162,6 +162,7 @@ impl Locomotion {
             measured_valid: self.robot.velocity.is_some(),
             own_from_robot,
             own_stamp_ns,
+            own_roll_pitch_rad: self.robot.roll_pitch_rad,
             charge_percent: self.robot.charge_percent.map_or(0, |percent| u32::from(percent.max(1))),
             remote_stop: self.robot.remote_stop,
             permit_seq: self.gate.permit().map_or(0, |permit| permit.header.seq),

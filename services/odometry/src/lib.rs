@@ -45,7 +45,7 @@ impl OdometryDriver {
             Source::Simulated => Box::new(SimulatedOdometry::open(&settings, io)?),
             Source::Device => match settings.odometry.device {
                 OdometryDevice::Robot => Box::new(RobotOdometry::open(&settings, io)?),
-                OdometryDevice::T265 => Box::new(TrackedOdometry::open(&settings.odometry, io)?),
+                OdometryDevice::T265 => Box::new(TrackedOdometry::open(&settings, io)?),
             },
             Source::Replayed | Source::Absent => {
                 return Err(TransportError::Service("odometry.source names no source for this driver".to_owned()));

@@ -1,6 +1,6 @@
 //! The robot's own odometry, as its link passes it on.
 
-use messages::{LocomotionState, Odometry, Twist2, s_from_ns};
+use messages::{Attitude, LocomotionState, Odometry, Twist2, s_from_ns};
 use settings::Settings;
 use transport::{Io, Rhythm, Subscriber, TransportError};
 
@@ -16,6 +16,8 @@ pub struct RobotOdometry {
     /// Way and turning since the first pose: metres, radians.
     travelled: (f64, f64),
     last: Option<Odometry>,
+    /// Height of its body, metres: no robot tells one that can be trusted on stairs and slopes.
+    body_height_m: f64,
 }
 
 /// The link tells at whole periods; asked so much later, its word is there, nanoseconds.
@@ -34,7 +36,9 @@ impl RobotOdometry {
     /// Where the topic cannot be opened.
     pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
         let rhythm = Rhythm::at_hz(settings.odometry.rate_hz.get());
-        Ok(Self { states: io.quiet_subscriber()?, rhythm, told_ns: 0, travelled: (0.0, 0.0), last: None })
+        let body_height_m = settings.robot.body_height_m.get();
+        let (travelled, last) = ((0.0, 0.0), None);
+        Ok(Self { states: io.quiet_subscriber()?, rhythm, told_ns: 0, travelled, last, body_height_m })
     }
 
     fn pose(&mut self, state: &LocomotionState) -> Odometry {
@@ -48,7 +52,9 @@ impl RobotOdometry {
         let twist = if state.measured_valid { state.measured } else { Twist2::ZERO };
         let yaw = YAW_SIGMA[0] * way_m.sqrt() + YAW_SIGMA[1] * turn_rad.sqrt();
         let sigma = [PLACE_SIGMA * way_m, PLACE_SIGMA * way_m, yaw];
-        let odometry = Odometry { odom_from_robot: pose, twist, sigma, ..Odometry::default() };
+        let [roll_rad, pitch_rad] = state.own_roll_pitch_rad;
+        let attitude = Attitude::at_height(state.own_stamp_ns, roll_rad, pitch_rad, self.body_height_m);
+        let odometry = Odometry { odom_from_robot: pose, twist, sigma, attitude, ..Odometry::default() };
         self.last = Some(odometry);
         odometry
     }

@@ -4,12 +4,12 @@ mod planar;
 
 use grabber::realsense::{Tracked, TrackingCamera};
 use grabber::{Grabbed, Grabber};
-use messages::{NS_PER_S, Odometry, Pose2, Pose3, s_from_ns};
-use settings::OdometrySettings;
+use messages::{Attitude, NS_PER_S, Odometry, Pose2, Pose3, s_from_ns};
+use settings::Settings;
 use transport::{FromChild, Io, TransportError};
 
 use crate::PoseSource;
-use planar::planar;
+use planar::{Planar, planar};
 
 /// Of [`Io::watch`].
 const TOKEN_GRABBER: u64 = 0;
@@ -28,6 +28,7 @@ const LESS_SURE: [f64; 3] = [4.0, 2.0, 1.0];
 pub struct TrackedOdometry {
     grabber: Grabber<Tracked>,
     robot_from_camera: Pose3,
+    body_height_m: f64,
     /// The last pose and when it was, nanoseconds of run time.
     last: Option<(u64, Pose2)>,
     way_m: f64,
@@ -41,12 +42,13 @@ impl TrackedOdometry {
     ///
     /// # Errors
     /// Where there can be no thread.
-    pub fn open(odometry: &OdometrySettings, io: &Io) -> Result<Self, TransportError> {
+    pub fn open(settings: &Settings, io: &Io) -> Result<Self, TransportError> {
+        let odometry = &settings.odometry;
         let wanted = odometry.t265.clone();
         let grabber = Grabber::start(move || TrackingCamera::open(&wanted)).map_err(TransportError::service)?;
         io.watch(&grabber, TOKEN_GRABBER)?;
-        let robot_from_camera = odometry.robot_from_camera;
-        Ok(Self { grabber, robot_from_camera, last: None, way_m: 0.0, told: String::new() })
+        let (robot_from_camera, body_height_m) = (odometry.robot_from_camera, settings.robot.body_height_m.get());
+        Ok(Self { grabber, robot_from_camera, body_height_m, last: None, way_m: 0.0, told: String::new() })
     }
 
     fn tell(&mut self, io: &Io, text: String) {
@@ -63,7 +65,7 @@ impl TrackedOdometry {
             self.tell(io, "the tracking camera is lost: is it covered, or in the dark?".to_owned());
             return Ok(None);
         }
-        let Some((pose, twist)) = planar(tracked, self.robot_from_camera) else {
+        let Some(Planar { pose, twist, roll_rad, pitch_rad }) = planar(tracked, self.robot_from_camera) else {
             self.tell(io, "the tracking camera tells no numbers, or looks to the floor or the sky".to_owned());
             return Ok(None);
         };
@@ -77,7 +79,8 @@ impl TrackedOdometry {
         let less_sure = LESS_SURE[(tracked.confidence as usize - 1).min(2)];
         let place = less_sure * SIGMA[0] * self.way_m;
         let sigma = [place, place, less_sure * SIGMA[1] * self.way_m.sqrt()];
-        Ok(Some((stamp_ns, Odometry { odom_from_robot: pose, twist, sigma, ..Odometry::default() })))
+        let attitude = Attitude::at_height(stamp_ns, roll_rad, pitch_rad, self.body_height_m);
+        Ok(Some((stamp_ns, Odometry { odom_from_robot: pose, twist, sigma, attitude, ..Odometry::default() })))
     }
 }
 

@@ -1,6 +1,6 @@
 //! What a robot says of itself, whatever its language.
 
-use messages::{Pose2, Twist2};
+use messages::{Pose2, Twist2, roll_pitch_yaw_rad};
 
 /// Whether it can walk.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -21,6 +21,8 @@ pub struct RobotState {
     pub velocity: Twist2,
     /// Where it believes to be, in a frame of its own.
     pub own_from_robot: Pose2,
+    /// How its body is held, about the forward and about the left axis, radians.
+    pub roll_pitch_rad: [f64; 2],
     /// Whether it can walk.
     pub posture: Posture,
 }
@@ -34,9 +36,9 @@ impl RobotState {
     pub fn checked(velocity: Twist2, place_m: [f64; 2], quaternion: [f64; 4], posture: Posture) -> Option<Self> {
         let [w, x, y, z] = quaternion;
         let length = (w * w + x * x + y * y + z * z).sqrt();
-        let yaw_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+        let [roll_rad, pitch_rad, yaw_rad] = roll_pitch_yaw_rad(quaternion);
         let own_from_robot = Pose2::new(place_m[0], place_m[1], yaw_rad);
         let sound = velocity.is_finite() && own_from_robot.is_finite() && (length - 1.0).abs() <= UNIT_TOLERANCE;
-        sound.then_some(Self { velocity, own_from_robot, posture })
+        sound.then_some(Self { velocity, own_from_robot, roll_pitch_rad: [roll_rad, pitch_rad], posture })
     }
 }

@@ -18,7 +18,8 @@ const CHARGE_PERCENT: u8 = 80;
 
 fn own_from_robot(measured: &State) -> Pose2 {
     let [x_m, y_m, _] = measured.position_m.map(f64::from);
-    Pose2::new(x_m, y_m, measured.yaw_rad())
+    let [_, _, yaw_rad] = measured.roll_pitch_yaw_rad();
+    Pose2::new(x_m, y_m, yaw_rad)
 }
 
 /// A Go2 or B2.

@@ -12,10 +12,10 @@ const KEPT_NS: u64 = 2 * NS_PER_S;
 /// The robot is taken to move on with its last velocity for at most this long, seconds.
 const AHEAD_MAX_S: f64 = 0.2;
 
-/// A walking body keeps its attitude for at most this long, give or take a degree,
-const HELD_AHEAD_NS: u64 = NS_PER_S / 40;
-/// and sways no more than once between two attitudes that are so far apart.
-const HELD_APART_NS: u64 = NS_PER_S / 10;
+/// A body is taken to sway on as it did between the last two attitudes for at most this long,
+const SWAY_AHEAD_NS: u64 = NS_PER_S / 33;
+/// and nobody knows how it is held so long after the last one, or between two that are so far apart.
+const HELD_MAX_NS: u64 = NS_PER_S / 10;
 
 /// How a body is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,13 +84,23 @@ impl PoseTrack {
         let Some(newest) = self.attitudes.back() else { return Some(Held::Level) };
         let tilted = |attitude: &Attitude| Tilt::of(attitude).map(Held::Tilted);
         if time_ns >= newest.stamp_ns {
-            return tilted(newest).filter(|_| time_ns - newest.stamp_ns <= HELD_AHEAD_NS);
+            let ahead_ns = time_ns - newest.stamp_ns;
+            return tilted(&self.swaying_on(newest, ahead_ns)).filter(|_| ahead_ns <= HELD_MAX_NS);
         }
         let next = self.attitudes.partition_point(|at| at.stamp_ns <= time_ns);
         let (before, after) = (self.attitudes.get(next.checked_sub(1)?)?, self.attitudes.get(next)?);
         let apart_ns = after.stamp_ns - before.stamp_ns;
         let share = (time_ns - before.stamp_ns) as f64 / apart_ns as f64;
-        tilted(&between(before, after, share)).filter(|_| apart_ns <= HELD_APART_NS)
+        tilted(&between(before, after, share)).filter(|_| apart_ns <= HELD_MAX_NS)
+    }
+
+    fn swaying_on(&self, newest: &Attitude, ahead_ns: u64) -> Attitude {
+        let before = self.attitudes.len().checked_sub(2).map(|i| self.attitudes[i]);
+        let Some(before) = before.filter(|before| newest.stamp_ns - before.stamp_ns <= HELD_MAX_NS) else {
+            return *newest;
+        };
+        let ahead = ahead_ns.min(SWAY_AHEAD_NS) as f64 / (newest.stamp_ns - before.stamp_ns) as f64;
+        between(&before, newest, 1.0 + ahead)
     }
 
     /// `odom_from_robot` at a time: between two poses on the way from one to the other, after the last one on with its
@@ -170,7 +180,7 @@ mod tests {
             None => None,
         };
         assert!((pitch_rad(1050).expect("between two") - 0.025).abs() < 1e-9);
-        assert!((pitch_rad(1100).expect("just after the last") - 0.04).abs() < 1e-9);
+        assert!((pitch_rad(1100).expect("just after the last") - 0.05).abs() < 1e-9, "it sways on");
         assert_eq!((pitch_rad(1200), pitch_rad(900)), (None, None), "of another time");
     }
 }

@@ -32,11 +32,24 @@ pub enum ToBridge {
     ForgetRemoteStop(u32),
 }
 
+/// How a robot moves and is held.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Told {
+    /// Its velocity, robot frame.
+    pub velocity: Twist2,
+    /// Where it believes to be.
+    pub own_from_robot: Pose2,
+    /// How its body is held, about the forward and about the left axis, radians.
+    pub roll_pitch_rad: [f64; 2],
+    /// When that came, on the monotonic clock, nanoseconds.
+    pub came_ns: u64,
+}
+
 /// What the bridge knows of the robot.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct FromBridge {
-    /// Its velocity, where it believes to be, and when that came on the monotonic clock, nanoseconds.
-    pub state: Option<(Twist2, Pose2, u64)>,
+    /// How it moves and is held, where it told that.
+    pub state: Option<Told>,
     /// Charge of its battery, percent.
     pub charge_percent: Option<u8>,
     /// Whether somebody has stopped it by its hand remote.
@@ -67,6 +80,7 @@ struct FromWire {
     came_ns: u64,
     velocity: [f64; 3],
     pose: [f64; 3],
+    roll_pitch_rad: [f64; 2],
 }
 
 const TO_MAGIC: [u8; 4] = *b"GDT1";
@@ -117,7 +131,7 @@ impl FromBridge {
     /// Sends it; `false` where nobody takes it.
     #[must_use]
     pub fn send(self, line: &Line) -> bool {
-        let (velocity, pose, came_ns) = self.state.unwrap_or_default();
+        let Told { velocity, own_from_robot: pose, roll_pitch_rad, came_ns } = self.state.unwrap_or_default();
         let wire = FromWire {
             magic: FROM_MAGIC,
             has_state: self.state.is_some().into(),
@@ -128,6 +142,7 @@ impl FromBridge {
             came_ns,
             velocity: numbers(velocity),
             pose: [pose.x_m, pose.y_m, pose.yaw_rad],
+            roll_pitch_rad,
         };
         line.send_bytes(wire.as_bytes())
     }
@@ -137,7 +152,12 @@ impl FromBridge {
     pub fn of(bytes: &[u8]) -> Option<Self> {
         let wire = FromWire::read_from_bytes(bytes).ok().filter(|wire| wire.magic == FROM_MAGIC)?;
         let [x_m, y_m, yaw_rad] = wire.pose;
-        let state = (twist(wire.velocity), Pose2::new(x_m, y_m, yaw_rad), wire.came_ns);
+        let state = Told {
+            velocity: twist(wire.velocity),
+            own_from_robot: Pose2::new(x_m, y_m, yaw_rad),
+            roll_pitch_rad: wire.roll_pitch_rad,
+            came_ns: wire.came_ns,
+        };
         Some(Self {
             state: (wire.has_state == 1).then_some(state),
             charge_percent: (wire.has_charge == 1).then_some(wire.charge_percent),
@@ -218,10 +238,11 @@ impl Link for BridgeLink {
         }
         self.newest = newest.unwrap_or(self.newest);
         let now_ns = monotonic_ns();
-        let young = self.newest.state.filter(|(_, _, came_ns)| now_ns.saturating_sub(*came_ns) <= STATE_MAX_AGE_NS);
+        let young = self.newest.state.filter(|told| now_ns.saturating_sub(told.came_ns) <= STATE_MAX_AGE_NS);
         Ok(RobotReport {
-            velocity: young.map(|(velocity, ..)| velocity),
-            own_from_robot: young.map(|(_, pose, came_ns)| (pose, now_ns.saturating_sub(came_ns))),
+            velocity: young.map(|told| told.velocity),
+            own_from_robot: young.map(|told| (told.own_from_robot, now_ns.saturating_sub(told.came_ns))),
+            roll_pitch_rad: young.map_or([0.0; 2], |told| told.roll_pitch_rad),
             charge_percent: self.newest.charge_percent,
             // Until it has forgotten a stop, what it says of it is of before.
             remote_stop: self.newest.remote_stop && self.newest.forgotten == self.forgets,
@@ -269,7 +290,7 @@ mod tests {
     use messages::{Pose2, Twist2};
     use transport::{Line, Received};
 
-    use super::{FromBridge, ToBridge, WORD_MAX};
+    use super::{FromBridge, ToBridge, Told, WORD_MAX};
 
     const AHEAD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: -0.25, wz_radps: 0.125 };
 
@@ -298,7 +319,8 @@ mod tests {
         }
         let wild = over(|line| ToBridge::Wish(Twist2 { vx_mps: f64::NAN, ..AHEAD }, 0).send(line));
         assert_eq!(ToBridge::of(&wild), None);
-        let state = Some((AHEAD, Pose2::new(1.0, 2.0, 0.5), 99));
+        let (own_from_robot, roll_pitch_rad) = (Pose2::new(1.0, 2.0, 0.5), [0.1, -0.2]);
+        let state = Some(Told { velocity: AHEAD, own_from_robot, roll_pitch_rad, came_ns: 99 });
         for word in
             [FromBridge { state, charge_percent: Some(0), remote_stop: true, forgotten: 4 }, FromBridge::default()]
         {

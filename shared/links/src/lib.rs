@@ -14,7 +14,7 @@ use transport::{Io, TransportError};
 pub use ::unitree::{DEAD_MAN_NS, STATE_MAX_AGE_NS};
 
 pub use self::unitree::{PERIOD_NS as UNITREE_PERIOD_NS, UnitreeBrake, UnitreeLink};
-pub use bridge::{BridgeBrake, BridgeLink, FromBridge, ToBridge, WORD_MAX};
+pub use bridge::{BridgeBrake, BridgeLink, FromBridge, ToBridge, Told, WORD_MAX};
 pub use null::{NullBrake, NullLink};
 pub use simulated::{BRAKE_MESSAGE_LEN, BrakeMessage, SimulatedBrake, SimulatedLink};
 
@@ -49,6 +49,8 @@ pub struct RobotReport {
     pub velocity: Option<Twist2>,
     /// Where it believes to be, in a frame of its own, and how long ago that was heard, nanoseconds.
     pub own_from_robot: Option<(Pose2, u64)>,
+    /// How its body was held then, about the forward and about the left axis, radians.
+    pub roll_pitch_rad: [f64; 2],
     /// Charge of its battery, percent.
     pub charge_percent: Option<u8>,
     /// Whether somebody has stopped it by its hand remote.

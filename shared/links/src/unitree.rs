@@ -285,9 +285,11 @@ impl Link for UnitreeLink {
             return Ok(RobotReport { remote_stop, ..RobotReport::default() });
         };
         let [x_m, y_m, _] = state.position_m.map(f64::from);
+        let [roll_rad, pitch_rad, yaw_rad] = state.roll_pitch_yaw_rad();
         Ok(RobotReport {
             velocity: Some(state.velocity),
-            own_from_robot: Some((Pose2::new(x_m, y_m, state.yaw_rad()), now_ns.saturating_sub(came_ns))),
+            own_from_robot: Some((Pose2::new(x_m, y_m, yaw_rad), now_ns.saturating_sub(came_ns))),
+            roll_pitch_rad: [roll_rad, pitch_rad],
             charge_percent: state.charge_percent,
             remote_stop,
         })

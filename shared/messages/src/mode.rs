@@ -177,7 +177,7 @@ mirrored! {
     /// What locomotion does.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/2"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/LocomotionState/3"))]
     #[repr(C)]
     pub struct LocomotionState {
         /// Stamp, seq, incarnation.
@@ -200,6 +200,8 @@ mirrored! {
         pub own_from_robot: Pose2,
         /// Run time at which the robot told so, nanoseconds; 0 where it tells nothing, or nothing lately.
         pub own_stamp_ns: u64,
+        /// How its body was held then, about the forward and about the left axis, radians.
+        pub own_roll_pitch_rad: [f64; 2] = default,
         /// Charge of its battery, percent; 0 where it does not tell (one that is empty counts as 1).
         pub charge_percent: u32,
         /// Whether somebody has stopped the robot by its hand remote, and nobody has resumed since.

@@ -67,6 +67,12 @@ impl Attitude {
     /// No robot's body is higher, metres.
     pub const HEIGHT_MAX_M: f64 = 3.0;
 
+    /// That of a body whose height no source tells: it is taken to be that at which it stands.
+    #[must_use]
+    pub const fn at_height(stamp_ns: u64, roll_rad: f64, pitch_rad: f64, standing_m: f64) -> Self {
+        Self { stamp_ns, roll_rad, pitch_rad, height_m: standing_m, standing_m }
+    }
+
     /// Whether a source tells it.
     #[must_use]
     pub fn is_known(&self) -> bool {
@@ -123,5 +129,45 @@ impl Twist2 {
     #[must_use]
     pub fn speed_mps(&self) -> f64 {
         self.vx_mps.hypot(self.vy_mps)
+    }
+}
+
+/// Roll, pitch and yaw of a unit quaternion (w, x, y, z), as those of [`Attitude`] and [`Pose2`], radians.
+#[must_use]
+pub fn roll_pitch_yaw_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
+    let roll_rad = (2.0 * (w * x + y * z)).atan2(1.0 - 2.0 * (x * x + y * y));
+    let pitch_rad = (2.0 * (w * y - z * x)).clamp(-1.0, 1.0).asin();
+    let yaw_rad = (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z));
+    [roll_rad, pitch_rad, yaw_rad]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Attitude, roll_pitch_yaw_rad};
+
+    #[test]
+    fn a_quaternion_is_turned_about_each_axis_by_the_right_hand() {
+        let (sin, cos) = 0.1_f64.sin_cos();
+        for axis in 0..3 {
+            let mut quaternion = [cos, 0.0, 0.0, 0.0];
+            quaternion[axis + 1] = sin;
+            let angles = roll_pitch_yaw_rad(quaternion);
+            assert!((0..3).all(|i| (angles[i] - if i == axis { 0.2 } else { 0.0 }).abs() < 1e-12), "{angles:?}");
+        }
+    }
+
+    #[test]
+    fn an_attitude_of_no_robot_on_its_legs_is_not_usable() {
+        let well = Attitude { stamp_ns: 1, roll_rad: 0.1, pitch_rad: -0.1, height_m: 0.3, standing_m: 0.3 };
+        assert!(well.is_known() && well.is_usable() && !Attitude::default().is_known());
+        for wrong in [
+            Attitude { roll_rad: f64::NAN, ..well },
+            Attitude { pitch_rad: 0.8, ..well },
+            Attitude { roll_rad: -0.8, ..well },
+            Attitude { height_m: f64::INFINITY, ..well },
+            Attitude { height_m: -0.1, ..well },
+        ] {
+            assert!(!wrong.is_usable(), "{wrong:?}");
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! What a robot says of itself.
 
-use messages::Twist2;
+use messages::{Twist2, roll_pitch_yaw_rad};
 
 use crate::field::{get_f32, get_f32s, put_f32, put_f32s};
 use crate::{Mode, Profile, Remote, WireError, crc, remote};
@@ -63,11 +63,11 @@ impl State {
         self.mode == Mode::Walk as u8
     }
 
-    /// Yaw of the attitude, radians, counter-clockwise from where the robot looked when it was switched on.
+    /// Roll, pitch and yaw of the attitude, radians; yaw counter-clockwise from where the robot looked when it was
+    /// switched on.
     #[must_use]
-    pub fn yaw_rad(&self) -> f64 {
-        let [w, x, y, z] = self.quaternion.map(f64::from);
-        (2.0 * (w * z + x * y)).atan2(1.0 - 2.0 * (y * y + z * z))
+    pub fn roll_pitch_yaw_rad(&self) -> [f64; 3] {
+        roll_pitch_yaw_rad(self.quaternion.map(f64::from))
     }
 
     /// Reads a state.
@@ -143,7 +143,7 @@ mod tests {
             state(profile).encode(profile, &mut bytes);
             let found = State::decode(profile, &bytes).expect("a state");
             assert_eq!(found, state(profile), "{profile:?}");
-            assert!((found.yaw_rad() - 0.7).abs() < 1e-6 && found.remote.says_stop());
+            assert!((found.roll_pitch_yaw_rad()[2] - 0.7).abs() < 1e-6 && found.remote.says_stop());
             for other in Profile::ALL {
                 assert_eq!(State::decode(other, &bytes).is_ok(), other == profile, "{profile:?} read as {other:?}");
             }

@@ -15,9 +15,18 @@ fn ours(theirs: [f32; 3]) -> Vector3<f64> {
     Vector3::new(-z, -x, y)
 }
 
+/// Where the robot is, how it moves, and how its body is held: as [`messages::Attitude`] has it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Planar {
+    pub pose: Pose2,
+    pub twist: Twist2,
+    pub roll_rad: f64,
+    pub pitch_rad: f64,
+}
+
 /// Where the robot is, in the frame that begins where the camera did; and how it moves, robot frame. None where the
 /// camera tells no numbers, or the robot would stand on its head.
-pub fn planar(tracked: &Tracked, robot_from_camera: Pose3) -> Option<(Pose2, Twist2)> {
+pub fn planar(tracked: &Tracked, robot_from_camera: Pose3) -> Option<Planar> {
     let [x, y, z, w] = tracked.rotation;
     let turned = Quaternion::from_parts(f64::from(w), ours([x, y, z]));
     let (place, velocity) = (ours(tracked.place_m), ours(tracked.velocity_mps));
@@ -41,14 +50,15 @@ pub fn planar(tracked: &Tracked, robot_from_camera: Pose3) -> Option<(Pose2, Twi
     let (sin, cos) = yaw_rad.sin_cos();
     let (vx_mps, vy_mps) = (cos * moves.x + sin * moves.y, cos * moves.y - sin * moves.x);
     let twist = Twist2 { vx_mps, vy_mps, wz_radps: turn.z };
-    Some((Pose2::new(at.x, at.y, yaw_rad), twist))
+    let (roll_rad, pitch_rad, _) = odom_from_robot.euler_angles();
+    Some(Planar { pose: Pose2::new(at.x, at.y, yaw_rad), twist, roll_rad, pitch_rad })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::planar;
+    use super::{Planar, planar};
     use grabber::realsense::Tracked;
-    use messages::{Pose2, Pose3, Twist2};
+    use messages::Pose3;
     use nalgebra::{UnitQuaternion, Vector3};
 
     /// The camera's own numbers, where it is moved from its beginning in our axes, its axes turned likewise.
@@ -69,8 +79,8 @@ mod tests {
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad)
     }
 
-    fn near(found: Option<(Pose2, Twist2)>, pose: [f64; 3], twist: [f64; 3]) {
-        let (at, moves) = found.expect("it is a pose");
+    fn near(found: Option<Planar>, pose: [f64; 3], twist: [f64; 3]) {
+        let Planar { pose: at, twist: moves, .. } = found.expect("it is a pose");
         let found = [at.x_m, at.y_m, at.yaw_rad, moves.vx_mps, moves.vy_mps, moves.wz_radps];
         let wanted = [pose, twist].concat();
         assert!(found.iter().zip(&wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}, not {wanted:?}");
@@ -89,6 +99,17 @@ mod tests {
         let mount = Pose3 { yaw_rad: 3.0, pitch_rad: 0.5, z_m: 0.4, ..Pose3::default() };
         let down = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.5);
         near(planar(&tracked([0.0; 3], down, [0.0; 3], 0.0), mount), [0.0, 0.0, -3.0], [0.0; 3]);
+    }
+
+    #[test]
+    fn a_body_that_leans_is_told_whatever_the_mount() {
+        let mount = Pose3 { yaw_rad: 3.0, pitch_rad: 0.5, z_m: 0.4, ..Pose3::default() };
+        let mounted = about_z(3.0) * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), 0.5);
+        let body = about_z(0.7) * UnitQuaternion::from_euler_angles(0.10, -0.05, 0.0);
+        // What the camera tells is since its beginning, when the body stood level.
+        let found = planar(&tracked([0.0; 3], body * mounted, [0.0; 3], 0.0), mount).expect("it is a pose");
+        let off = [found.roll_rad - 0.10, found.pitch_rad + 0.05, found.pose.yaw_rad - 0.7];
+        assert!(off.iter().all(|off| off.abs() < 1e-6), "{found:?}");
     }
 
     #[test]

@@ -184,6 +184,8 @@ impl Corrupt for Odometry {
     fn garble(&mut self, dice: &mut Dice) {
         self.odom_from_robot = dice.pose();
         self.twist = dice.twist();
+        (self.attitude.stamp_ns, self.attitude.height_m) = (dice.count(), dice.number());
+        (self.attitude.roll_rad, self.attitude.pitch_rad) = (dice.number(), dice.number());
         self.sigma = [dice.number(), dice.number(), dice.number()];
     }
 
@@ -272,6 +274,7 @@ impl Corrupt for LocomotionState {
         (self.applied, self.measured) = (dice.twist(), dice.twist());
         (self.permit_seq, self.decision, self.epoch) = (dice.count(), dice.count(), dice.count());
         (self.own_from_robot, self.own_stamp_ns) = (dice.pose(), dice.count());
+        self.own_roll_pitch_rad = [dice.number(), dice.number()];
         self.charge_percent = dice.bits() as u32;
     }
 
