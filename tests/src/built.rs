@@ -28,6 +28,22 @@ pub fn programs() -> PathBuf {
     dir.clone()
 }
 
+/// Whether the simulator of a legged robot is built, with all that it needs; `false`: the test is to be skipped. Panics
+/// where it is older than a source, or missing under `CI=true`.
+#[must_use]
+pub fn has_legs() -> bool {
+    let program = programs().join("guidedog-mujoco");
+    let brought = project().join("config/legs/go2/policy.onnx");
+    let missing = "MuJoCo's simulator is missing: scripts/mujoco, then `cargo build` in services/mujoco";
+    if !test_data::has(program.is_file() && brought.is_file(), missing) {
+        return false;
+    }
+    if let Some(why) = is_stale(&program, &mut BTreeMap::new()) {
+        panic!("guidedog-mujoco {why}: run `cargo build` in services/mujoco first");
+    }
+    true
+}
+
 /// Names of all programs: of the command line, of the services, and of the tests' own.
 fn names() -> impl Iterator<Item = String> {
     let own = ["guidedog", "guidedog-faulty-policy"].map(str::to_owned);

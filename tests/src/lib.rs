@@ -23,7 +23,7 @@ use messages::{CueKind, CueSource, MicrophoneState, ModeClass, ServiceId};
 use serde_json::Value;
 use transport::RunDir;
 
-pub use built::programs;
+pub use built::{has_legs, programs};
 pub use ears::Ears;
 pub use mouth::Mouth;
 pub use rig::{SoundRig, has_sound, speech_s};

@@ -12,6 +12,7 @@ mod faults;
 mod gstreamer;
 mod hearing;
 mod injection;
+mod legged;
 mod links;
 mod odometry;
 mod peers;

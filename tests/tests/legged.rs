@@ -1,0 +1,72 @@
+//! Guided walks of a legged robot in MuJoCo, a physics simulation that this project did not write.
+
+use std::fs;
+
+use guidedog_tests::{Place, has_legs};
+use serde_json::Value;
+
+fn walk(scenario: &str, more: &[&str]) -> Value {
+    let place = Place::new();
+    let mut args = vec!["walk", "--physics", "mujoco", "--scenario", scenario, "--speed", "0", "--json"];
+    args.extend(more);
+    let (report, code) = place.json(&args);
+    assert_eq!(code, 0, "{scenario}: {report:#}");
+    place.assert_empty();
+    report
+}
+
+#[test]
+fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
+    if !has_legs() {
+        return;
+    }
+    let report = walk("corridor", &[]);
+    assert_eq!(report["reached"], true, "{report:#}");
+    for who in ["robot", "handler", "hit_by_others"] {
+        assert_eq!(report["collisions"][who], 0, "{who}");
+    }
+    assert_eq!(report["missed_decisions"], 0);
+    let stops = report["stops"].as_array().expect("stops");
+    let faults = stops.iter().filter(|stop| stop["class"] == "fault" && stop["reason"] != "boot");
+    assert_eq!(faults.count(), 0, "{stops:#?}");
+    let again = walk("corridor", &[]);
+    for key in ["digest", "decisions", "verdicts", "stops", "distance_m", "duration_s"] {
+        assert_eq!(report[key], again[key], "{key}");
+    }
+    assert_eq!(report["digest"].as_str().map(str::len), Some(64));
+}
+
+#[test]
+fn legs_that_cannot_be_used_are_told_before_anything_is_started() {
+    if !has_legs() {
+        return;
+    }
+    let place = Place::new();
+    let file = |text: &str| {
+        let path = place.path().join("legs.toml");
+        fs::write(&path, text).expect("written");
+        path.to_string_lossy().into_owned()
+    };
+    let no_policy = place.path().join("no.onnx");
+    fs::write(&no_policy, "this is no policy").expect("written");
+    for (text, told) in [
+        ("policy = \"none.onnx\"", "simulation.mujoco.policy"),
+        ("model = \"none.xml\"", "simulation.mujoco.model"),
+        ("friction = 9.0", "simulation.mujoco.friction"),
+        ("velocity_loop = \"hard\"", "unknown variant `hard`"),
+    ] {
+        let config = file(&format!("[simulation.mujoco]\n{text}\n"));
+        let output = place.guidedog(&["walk", "--physics", "mujoco", "--config", &config]);
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}: {error}");
+        assert!(error.contains(told), "{text}: {error}");
+    }
+    let config = file("[simulation.mujoco]\npolicy = \"no.onnx\"\n");
+    let output = place.guidedog(&["walk", "--physics", "mujoco", "--config", &config, "--speed", "0"]);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && error.contains("no.onnx"), "{error}");
+    let output = place.guidedog(&["walk", "--physics", "mujoco", "--emulated"]);
+    let error = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && error.contains("simulation.physics"), "{error}");
+    place.assert_empty();
+}
