@@ -8,13 +8,13 @@ mod parts;
 
 use nalgebra::Vector2;
 
-use crate::hull::Disc;
+use crate::hull::{Disc, Discs};
 use crate::se2::Point;
 
 pub use parts::{BLOCK, Directions, Parts, Readings};
 
-/// The hull of four discs has at most so many arcs and tangents: seven of each, and one arc cut where the walk begins.
-const MAX_PIECES: usize = 16;
+/// The hull of n discs has at most 2n - 1 arcs and as many tangents, and one arc is cut where the walk begins.
+const MAX_PIECES: usize = 4 * Discs::MAX;
 /// Two tangents whose normals differ by less are one and the same, in the measure of [`turn_of`]; two directions
 /// likewise, radians.
 const SAME: f64 = 1e-9;
@@ -63,7 +63,7 @@ fn turn_of(n: &Vector2<f64>) -> f64 {
     if turn < 0.0 { turn + 4.0 } else { turn }
 }
 
-/// The boundary of the convex hull of four discs.
+/// The boundary of the convex hull of discs.
 #[derive(Debug, Clone)]
 pub struct Boundary {
     pieces: [Piece; MAX_PIECES],
@@ -74,7 +74,8 @@ impl Boundary {
     /// Walks once around the discs: from the one that reaches farthest in a direction, always to the next that a line
     /// laid against them and turned counter-clockwise meets.
     #[must_use]
-    pub fn of(discs: &[Disc; 4]) -> Self {
+    pub fn of(discs: &[Disc]) -> Self {
+        debug_assert!(discs.len() <= Discs::MAX);
         let nothing = Piece::Edge { from: Point::origin(), to: Point::origin() };
         let mut walk = Self { pieces: [nothing; MAX_PIECES], count: 0 };
         let counts = not_held(discs);
@@ -114,16 +115,17 @@ impl Boundary {
 
 /// Which discs count: not those that another holds, touching it from within or the same included. Of such a pair the
 /// walk could begin at the one from which no tangent leads on.
-fn not_held(discs: &[Disc; 4]) -> [bool; 4] {
-    std::array::from_fn(|i| {
+fn not_held(discs: &[Disc]) -> [bool; Discs::MAX] {
+    let is_held = |i: usize| {
         let larger = |j: usize| (discs[j].radius_m, i) > (discs[i].radius_m, j);
         let reach_m = |j: usize| (discs[i].center - discs[j].center).norm() + discs[i].radius_m;
-        !(0..discs.len()).any(|j| j != i && larger(j) && reach_m(j) <= discs[j].radius_m + SAME)
-    })
+        (0..discs.len()).any(|j| j != i && larger(j) && reach_m(j) <= discs[j].radius_m + SAME)
+    };
+    std::array::from_fn(|i| i < discs.len() && !is_held(i))
 }
 
 /// The disc that reaches farthest along x; of equals the one that is farthest along the walk.
-fn first_disc(discs: &[Disc; 4], counts: &[bool; 4]) -> usize {
+fn first_disc(discs: &[Disc], counts: &[bool]) -> usize {
     let reach = |disc: &Disc| (disc.center.x + disc.radius_m, disc.center.y);
     let mut best = counts.iter().position(|counts| *counts).unwrap_or(0);
     for i in (best + 1..discs.len()).filter(|i| counts[*i]) {
@@ -144,10 +146,10 @@ struct Tangent {
 }
 
 /// The outer tangent that leads counter-clockwise from each disc to each other.
-fn tangents(discs: &[Disc; 4], counts: &[bool; 4]) -> [[Option<Tangent>; 4]; 4] {
-    let mut all = [[None; 4]; 4];
-    for i in (0..4).filter(|i| counts[*i]) {
-        for j in (i + 1..4).filter(|j| counts[*j]) {
+fn tangents(discs: &[Disc], counts: &[bool]) -> [[Option<Tangent>; Discs::MAX]; Discs::MAX] {
+    let mut all = [[None; Discs::MAX]; Discs::MAX];
+    for i in (0..discs.len()).filter(|i| counts[*i]) {
+        for j in (i + 1..discs.len()).filter(|j| counts[*j]) {
             let between = discs[j].center - discs[i].center;
             let distance_m = between.norm();
             let wider_m = discs[i].radius_m - discs[j].radius_m;
@@ -164,7 +166,7 @@ fn tangents(discs: &[Disc; 4], counts: &[bool; 4]) -> [[Option<Tangent>; 4]; 4] 
 }
 
 /// The first tangent that a line turned on from `turned` meets, before it is once around.
-fn next_tangent(tangents: &[Option<Tangent>; 4], turned: f64) -> Option<(usize, Tangent)> {
+fn next_tangent(tangents: &[Option<Tangent>], turned: f64) -> Option<(usize, Tangent)> {
     let mut best: Option<(usize, Tangent)> = None;
     for (i, tangent) in tangents.iter().enumerate() {
         let Some(tangent) = tangent else { continue };

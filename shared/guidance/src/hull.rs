@@ -24,21 +24,65 @@ struct Tangent {
     normal: Vector2<f64>,
 }
 
-/// The convex hull of four discs: robot and handler, now and at the end.
+/// A few discs. They need no memory of their own.
+#[derive(Debug, Clone, Copy)]
+pub struct Discs {
+    discs: [Disc; Self::MAX],
+    count: usize,
+}
+
+impl Discs {
+    /// The most that there are: a robot of two and a handler, now, at the end, and the handler at rest.
+    pub const MAX: usize = 8;
+
+    /// No disc yet.
+    #[must_use]
+    pub fn none() -> Self {
+        Self { discs: [Disc { center: Point::origin(), radius_m: 0.0 }; Self::MAX], count: 0 }
+    }
+
+    /// One more. Past [`Self::MAX`] there is no room.
+    pub fn push(&mut self, disc: Disc) {
+        debug_assert!(self.count < Self::MAX);
+        if let Some(slot) = self.discs.get_mut(self.count) {
+            *slot = disc;
+            self.count += 1;
+        }
+    }
+}
+
+impl std::ops::Deref for Discs {
+    type Target = [Disc];
+    fn deref(&self) -> &[Disc] {
+        &self.discs[..self.count]
+    }
+}
+
+impl<const N: usize> From<[Disc; N]> for Discs {
+    fn from(discs: [Disc; N]) -> Self {
+        let mut all = Self::none();
+        discs.into_iter().for_each(|disc| all.push(disc));
+        all
+    }
+}
+
+/// The convex hull of discs: robot and handler, now and at the end.
 #[derive(Debug, Clone)]
 pub struct Hull {
-    discs: [Disc; 4],
-    tangents: [Option<Tangent>; 12],
+    discs: Discs,
+    /// Two for each pair.
+    tangents: [Option<Tangent>; Discs::MAX * (Discs::MAX - 1)],
 }
 
 impl Hull {
     /// The hull of these discs.
     #[must_use]
-    pub fn new(discs: [Disc; 4]) -> Self {
-        let mut tangents = [None; 12];
+    pub fn new(discs: impl Into<Discs>) -> Self {
+        let discs = discs.into();
+        let mut tangents = [None; Discs::MAX * (Discs::MAX - 1)];
         let mut slot = 0;
-        for i in 0..4 {
-            for j in i + 1..4 {
+        for i in 0..discs.len() {
+            for j in i + 1..discs.len() {
                 for side in [1.0, -1.0] {
                     tangents[slot] = tangent(&discs[i], &discs[j], side);
                     slot += 1;

@@ -3,7 +3,7 @@
 
 mod judging;
 
-use messages::{MAX_ACTIONS, Twist2, UnsafeCause};
+use messages::{MAX_ACTIONS, Pose2, Twist2, UnsafeCause};
 
 use crate::action::ActionTable;
 use crate::depth::DepthView;
@@ -11,7 +11,7 @@ use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::interaction::Interaction;
 use crate::memory::Memory;
 use crate::scan::Beams;
-use crate::se2::{Se2, exp};
+use crate::se2::{Se2, exp, pose2, se2};
 use crate::seed::mixed;
 use judging::{Present, Sorted};
 
@@ -28,7 +28,41 @@ pub struct ShieldConfig {
     pub escape: bool,
     /// Largest unseen part of the hull, square metres; `None`: it makes nothing unsafe by itself.
     pub unseen_limit_m2: Option<f64>,
+    /// What the robot is beside one disc that stands where it is commanded to.
+    pub reach: Reach,
 }
+
+/// How far a body on legs, and who is led by it, reach beyond a disc that stands at once where it is commanded to.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Reach {
+    /// Two discs stand for the body, so far ahead of its middle and behind it, metres; 0 is one disc.
+    pub nose_m: f64,
+    /// After a command of zero the robot goes on by so much, ahead or back and to either side, metres,
+    pub overrun_m: [f64; 2],
+    /// and turns on by so much, radians.
+    pub overrun_rad: f64,
+    /// Where the handler comes to rest, seen from a robot that stands; without it the hull ends with the motion.
+    pub robot_from_rest: Option<Se2>,
+}
+
+impl Reach {
+    /// Where the robot stands that was to end a motion there, its way on from the motion's end.
+    fn stands_at(&self, robot_from_end: &Se2) -> Se2 {
+        let moved = pose2(robot_from_end);
+        // As far as the motion goes any way: the rest of a slow one overruns less.
+        let share = |way: f64, full: f64| (way / full).clamp(-1.0, 1.0);
+        let on = Pose2::new(
+            self.overrun_m[0] * share(moved.x_m, FULL_M),
+            self.overrun_m[1] * share(moved.y_m, FULL_M),
+            self.overrun_rad * share(moved.yaw_rad, FULL_RAD),
+        );
+        robot_from_end * se2(on)
+    }
+}
+
+/// A motion of this much or more overruns in full, metres and radians.
+const FULL_M: f64 = 0.05;
+const FULL_RAD: f64 = 0.05;
 
 /// What a moment is judged on, all seen from where the robot is now.
 #[derive(Debug, Clone, Copy)]

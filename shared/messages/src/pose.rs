@@ -1,4 +1,5 @@
-//! Planar poses and velocities, and how the body is held over them, as plain numbers. The mathematics on them is in `guidance`.
+//! Planar poses and velocities, and how the body is held over them, as plain numbers. The mathematics on them is in
+//! `guidance`.
 
 use crate::json::mirrored;
 #[cfg(feature = "ipc")]

@@ -10,7 +10,7 @@ use guidance::interaction::DelayedHarness;
 use guidance::memory::Memory;
 use guidance::scan::Beams;
 use guidance::se2::{pose2, se2, wrap_angle};
-use guidance::shield::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
+use guidance::shield::{Draw, Evidence, Judgement, Reach, Shield, ShieldConfig, choose, suppress};
 use guidance::{ActionTable, Se2};
 use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, Pose2, ScanHeader, Twist2, WorldTruth};
@@ -58,6 +58,7 @@ impl Guard {
             unknown_gap_m: 0.10,
             escape: true,
             unseen_limit_m2: None,
+            reach: Reach::default(),
         });
         Self {
             shield,

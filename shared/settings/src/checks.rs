@@ -242,6 +242,10 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
         ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
         ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
+        ("robot.nose_m", settings.robot.nose_m, 0.0, 1.0),
+        ("robot.response.overrun_m ahead", response.overrun_m[0], 0.0, 0.5),
+        ("robot.response.overrun_m aside", response.overrun_m[1], 0.0, 0.5),
+        ("robot.response.overrun_rad", response.overrun_rad, 0.0, 0.5),
         ("robot.body_height_m", settings.robot.body_height_m.get(), 0.05, 2.0),
         ("robot.response.lag", response.lag.s(), 0.0, 0.5),
         // Where it may be farther off, a robot that stands still while it is to walk is not found.

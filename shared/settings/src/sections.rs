@@ -13,8 +13,8 @@ mod speak;
 
 use guidance::se2::Point;
 use guidance::{
-    DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, InteractionModel, MemoryConfig, RigidHarness,
-    RotatingRod, ShieldConfig,
+    DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, Interaction, InteractionModel, MemoryConfig,
+    RigidHarness, RotatingRod, ShieldConfig,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -171,6 +171,20 @@ impl Settings {
             unknown_gap_m: shield.unknown_gap_m.get(),
             escape: shield.escape,
             unseen_limit_m2: shield.unseen_limit_m2,
+            reach: self.reach(),
+        }
+    }
+
+    /// Where robot and handler really stand after a stop.
+    fn reach(&self) -> guidance::Reach {
+        let (robot, response) = (&self.robot, &self.robot.response);
+        // What is no handler's model is refused where the handler's estimate is made.
+        let rest = self.shield.until_rest.then(|| self.interaction().ok()).flatten();
+        guidance::Reach {
+            nose_m: robot.nose_m,
+            overrun_m: response.overrun_m,
+            overrun_rad: response.overrun_rad,
+            robot_from_rest: rest.map(|model| model.robot_from_default()),
         }
     }
 
@@ -207,6 +221,8 @@ impl Settings {
 pub struct Robot {
     /// Radius of the disc that stands for the robot, metres.
     pub radius_m: Positive,
+    /// Two such discs stand for a long body, so far ahead of its middle and behind it, metres; 0 is one disc.
+    pub nose_m: f64,
     /// Height of the body's origin (`base_link`) above the floor while the robot stands, metres: heights of sensors
     /// are told for it.
     pub body_height_m: Positive,
@@ -224,17 +240,32 @@ pub struct Response {
     pub way_off_m: Positive,
     /// The same of its heading, radians.
     pub turn_off_rad: Positive,
+    /// After a command of zero it goes on by so much, ahead or back and to either side, metres.
+    pub overrun_m: [f64; 2],
+    /// It turns on by so much, radians.
+    pub overrun_rad: f64,
 }
 
 impl Default for Response {
     fn default() -> Self {
-        Self { lag: Millis::of_ms(150), way_off_m: Positive::of(0.05), turn_off_rad: Positive::of(0.10) }
+        Self {
+            lag: Millis::of_ms(150),
+            way_off_m: Positive::of(0.05),
+            turn_off_rad: Positive::of(0.10),
+            overrun_m: [0.0; 2],
+            overrun_rad: 0.0,
+        }
     }
 }
 
 impl Default for Robot {
     fn default() -> Self {
-        Self { radius_m: Positive::of(0.30), body_height_m: Positive::of(0.30), response: Response::default() }
+        Self {
+            radius_m: Positive::of(0.30),
+            nose_m: 0.0,
+            body_height_m: Positive::of(0.30),
+            response: Response::default(),
+        }
     }
 }
 

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use guidance::se2::{Point, Se2, se2};
 use guidance::{
-    ActionTable, Beams, DelayedHarness, Evidence, HandlerBody, Interaction, Judgement, Motion, Shield, ShieldConfig,
+    ActionTable, Beams, DelayedHarness, Evidence, HandlerBody, Interaction, Judgement, Motion, Reach, Shield,
+    ShieldConfig,
 };
 use messages::{Pose2, ScanHeader};
 use parry2d_f64::math::Vector;
@@ -128,6 +129,7 @@ impl Ours {
             unknown_gap_m: 0.1,
             escape: true,
             unseen_limit_m2: None,
+            reach: Reach::default(),
         };
         let mut ours = Self { shield: Shield::new(config), beams: Beams::default(), judgements: Vec::new() };
         ours.fill(header, ranges)?;

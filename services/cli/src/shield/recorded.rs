@@ -10,7 +10,8 @@ use std::path::Path;
 
 use guidance::se2::{Point, Se2};
 use guidance::{
-    ActionTable, Beams, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion, PoseTrack, Shield, ShieldConfig,
+    ActionTable, Beams, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion, PoseTrack, Reach, Shield,
+    ShieldConfig,
 };
 use messages::{Odometry, ScanHeader};
 use recording::{Reader, Record};
@@ -242,6 +243,7 @@ impl Study {
             unknown_gap_m: self.unknown_gap_m,
             escape: rules.escape,
             unseen_limit_m2: None,
+            reach: Reach::default(),
         })
     }
 

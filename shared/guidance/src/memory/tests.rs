@@ -5,7 +5,7 @@ use crate::hull::{Disc, Hull};
 use crate::scan::Beams;
 use crate::scan::tests::header;
 use crate::se2::{Point, Se2, exp, log, se2};
-use crate::shield::{Evidence, Judgement, Motion, Shield, ShieldConfig};
+use crate::shield::{Evidence, Judgement, Motion, Reach, Shield, ShieldConfig};
 use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
 use proptest::prelude::*;
 
@@ -46,7 +46,14 @@ fn judge(evidence: Evidence<'_>, start_from_end: Pose2) -> Judgement {
 }
 
 fn config() -> ShieldConfig {
-    ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape: true, unseen_limit_m2: None }
+    ShieldConfig {
+        robot_radius_m: 0.3,
+        margin_m: 0.0,
+        unknown_gap_m: 0.1,
+        escape: true,
+        unseen_limit_m2: None,
+        reach: Reach::default(),
+    }
 }
 
 fn judge_with(evidence: Evidence<'_>, body: HandlerBody, start_from_end: Pose2) -> Judgement {

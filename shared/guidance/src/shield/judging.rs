@@ -9,11 +9,11 @@ use super::{Evidence, Judgement, Motion, ShieldConfig};
 use crate::boundary::{Boundary, Readings, Seen, positive_turn};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
-use crate::hull::{Disc, Hull};
+use crate::hull::{Disc, Discs, Hull};
 use crate::interaction::place;
 use crate::memory::Memory;
 use crate::scan::{BeamKind, Beams};
-use crate::se2::{Point, exp, log};
+use crate::se2::{Point, Se2, exp, log};
 
 /// An action's hull reaches beyond the present one where its threshold is greater by more than rounding, metres.
 const BEYOND_M: f64 = 1e-9;
@@ -44,7 +44,8 @@ pub(super) struct Present<'a> {
     depth: Option<&'a DepthView>,
     memory: Option<&'a Memory>,
     handler: HandlerBody,
-    robot_disc: Disc,
+    /// The robot's discs and the handler's, now.
+    now: Discs,
     handler_disc: Disc,
     /// The present hull, all at once: only few ask for it.
     hull: OnceCell<Hull>,
@@ -58,18 +59,18 @@ impl<'a> Present<'a> {
         handler: HandlerBody,
         sorted: &'a mut Sorted,
     ) -> Self {
-        let robot_disc = Disc { center: Point::origin(), radius_m: config.robot_radius_m + config.margin_m };
         let handler_disc = Disc { center: handler.center, radius_m: handler.radius_m + config.margin_m };
-        let discs = [robot_disc, handler_disc, robot_disc, handler_disc];
+        let mut now = Discs::none();
+        push_robot(&mut now, config, &Se2::identity());
+        now.push(handler_disc);
         let hull = OnceCell::new();
-        let mut present = Self { config, beams, depth, memory, handler, robot_disc, handler_disc, hull, sorted };
-        present.sort(&Boundary::of(&discs));
+        let mut present = Self { config, beams, depth, memory, handler, now, handler_disc, hull, sorted };
+        present.sort(&Boundary::of(&now));
         present
     }
 
     fn hull(&self) -> &Hull {
-        let discs = [self.robot_disc, self.handler_disc, self.robot_disc, self.handler_disc];
-        self.hull.get_or_init(|| Hull::new(discs))
+        self.hull.get_or_init(|| Hull::new(self.now))
     }
 
     /// What concerns few beams is looked for where they are: on the handler, and in the present hull.
@@ -124,11 +125,17 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Robot and handler, now and at the end.
-    fn discs(&self, motion: &Motion) -> [Disc; 4] {
-        let end = |pose, disc: &Disc| Disc { center: place(pose), radius_m: disc.radius_m };
-        let (robot, handler) = (self.robot_disc, self.handler_disc);
-        [robot, handler, end(&motion.robot, &robot), end(&motion.handler, &handler)]
+    /// Robot and handler, now and at the end: where they stand after a stop there.
+    fn discs(&self, motion: &Motion) -> Discs {
+        let (mut discs, reach) = (self.now, &self.config.reach);
+        let stands_at = reach.stands_at(&motion.robot);
+        push_robot(&mut discs, self.config, &stands_at);
+        let handler = |center: Point| Disc { center, radius_m: self.handler_disc.radius_m };
+        discs.push(handler(place(&motion.handler)));
+        if let Some(rest) = &reach.robot_from_rest {
+            discs.push(handler(place(&(stands_at * rest))));
+        }
+        discs
     }
 
     /// Every beam's threshold, metres, counter-clockwise.
@@ -206,7 +213,7 @@ impl<'a> Present<'a> {
     }
 
     /// A lidar outside the hull: a beam may meet it or not, and whatever stands before or in it occludes it.
-    fn judge_from_outside(&mut self, discs: &[Disc; 4], motion: &Motion, judgement: &mut Judgement) {
+    fn judge_from_outside(&mut self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let (swept, beams) = (Hull::new(*discs), self.beams);
         let mut seen_m2 = 0.0;
         let mut run = UnknownRun::default();
@@ -242,7 +249,7 @@ impl<'a> Present<'a> {
     }
 
     /// Virtual beams: what the camera sees, and what is remembered and cannot be seen, strictly inside the hull.
-    fn judge_points(&self, discs: &[Disc; 4], motion: &Motion, judgement: &mut Judgement) {
+    fn judge_points(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let reach_m = discs.iter().map(|disc| disc.center.coords.norm() + disc.radius_m).fold(0.0, f64::max);
         let seen = self.depth.map_or(&[][..], DepthView::points).iter().map(|point| (UnsafeCause::Point, *point, 0.0));
         let remembered = self.memory.map_or(&[][..], Memory::hidden).iter();
@@ -274,8 +281,13 @@ impl<'a> Present<'a> {
     /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does
     /// not.
     fn gets_closer(&self, point: Point, motion: &Motion) -> bool {
-        let (robot, handler) = (self.robot_disc.center, self.handler_disc.center);
-        nearest_on_arc(&log(&motion.robot, 1.0), point) < (point - robot).norm() - CLOSER_M
+        let (nose_m, handler) = (self.config.reach.nose_m, self.handler_disc.center);
+        let (from_m, to_m) = if nose_m > 0.0 {
+            (from_axis_m(&Se2::identity(), nose_m, point), nearest_to_axis_m(&motion.robot, nose_m, point))
+        } else {
+            (point.coords.norm(), nearest_on_arc(&log(&motion.robot, 1.0), point))
+        };
+        to_m < from_m - CLOSER_M
             || nearest_on_line(handler, place(&motion.handler), point) < (point - handler).norm() - CLOSER_M
     }
 
@@ -289,6 +301,30 @@ impl<'a> Present<'a> {
                 || self.memory.is_some_and(|memory| memory.saw_free(point))
         })
     }
+}
+
+/// The robot's discs at a pose.
+fn push_robot(discs: &mut Discs, config: &ShieldConfig, pose: &Se2) {
+    let radius_m = config.robot_radius_m + config.margin_m;
+    if config.reach.nose_m > 0.0 {
+        for ahead_m in [config.reach.nose_m, -config.reach.nose_m] {
+            discs.push(Disc { center: pose * Point::new(ahead_m, 0.0), radius_m });
+        }
+    } else {
+        discs.push(Disc { center: place(pose), radius_m });
+    }
+}
+
+/// The distance of a point to the axis of a long body, metres.
+fn from_axis_m(pose: &Se2, nose_m: f64, point: Point) -> f64 {
+    nearest_on_line(pose * Point::new(-nose_m, 0.0), pose * Point::new(nose_m, 0.0), point)
+}
+
+/// The least distance of a point to the axis of a long body on its way, metres: looked at in eight places.
+fn nearest_to_axis_m(robot_from_end: &Se2, nose_m: f64, point: Point) -> f64 {
+    let twist = log(robot_from_end, 1.0);
+    let places = (1..=8).map(|i| from_axis_m(&exp(twist, f64::from(i) / 8.0), nose_m, point));
+    places.fold(f64::INFINITY, f64::min)
 }
 
 /// The least distance of a point to the way of a body that moves from the origin for a second, metres.

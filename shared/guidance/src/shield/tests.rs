@@ -1,5 +1,5 @@
 use super::judging::nearest_on_arc;
-use super::{Draw, Evidence, Judgement, Shield, ShieldConfig, choose, suppress};
+use super::{Draw, Evidence, Judgement, Reach, Shield, ShieldConfig, choose, suppress};
 use crate::action::ActionTable;
 use crate::handler::{HandlerEstimate, HandlerLimits};
 use crate::hull::{Disc, Hull};
@@ -7,12 +7,19 @@ use crate::interaction::{DelayedHarness, Interaction, place};
 use crate::memory::{Memory, MemoryConfig};
 use crate::scan::Beams;
 use crate::scan::tests::header;
-use crate::se2::{Point, Se2, exp};
+use crate::se2::{Point, Se2, exp, pose2, se2};
 use messages::{Pose2, ScanHeader, Twist2, UnsafeCause};
 use proptest::prelude::*;
 
 fn config(escape: bool) -> ShieldConfig {
-    ShieldConfig { robot_radius_m: 0.3, margin_m: 0.0, unknown_gap_m: 0.1, escape, unseen_limit_m2: None }
+    ShieldConfig {
+        robot_radius_m: 0.3,
+        margin_m: 0.0,
+        unknown_gap_m: 0.1,
+        escape,
+        unseen_limit_m2: None,
+        reach: Reach::default(),
+    }
 }
 
 fn handler() -> HandlerEstimate {
@@ -325,5 +332,73 @@ proptest! {
         let sampled = (0..=2000).map(|i| (place(&exp(twist, f64::from(i) / 2000.0)) - point).norm());
         let (nearest, truth) = (nearest_on_arc(&twist, point), sampled.fold(f64::INFINITY, f64::min));
         prop_assert!(nearest <= truth + 1e-9 && nearest > truth - 5e-4, "{nearest}, not {truth}");
+    }
+}
+
+fn long_body() -> ShieldConfig {
+    let reach = Reach { nose_m: 0.18, ..Reach::default() };
+    ShieldConfig { robot_radius_m: 0.22, reach, ..config(true) }
+}
+
+#[test]
+fn a_long_body_reaches_ahead_and_not_aside() {
+    let table = ActionTable::eight();
+    let mask_of = |config: ShieldConfig, point: Point| {
+        let beams = scan(&header(), 360, &[point]);
+        Shield::new(config).judge_actions(&table, Evidence::scan(&beams), &handler(), &mut Vec::new())
+    };
+    let stop = ActionTable::STOP;
+    let forward = table.actions().iter().position(|action| action.start_from_end().translation.x > 0.2).expect("it is");
+    // A disc of 0.3 m that goes 0.25 m ahead does not reach it; the nose does.
+    let ahead = Point::new(0.58, 0.0);
+    assert_eq!(mask_of(config(true), ahead) & 1 << forward, 0);
+    assert_ne!(mask_of(long_body(), ahead) & 1 << forward, 0);
+    // Beside the body there is more room than beside a disc.
+    let aside = Point::new(0.20, 0.26);
+    assert_ne!(mask_of(config(false), aside) & 1 << forward, 0);
+    assert_eq!(mask_of(ShieldConfig { escape: false, ..long_body() }, aside) & 1 << forward, 0);
+    assert_eq!(mask_of(long_body(), ahead) & 1 << stop, 0, "who stands does not reach it");
+}
+
+#[test]
+fn who_turns_on_the_spot_does_not_swing_the_nose_against_what_stands_beside_it() {
+    let table = ActionTable::eight();
+    // It presses on the body already, left of the nose.
+    let beams = scan(&header(), 360, &[Point::new(0.30, 0.17)]);
+    let mut judgements = Vec::new();
+    Shield::new(long_body()).judge_actions(&table, Evidence::scan(&beams), &handler(), &mut judgements);
+    for (action, judgement) in table.actions().iter().zip(&judgements) {
+        let end = action.start_from_end();
+        if end.translation.vector.norm() < 1e-9 && end.rotation.angle() > 0.0 {
+            assert!(!judgement.safe, "{action:?}: {judgement:?}");
+        }
+    }
+    assert!(judgements[ActionTable::STOP].safe, "who stands does not come nearer");
+}
+
+#[test]
+fn the_hull_ends_where_robot_and_handler_come_to_rest() {
+    let rest = se2(Pose2::new(-0.75, -0.35, 0.0));
+    let reach = Reach { nose_m: 0.18, overrun_m: [0.07, 0.04], overrun_rad: 0.06, robot_from_rest: Some(rest) };
+    let stands = ShieldConfig { reach, ..long_body() };
+    let (table, beams) = (ActionTable::eight(), scan(&header(), 360, &[]));
+    let handler = handler();
+    for action in table.actions() {
+        let motion = Shield::predict(&handler, &action.start_from_end());
+        let thresholds_m =
+            |config: &ShieldConfig| Shield::new(config.clone()).thresholds_m(&motion, &beams, handler.body(0.0));
+        let (ends, stands) = (thresholds_m(&long_body()), thresholds_m(&stands));
+        // The hull cuts a turn short by what the nose bulges between its ends.
+        assert!(ends.iter().zip(&stands).all(|(ends, stands)| *stands >= ends - 2e-3), "{action:?}");
+        let (more, moved) = (ends.iter().zip(&stands).map(|(a, b)| b - a).fold(0.0, f64::max), pose2(&motion.robot));
+        if moved.x_m > 0.2 && moved.y_m == 0.0 {
+            assert!((more - 0.07).abs() < 0.03, "straight on it overruns by 7 cm: {more}");
+        }
+        assert!(more < 0.25, "{action:?}: {more}");
+        // Where it comes to rest is within.
+        let on = Se2::new(nalgebra::Vector2::zeros(), 0.06 * moved.yaw_rad.signum() * f64::from(moved.yaw_rad != 0.0));
+        let at_rest = place(&(motion.robot * on * rest));
+        let beam = beams.fan().nearest(at_rest).expect("all around");
+        assert!(stands[beams.number_of(beam)] > (at_rest - beams.origin()).norm(), "{action:?}");
     }
 }

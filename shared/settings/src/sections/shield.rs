@@ -43,6 +43,8 @@ pub struct ShieldSettings {
     pub unknown_gap_m: Positive,
     /// Whether points inside the present hull are judged by the escape rule.
     pub escape: bool,
+    /// Whether the hull of a motion ends where the handler comes to rest after it, and not where the motion ends.
+    pub until_rest: bool,
     /// Largest unseen part of the hull, square metres; none: reported only.
     pub unseen_limit_m2: Option<f64>,
     /// What it remembers.
@@ -98,6 +100,7 @@ impl Default for ShieldSettings {
             margin_m: 0.04,
             unknown_gap_m: Positive::of(0.10),
             escape: true,
+            until_rest: false,
             unseen_limit_m2: None,
             memory: MemorySettings::default(),
         }
