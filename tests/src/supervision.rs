@@ -305,7 +305,7 @@ impl Simulation {
                 epoch: self.gate.epoch(),
                 ..LocomotionState::default()
             };
-            self.topic_to_supervisor(ToSupervisor::State(state));
+            self.topic_to_supervisor(ToSupervisor::State(Box::new(state)));
             self.watch.beat(self.now_ms * MS);
         }
     }

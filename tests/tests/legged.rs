@@ -5,6 +5,12 @@ use std::fs;
 use guidedog_tests::{Place, has_legs};
 use serde_json::Value;
 
+/// Faults of a walk but the boot.
+fn faults(report: &Value) -> Vec<&Value> {
+    let stops = report["stops"].as_array().expect("stops");
+    stops.iter().filter(|stop| stop["class"] == "fault" && stop["reason"] != "boot").collect()
+}
+
 fn walk(scenario: &str, more: &[&str]) -> Value {
     let place = Place::new();
     let mut args = vec!["walk", "--physics", "mujoco", "--scenario", scenario, "--speed", "0", "--json"];
@@ -26,9 +32,7 @@ fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
         assert_eq!(report["collisions"][who], 0, "{who}");
     }
     assert_eq!(report["missed_decisions"], 0);
-    let stops = report["stops"].as_array().expect("stops");
-    let faults = stops.iter().filter(|stop| stop["class"] == "fault" && stop["reason"] != "boot");
-    assert_eq!(faults.count(), 0, "{stops:#?}");
+    assert_eq!(faults(&report), Vec::<&Value>::new());
     let again = walk("corridor", &[]);
     for key in ["digest", "decisions", "verdicts", "stops", "distance_m", "duration_s"] {
         assert_eq!(report[key], again[key], "{key}");
@@ -69,4 +73,44 @@ fn legs_that_cannot_be_used_are_told_before_anything_is_started() {
     let error = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && error.contains("simulation.physics"), "{error}");
     place.assert_empty();
+}
+
+/// All scenarios and routes, both velocity loops, three seeds: half an hour. `scripts/nightly physics` runs it.
+#[test]
+#[ignore = "half an hour: scripts/nightly physics"]
+fn a_go2_guides_a_handler_through_every_scenario() {
+    if !has_legs() {
+        return;
+    }
+    let scenarios =
+        ["corridor", "curve", "l-turn", "left-at-tee", "crossing", "cluttered", "route-a", "route-b", "route-c"];
+    let (place, mut wrong) = (Place::new(), Vec::new());
+    for velocity_loop in ["soft", "stiff"] {
+        let config = place.path().join("legs.toml");
+        fs::write(&config, format!("[simulation.mujoco]\nvelocity_loop = {velocity_loop:?}\n")).expect("written");
+        let config = config.to_string_lossy().into_owned();
+        for scenario in scenarios {
+            let (flat, _) = place.json(&["walk", "--scenario", scenario, "--speed", "0", "--json"]);
+            for seed in ["1", "2", "3"] {
+                let common = ["walk", "--physics", "mujoco", "--scenario", scenario, "--speed", "0", "--json"];
+                let more = ["--seed", seed, "--config", &config];
+                let (report, _) = place.json(&[&common[..], &more[..]].concat());
+                let touches = ["robot", "handler"].map(|who| report["collisions"][who].as_u64().unwrap_or(u64::MAX));
+                let times = [&report, &flat].map(|report| report["duration_s"].as_f64().unwrap_or(f64::NAN));
+                let line = format!(
+                    "{scenario} {velocity_loop} {seed}: reached {}, touches {touches:?}, {:.1} s ({:.1}), {} faults",
+                    report["reached"],
+                    times[0],
+                    times[1],
+                    faults(&report).len()
+                );
+                eprintln!("{line}");
+                let good = report["reached"] == true && touches == [0, 0] && faults(&report).is_empty();
+                if !good || times[0] > 1.25 * times[1] {
+                    wrong.push(line);
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

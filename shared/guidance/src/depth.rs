@@ -104,7 +104,7 @@ fn agrees(pixels_mm: &[u16], width: usize, at: usize) -> bool {
     let depth_m = f64::from(pixels_mm[at]) / 1000.0;
     let near_m = AGREE_M + AGREE_SHARE * depth_m;
     let is_near = |mm: &u16| (f64::from(*mm) / 1000.0 - depth_m).abs() <= near_m;
-    let right = pixels_mm.get(at + 1).filter(|_| (at + 1) % width != 0);
+    let right = pixels_mm.get(at + 1).filter(|_| !(at + 1).is_multiple_of(width));
     right.is_some_and(is_near) || pixels_mm.get(at + width).is_some_and(is_near)
 }
 

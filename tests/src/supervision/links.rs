@@ -17,7 +17,7 @@ pub enum ToSupervisor {
     BrakeEngaged(u32),
     Beat(Box<Health>),
     Cue(Box<Cue>),
-    State(LocomotionState),
+    State(Box<LocomotionState>),
     Decision(Box<PolicyAction>),
     Permit(Box<Permit>),
     Stop,
