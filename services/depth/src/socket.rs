@@ -182,17 +182,16 @@ impl Program {
         }
     }
 
-    /// Run time at which that frame was taken.
-    fn stamp_ns(&mut self, head: &Head, io: &Io) -> Result<u64, String> {
+    /// Run time at which that frame was taken; none where it is not newer than the one before.
+    fn stamp_ns(&mut self, head: &Head, io: &Io) -> Result<Option<u64>, String> {
         let run_ns = io.domain.clock.of_monotonic_ns(head.taken_ns);
         if run_ns > io.now_ns() {
             return Err("a frame's time is in the future: is it that of CLOCK_MONOTONIC?".to_owned());
         }
-        if head.taken_ns <= self.last_ns {
-            return Err("a frame's time is not after that of the frame before".to_owned());
-        }
-        self.last_ns = head.taken_ns;
-        Ok(run_ns)
+        // A camera's library may give the same frame twice: that is no news, and no reason to send the program away.
+        let is_new = head.taken_ns > self.last_ns;
+        self.last_ns = self.last_ns.max(head.taken_ns);
+        Ok(is_new.then_some(run_ns))
     }
 }
 
@@ -220,8 +219,9 @@ impl FrameSource for FrameSocket {
                     program.frame = Some(Begun { head, loan, filled: 0 });
                 }
                 Ok(Came::Frame(Begun { head, mut loan, .. })) => match program.stamp_ns(&head, io) {
+                    Ok(None) => break,
                     Ok(_) if io.now_ns().saturating_sub(self.published_ns) < self.apart_ns => break,
-                    Ok(stamp_ns) => {
+                    Ok(Some(stamp_ns)) => {
                         self.published_ns = io.now_ns();
                         *loan.meta_mut() = head.depth_header(self.robot_from_camera);
                         self.trust.apply(loan.data_mut());

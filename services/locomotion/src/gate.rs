@@ -7,6 +7,7 @@ use messages::{
 use settings::{EstopSource, Settings};
 
 use crate::accord::{Accord, Response};
+use crate::fall::Fall;
 
 /// What the gate holds a permit against.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,6 +85,7 @@ pub struct Gate {
     permit: Option<Permit>,
     odometry: Option<(u64, u32)>,
     accord: Accord,
+    fall: Fall,
     /// The emergency stop's last word, and its stamp.
     estop: (StopInput, u64),
     /// The place of the stop cue in force among the cues.
@@ -108,6 +110,7 @@ impl Gate {
         Self {
             accord: Accord::new(limits.response),
             limits,
+            fall: Fall::default(),
             mode: None,
             permit: None,
             odometry: None,
@@ -196,15 +199,18 @@ impl Gate {
     }
 
     /// Odometry has come. One that contradicts what was commanded stops the robot until the epoch is greater: nobody
-    /// knows which of the two lies.
+    /// knows which of the two lies. One of a robot that lies on its side locks the run.
     pub fn take_odometry(&mut self, odometry: &Odometry) {
-        if self.accord.contradicts(odometry)
-            && self.limits.obeyed
+        let (fell, contradicts) = (self.fall.has_fallen(odometry), self.accord.contradicts(odometry));
+        let stops = match (fell, contradicts) {
+            (true, _) => Some(StopKind::RobotFell),
+            (_, true) => Some(StopKind::OdometryContradicts),
+            _ => None,
+        };
+        if let Some(kind) = stops.filter(|_| self.limits.obeyed)
             && let Some(mode) = self.mode.filter(|mode| mode.class == ModeClass::Run)
         {
-            let reason =
-                StopReason::service(StopKind::OdometryContradicts, ServiceId::Odometry, odometry.header.incarnation);
-            self.latch_at(mode.epoch, reason);
+            self.latch_at(mode.epoch, StopReason::service(kind, ServiceId::Odometry, odometry.header.incarnation));
         }
         self.odometry = Some((odometry.header.stamp_ns, odometry.header.incarnation));
     }

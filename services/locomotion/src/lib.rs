@@ -5,6 +5,7 @@
 //! log on the way to zero, nor allocate but to read the supervisor's word, and never start motion by itself.
 
 mod accord;
+mod fall;
 mod gate;
 mod lines;
 

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, Awareness, Measured, PoseTrack};
+use guidance::{ActionTable, Awareness, Measured, Pace, PoseTrack};
 use messages::{
     Cue, CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
     PolicyAction, TopicId, age_ns,
@@ -30,6 +30,7 @@ pub struct PolicyService {
     frame: Option<FrameSample<DepthFrame>>,
     pose: Option<Odometry>,
     track: PoseTrack,
+    pace: Pace,
     mode: Option<Mode>,
     /// Why the engine could not decide the last time; told once.
     undecided: Option<String>,
@@ -75,7 +76,7 @@ impl PolicyService {
         engine: Box<dyn Engine>,
     ) -> Result<Self, TransportError> {
         let has_depth = settings.depth.source != Source::Absent;
-        let dt_ns = settings.policy.dt.ns();
+        let (dt_ns, limits) = (settings.policy.dt.ns(), &settings.locomotion.limits);
         let interaction = settings.interaction().map_err(TransportError::service)?;
         Ok(Self {
             pilot: Pilot::new(engine),
@@ -91,6 +92,7 @@ impl PolicyService {
             frame: None,
             pose: None,
             track: PoseTrack::default(),
+            pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
             mode: None,
             undecided: None,
             is_told: false,
@@ -124,12 +126,14 @@ impl PolicyService {
         Ok(())
     }
 
-    /// A new odometry frame voids all that was placed in the one before.
+    /// A new odometry frame, and a jump within one, void all that was placed before.
     fn take_pose(&mut self, pose: &Odometry) {
         if !pose.is_usable() {
             return;
         }
-        if self.pose.is_none_or(|old| old.header.incarnation != pose.header.incarnation) {
+        let is_another =
+            |old: Odometry| old.header.incarnation != pose.header.incarnation || self.pace.is_exceeded(&old, pose);
+        if self.pose.is_none_or(is_another) {
             self.track.clear();
             self.awareness.reset(&se2(pose.odom_from_robot));
         }

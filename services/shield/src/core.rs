@@ -7,7 +7,8 @@ use guidance::handler::{HandlerLimits, Sighting};
 use guidance::se2::{pose2, se2};
 use guidance::shield::{choose, suppress};
 use guidance::{
-    ActionTable, Draw, HandlerEstimate, InteractionModel, Judgement, MemoryConfig, PoseTrack, Se2, Shield, ShieldConfig,
+    ActionTable, Draw, HandlerEstimate, InteractionModel, Judgement, MemoryConfig, Pace, PoseTrack, Se2, Shield,
+    ShieldConfig,
 };
 use messages::{
     DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
@@ -18,10 +19,6 @@ use surroundings::Surroundings;
 
 /// Without a scan for this long, the handler's estimate is worth nothing.
 const GAP_NS: u64 = NS_PER_S;
-/// A pose may be off by this much beyond what the robot can walk, metres.
-const JUMP_M: f64 = 0.30;
-/// And its yaw by this much, radians.
-const JUMP_RAD: f64 = 0.60;
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
 /// After a jump the poses must go on without one for this long.
@@ -47,8 +44,7 @@ pub struct CoreConfig {
     action_max_age_ns: u64,
     permit_life_ns: u64,
     depth_needed: bool,
-    speed_max_mps: f64,
-    turn_max_radps: f64,
+    pace: Pace,
     absent_streams: u32,
 }
 
@@ -56,7 +52,7 @@ impl CoreConfig {
     /// The configuration of a run.
     #[must_use]
     pub fn of(settings: &Settings, model: InteractionModel, table: ActionTable) -> Self {
-        let speed_max_mps = settings.locomotion.limits.speed_mps.get();
+        let limits = &settings.locomotion.limits;
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
         Self {
             model,
@@ -75,8 +71,7 @@ impl CoreConfig {
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             depth_needed: settings.depth.needed,
-            speed_max_mps,
-            turn_max_radps: settings.locomotion.limits.turn_radps.get(),
+            pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
             absent_streams: absent,
         }
     }
@@ -161,6 +156,7 @@ impl Core {
         if is_fault
             && is_new
             && let Some(running) = self.running.filter(|running| running.drawn == Outcome::Granted)
+            && self.odometry.is_some_and(|odometry| falls_short(&running.velocity, &odometry.twist))
         {
             // Whatever held the robot is met again where this action leads, whoever gives the next cue.
             let action = self.config.table.actions()[running.index].start_from_end();
@@ -179,16 +175,10 @@ impl Core {
         let new_frame = self.odometry.is_none_or(|old| old.header.incarnation != odometry.header.incarnation);
         if new_frame {
             self.lose_place(&pose);
-        } else if let Some(old) = self.odometry {
-            let dt_s = s_from_ns(odometry.header.stamp_ns.saturating_sub(old.header.stamp_ns));
-            let moved = se2(old.odom_from_robot).inverse() * pose;
-            if moved.translation.vector.norm() > self.config.speed_max_mps.max(2.0) * dt_s + JUMP_M
-                || moved.rotation.angle().abs() > self.config.turn_max_radps.max(2.5) * dt_s + JUMP_RAD
-            {
-                (self.invalid_inputs, self.jumps) = (self.invalid_inputs + 1, self.jumps + 1);
-                self.jumped_at_ns = Some(odometry.header.stamp_ns);
-                self.lose_place(&pose);
-            }
+        } else if self.odometry.is_some_and(|old| self.config.pace.is_exceeded(&old, odometry)) {
+            (self.invalid_inputs, self.jumps) = (self.invalid_inputs + 1, self.jumps + 1);
+            self.jumped_at_ns = Some(odometry.header.stamp_ns);
+            self.lose_place(&pose);
         }
         self.odometry = Some(*odometry);
         self.track.push(odometry);
@@ -522,6 +512,19 @@ fn explain(judgement: &Judgement, permit: &mut Permit) {
     (permit.reading_m, permit.threshold_m) = (judgement.reading_m, judgement.threshold_m);
     permit.unsafe_cause = judgement.cause;
     permit.unseen_area_m2 = judgement.unseen_area_m2;
+}
+
+/// Of a velocity that is obeyed, more than this share is seen.
+const OBEYED: f64 = 0.3;
+/// About how far the handler is from the robot, metres: so far a turn of a radian moves them.
+const ARM_M: f64 = 0.83;
+
+/// Whether a robot moves far less than it is commanded: something holds it. One that moves too much met nothing. An
+/// odometry that tells no velocity cannot excuse it.
+fn falls_short(commanded: &Twist2, seen: &Twist2) -> bool {
+    let along =
+        |a: &Twist2, b: &Twist2| a.vx_mps * b.vx_mps + a.vy_mps * b.vy_mps + ARM_M * ARM_M * a.wz_radps * b.wz_radps;
+    along(commanded, seen) < OBEYED * along(commanded, commanded)
 }
 
 /// Whether the numbers are probabilities that sum to 1.

@@ -33,7 +33,7 @@ pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};
 pub use tilt::Tilt;
-pub use track::{Held, PoseTrack};
+pub use track::{Held, Pace, PoseTrack};
 pub use travel_line::{Foot, TravelLine};
 pub use wayfinding::{CueStart, Delta, HandlerErrors, Measure, Reward, RewardConfig};
 

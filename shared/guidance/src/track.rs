@@ -17,6 +17,37 @@ const SWAY_AHEAD_NS: u64 = NS_PER_S / 33;
 /// and nobody knows how it is held so long after the last one, or between two that are so far apart.
 const HELD_MAX_NS: u64 = NS_PER_S / 10;
 
+/// A pose may be off by this much beyond what the robot can walk, metres.
+const JUMP_M: f64 = 0.30;
+/// And its yaw by this much, radians.
+const JUMP_RAD: f64 = 0.60;
+/// Whatever the configuration says, a robot may be carried as fast as this, m/s and rad/s.
+const CARRIED: (f64, f64) = (2.0, 2.5);
+
+/// How fast a robot can walk and turn.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pace {
+    speed_mps: f64,
+    turn_radps: f64,
+}
+
+impl Pace {
+    /// That of a robot that is commanded no more than this.
+    #[must_use]
+    pub fn of_limits(speed_mps: f64, turn_radps: f64) -> Self {
+        Self { speed_mps: speed_mps.max(CARRIED.0), turn_radps: turn_radps.max(CARRIED.1) }
+    }
+
+    /// Whether nobody can have come from one pose to the next: what was placed before it has no place any more.
+    #[must_use]
+    pub fn is_exceeded(&self, from: &Odometry, to: &Odometry) -> bool {
+        let dt_s = s_from_ns(to.header.stamp_ns.saturating_sub(from.header.stamp_ns));
+        let moved = se2(from.odom_from_robot).inverse() * se2(to.odom_from_robot);
+        moved.translation.vector.norm() > self.speed_mps * dt_s + JUMP_M
+            || moved.rotation.angle().abs() > self.turn_radps * dt_s + JUMP_RAD
+    }
+}
+
 /// How a body is held.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Held {

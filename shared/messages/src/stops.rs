@@ -352,6 +352,12 @@ stops! {
         meaning: "the emergency stop was pressed, unplugged, or fell silent",
         advice: "look why; release it, or plug it in; guidedog resume, then a cue",
     }
+    RobotFell = 37, "robot_fell" {
+        class: Lock,
+        holds_a_cue: false, latched_by_locomotion: true,
+        meaning: "the robot has fallen",
+        advice: "look to the handler first; make the robot stand by its remote; guidedog resume, then a cue",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
@@ -398,7 +404,7 @@ mod tests {
             "odometry_contradicts",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
-        let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop"];
+        let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop", "robot_fell"];
         assert_eq!(names(StopKind::is_latched), latched);
         assert!(!StopKind::None.holds_a_cue() && !StopKind::None.is_latched());
     }

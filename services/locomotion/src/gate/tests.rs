@@ -1,7 +1,7 @@
 use super::{Gate, GateLimits};
 use messages::{
-    Cue, CueInForce, CueKind, EmergencyStop, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopInput,
-    StopKind, StopReason, Twist2,
+    Attitude, Cue, CueInForce, CueKind, EmergencyStop, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId,
+    StopInput, StopKind, StopReason, Twist2,
 };
 use settings::Settings;
 
@@ -288,6 +288,18 @@ fn a_stop_down_the_line_ends_with_the_run_that_comes_after_it() {
     fresh.epoch = 3;
     gate.take_permit(&fresh);
     assert_eq!(kind(&mut gate, 1000), StopKind::None);
+}
+
+#[test]
+fn a_robot_that_has_fallen_is_commanded_nothing_any_more() {
+    let mut gate = moving();
+    for ms in (1000..=1100).step_by(20) {
+        let attitude = Attitude::at_height(ms * MS, 1.5, 0.0, 0.3);
+        gate.take_odometry(&Odometry { header: header(ms, ms, 1), attitude, ..Odometry::default() });
+        gate.take_mode(&mode(ModeClass::Run, 2, ms));
+        gate.take_permit(&permit(ms, ms + 100));
+    }
+    assert_eq!(kind(&mut gate, 1100), StopKind::RobotFell);
 }
 
 #[test]

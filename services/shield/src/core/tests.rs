@@ -2,7 +2,7 @@ use super::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
 use messages::{
     Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause, PolicyAction,
-    Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, UnsafeCause,
+    Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, Twist2, UnsafeCause,
 };
 use settings::Settings;
 
@@ -141,6 +141,21 @@ fn where_something_held_the_robot_nobody_pushes_again() {
     let permit = core.on_action(1500 * MS, &action(3, 1)).expect("a verdict");
     assert_eq!(permit.unsafe_mask, 0b1100_0010, "forward, and the diagonals that lead there");
     assert_eq!(permit.outcome, Outcome::Stop);
+}
+
+#[test]
+fn who_walked_too_far_met_nothing() {
+    let mut core = ready();
+    core.on_action(1000 * MS, &action(2, 1)).expect("a verdict");
+    let fast = Odometry { twist: Twist2 { vx_mps: 1.0, ..Twist2::ZERO }, ..odometry(1290, 0.5) };
+    core.take_odometry(&fast);
+    let reason = StopReason::service(StopKind::OdometryContradicts, ServiceId::Odometry, 1);
+    core.take_mode(&Mode { epoch: 4, reason, header: header(1300, 2), ..mode(ModeClass::Fault, 0) });
+    core.take_mode(&Mode { epoch: 4, header: header(1400, 3), ..mode(ModeClass::Run, 0) });
+    core.take_odometry(&odometry(1490, 0.5));
+    core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+    core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
+    assert_eq!(core.on_action(1500 * MS, &action(3, 1)).expect("a verdict").unsafe_mask, 0);
 }
 
 #[test]
