@@ -40,6 +40,18 @@ fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
     assert_eq!(report["digest"].as_str().map(str::len), Some(64));
 }
 
+/// Nothing in a run's time begins with the physics' own.
+#[test]
+fn a_go2_walks_in_real_time_as_well() {
+    if !has_legs() {
+        return;
+    }
+    let place = Place::new();
+    let (report, _) = place.json(&["walk", "--physics", "mujoco", "--time-limit", "20s", "--json"]);
+    assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 1.0), "{report:#}");
+    place.assert_empty();
+}
+
 #[test]
 fn legs_that_cannot_be_used_are_told_before_anything_is_started() {
     if !has_legs() {

@@ -162,19 +162,25 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
     settings::check(settings).map_err(Failure::input)
 }
 
+/// The configuration on top of what is built in for the physics that is asked for: by the command line, or else by the
+/// configuration.
+fn load_for(asked: Option<PhysicsKind>, config: Option<&Path>) -> Result<Settings, Failure> {
+    let mut settings = load(Profile::Walk, config)?;
+    let physics = asked.unwrap_or(settings.simulation.physics);
+    if physics == PhysicsKind::Mujoco {
+        settings = load(Profile::Mujoco, config)?;
+        find_legs(&mut settings.simulation.mujoco)?;
+    }
+    settings.simulation.physics = physics;
+    Ok(settings)
+}
+
 /// The settings of a simulated walk, with the default scenario where none is named.
 ///
 /// # Errors
 /// As [`walk`].
 pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
-    let profile = if args.physics == Some(PhysicsKind::Mujoco) { Profile::Mujoco } else { Profile::Walk };
-    let mut settings = load(profile, args.pace.config.as_deref())?;
-    if let Some(physics) = args.physics {
-        settings.simulation.physics = physics;
-    }
-    if settings.simulation.physics == PhysicsKind::Mujoco {
-        find_legs(&mut settings.simulation.mujoco)?;
-    }
+    let mut settings = load_for(args.physics, args.pace.config.as_deref())?;
     if args.emulated {
         settings.emulate();
         settings::check(&settings).map_err(Failure::input)?;

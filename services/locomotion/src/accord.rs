@@ -8,9 +8,8 @@ use messages::{NS_PER_S, Odometry, Pose2, Twist2, s_from_ns};
 
 /// What was commanded, and what the velocities come to, are compared with what was seen over so long: a decision,
 const WINDOW_NS: u64 = NS_PER_S / 2;
-/// and over so long, where legs may be off by so many times as much.
-const LONG_WINDOW_NS: u64 = NS_PER_S;
-const LONG_OFF: f64 = 1.4;
+/// and over longer ones, in which legs may be off by so many times as much: they sway, and what lies goes on lying.
+const WINDOWS: [(u64, f64); 3] = [(WINDOW_NS, 1.0), (NS_PER_S, 1.4), (2 * NS_PER_S, 1.75)];
 /// A robot may answer a command after any of these, up to its own lag.
 const LAG_STEP_NS: u64 = NS_PER_S / 40;
 /// Slip, and a scale that is a little wrong: a way or a turn may be off by this share of it.
@@ -26,9 +25,11 @@ const GAP_NS: u64 = 100_000_000;
 const REACH_M: f64 = 1e6;
 /// or turns so often, radians.
 const REACH_RAD: f64 = 1e3;
-/// The most that is kept: the long window, the lag and odometry's age, at 100 Hz of poses and three times as many
+/// or moves so fast, metres and radians per second.
+const REACH_PER_S: f64 = 100.0;
+/// The most that is kept: the longest window, the lag and odometry's age, at 100 Hz of poses and three times as many
 /// wakes.
-const KEPT: usize = 640;
+const KEPT: usize = 1024;
 
 /// How a healthy robot answers a command, `[robot.response]`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -176,7 +177,7 @@ impl Accord {
     /// A pose has come: whether it contradicts what was commanded. One that no robot can have does, and nothing is
     /// held against it afterwards.
     pub fn contradicts(&mut self, odometry: &Odometry) -> bool {
-        if !is_believable(&odometry.odom_from_robot) {
+        if !is_believable(odometry) {
             self.forget_seen();
             return true;
         }
@@ -197,8 +198,7 @@ impl Accord {
         // On the way from the last pose it moved as the two velocities say.
         go_on(&mut self.told, stamp_ns, halfway(self.told_velocity, odometry.twist));
         self.told_velocity = odometry.twist;
-        let windows = [(WINDOW_NS, 1.0), (LONG_WINDOW_NS, LONG_OFF)];
-        let disobeys = windows.into_iter().any(|(window_ns, off)| self.obeys(stamp_ns, window_ns, off) == Some(false));
+        let disobeys = WINDOWS.into_iter().any(|(window_ns, off)| self.obeys(stamp_ns, window_ns, off) == Some(false));
         disobeys || self.is_one(stamp_ns) == Some(false)
     }
 
@@ -238,9 +238,16 @@ fn halfway(a: Twist2, b: Twist2) -> Twist2 {
     }
 }
 
-/// Whether a pose is one: finite, and within the reach of any robot.
-fn is_believable(pose: &Pose2) -> bool {
-    pose.is_finite() && pose.x_m.abs() < REACH_M && pose.y_m.abs() < REACH_M && pose.yaw_rad.abs() < REACH_RAD
+/// Whether a pose and a velocity are some: finite, and within the reach of any robot.
+fn is_believable(odometry: &Odometry) -> bool {
+    let (pose, twist) = (&odometry.odom_from_robot, &odometry.twist);
+    let numbers = [twist.vx_mps, twist.vy_mps, twist.wz_radps];
+    // What is no number is under nothing.
+    numbers.iter().all(|number| number.abs() < REACH_PER_S)
+        && pose.is_finite()
+        && pose.x_m.abs() < REACH_M
+        && pose.y_m.abs() < REACH_M
+        && pose.yaw_rad.abs() < REACH_RAD
 }
 
 /// An angle between two yaws, in (-pi, pi].
@@ -341,7 +348,8 @@ mod tests {
 
     /// As [`first`], of a robot on legs, whose odometry tells velocities.
     fn first_on_legs(pose: impl Fn(u64, Pose2) -> Pose2, twist: impl Fn(u64, Twist2) -> Twist2) -> Option<u64> {
-        let legs = Response { lag_ns: 300 * MS, way_off_m: 0.18, turn_off_rad: 0.40 };
+        // Those of config/profiles/mujoco.toml.
+        let legs = Response { lag_ns: 300 * MS, way_off_m: 0.20, turn_off_rad: 0.45 };
         let (mut accord, mut truth) = (Accord::new(legs), Pose2::default());
         for ms in (0..6000).step_by(20) {
             let command = Twist2 { wz_radps: if (ms / 1500) % 2 == 0 { 0.35 } else { -0.35 }, ..FORWARD };
@@ -380,12 +388,56 @@ mod tests {
 
     #[test]
     fn a_heading_that_is_frozen_or_mirrored_is_found_within_a_second() {
-        let frozen = |ms: u64, truth: Pose2| if ms < 3000 { truth } else { Pose2 { yaw_rad: 0.7, ..truth } };
+        // At 3000 ms it has turned to the left, and back: it looks ahead, give or take its sway.
+        let frozen_rad = std::cell::Cell::new(0.0);
+        let frozen = |ms: u64, truth: Pose2| {
+            if ms < 3000 {
+                frozen_rad.set(truth.yaw_rad);
+            }
+            Pose2 { yaw_rad: frozen_rad.get(), ..truth }
+        };
         let mirrored = |ms: u64, truth: Pose2| {
-            if ms < 3000 { truth } else { Pose2 { yaw_rad: super::wrapped(-truth.yaw_rad), ..truth } }
+            let yaw_rad = 2.0 * frozen_rad.get() - truth.yaw_rad;
+            if ms < 3000 { truth } else { Pose2 { yaw_rad: super::wrapped(yaw_rad), ..truth } }
         };
         for seen in [first_on_legs(frozen, |_, moves| moves), first_on_legs(mirrored, |_, moves| moves)] {
             assert!(seen.is_some_and(|seen| (3000..=4000).contains(&seen)), "{seen:?}");
+        }
+    }
+
+    #[test]
+    fn an_odometry_whose_velocities_lie_with_its_poses_is_found_by_the_commands_alone() {
+        let stands = Pose2::default();
+        let frozen = first_on_legs(|ms, truth| if ms < 1000 { truth } else { stands }, |_, _| Twist2::ZERO);
+        assert!(frozen.is_some_and(|seen| seen <= 3000), "{frozen:?}");
+        let held = std::cell::Cell::new(stands);
+        let frozen_where_it_was = first_on_legs(
+            |ms, truth| {
+                if ms < 3000 {
+                    held.set(truth);
+                }
+                held.get()
+            },
+            |ms, moves| if ms < 3000 { moves } else { Twist2::ZERO },
+        );
+        assert!(frozen_where_it_was.is_some_and(|seen| (3000..=5000).contains(&seen)), "{frozen_where_it_was:?}");
+    }
+
+    #[test]
+    fn a_velocity_that_is_none_is_forgotten_with_its_pose() {
+        let mut accord = Accord::new(RESPONSE);
+        let odometry = |ms: u64, vx_mps: f64| Odometry {
+            header: Header { stamp_ns: ms * MS, seq: ms, incarnation: 1, ..Header::default() },
+            twist: Twist2 { vx_mps, ..Twist2::ZERO },
+            ..Odometry::default()
+        };
+        for vx_mps in [f64::NAN, f64::NEG_INFINITY, 1e300] {
+            accord.commanded(1000 * MS, Twist2::ZERO);
+            assert!(accord.contradicts(&odometry(1000, vx_mps)), "{vx_mps}");
+        }
+        for ms in (1020..4000).step_by(20) {
+            accord.commanded(ms * MS, Twist2::ZERO);
+            assert!(!accord.contradicts(&odometry(ms, 0.0)), "{ms} ms");
         }
     }
 }

@@ -97,6 +97,8 @@ impl LeggedMotion {
         let person = Person::new(&model, person)?;
         let touches = Touches::new(&model)?;
         let mut data = MjData::new(Box::new(model));
+        // What follows from masses.
+        data.set_const();
         legs.pose(&mut data);
         person.pose(&mut data);
         let mut motion = Self {
@@ -176,9 +178,8 @@ impl LeggedMotion {
 
     fn attitude(&self) -> Attitude {
         let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
-        // A whole number of steps: nanoseconds of run time begin with the run.
-        let stamp_ns = messages::ns_from_s(self.steps as f64 * STEP_S).max(1);
-        Attitude { stamp_ns, roll_rad, pitch_rad, height_m: self.data.qpos()[2], standing_m: self.standing_m }
+        // It is known; when it was is for the publisher to say.
+        Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m: self.data.qpos()[2], standing_m: self.standing_m }
     }
 }
 

@@ -376,6 +376,9 @@ impl Core {
     /// Why nothing can be judged now, if so.
     fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
         let age = |stamp_ns: u64| age_ns(now_ns, stamp_ns);
+        if self.surroundings.attitude_is_missing() {
+            return Some(Outcome::StaleOdometry);
+        }
         let Some(scan) = self.surroundings.usable_scan() else { return Some(Outcome::InvalidScan) };
         if age(scan.stamp_ns) > self.config.scan_max_age_ns {
             return Some(Outcome::StaleScan);

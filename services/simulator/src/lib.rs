@@ -28,7 +28,7 @@ pub trait Motion {
     /// Where the world cannot go on.
     fn step(&mut self, command: Twist2) -> Result<(), TransportError>;
 
-    /// The truth; header and the command in force are left for the publisher.
+    /// The truth; header, the command in force and the stamp of a known attitude are left for the publisher.
     fn truth(&self) -> WorldTruth;
 
     /// Publishes what sensors see, where the world casts their rays itself.
@@ -146,7 +146,10 @@ impl<M: Motion> Simulator<M> {
     fn tick(&mut self, stamp_ns: u64) -> Result<(), TransportError> {
         self.motion.step(self.command)?;
         let (command, command_since_ns) = (self.command, self.command_since_ns);
-        let truth = WorldTruth { command, command_since_ns, ..self.motion.truth() };
+        let mut truth = WorldTruth { command, command_since_ns, ..self.motion.truth() };
+        if truth.attitude.is_known() {
+            truth.attitude.stamp_ns = stamp_ns;
+        }
         let truth = self.truths.publish(stamp_ns, truth)?;
         self.motion.sense(stamp_ns)?;
         self.reached |= self.goal.is_some_and(|goal| goal.reached(truth.world_from_robot));

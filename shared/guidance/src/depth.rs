@@ -20,6 +20,8 @@ const SWAYING_FLOOR_M: f64 = 0.05;
 const SWAYING_FLOOR_PER_M: f64 = 0.015;
 /// Rays that hardly lead ahead tell of no column.
 const AHEAD_MIN: f64 = 0.05;
+/// No camera has so many columns that are looked at, however it is turned.
+const COLUMNS_MAX: f64 = 4096.0;
 /// Of so many rows and looked-at columns one tells where the floor is.
 const FLOOR_OF: usize = 4;
 /// What is higher is over everybody's head, metres.
@@ -66,6 +68,9 @@ pub enum DepthError {
         /// Pixels looked at.
         looked_at: usize,
     },
+    /// Most of what is low lies below the floor that there should be: the attitude is wrong, or the floor falls away.
+    #[error("the floor is not where the attitude says")]
+    NoFloor,
     /// Focal length or mounting pose is not usable.
     #[error("the depth frame's {0} is not usable")]
     Geometry(&'static str),
@@ -263,7 +268,7 @@ impl DepthView {
         check(header, pixels_mm.len())?;
         match tilt {
             None => self.look_level(header, pixels_mm),
-            Some(tilt) => self.look_tilted(header, pixels_mm, tilt),
+            Some(tilt) => self.look_tilted(header, pixels_mm, tilt)?,
         }
         let looked_at = (header.width as usize).div_ceil(stride(header)) * header.height as usize;
         let known: usize = self.columns.iter().map(|column| column.known as usize).sum();
@@ -312,7 +317,7 @@ impl DepthView {
     }
 
     /// A pixel's column is the one in whose direction its ray leads over the floor.
-    fn look_tilted(&mut self, header: &DepthHeader, pixels_mm: &[u16], tilt: &Tilt) {
+    fn look_tilted(&mut self, header: &DepthHeader, pixels_mm: &[u16], tilt: &Tilt) -> Result<(), DepthError> {
         let mount = header.robot_from_camera;
         let camera = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
         let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
@@ -322,8 +327,8 @@ impl DepthView {
         let in_view =
             |axis: Vector3<f64>| Vector3::new(axis.xy().dot(&self.forward), self.forward.perp(&axis.xy()), axis.z);
         let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
-        self.lay_out(header, &axes);
-        let floor = self.find_floor(header, pixels_mm, &axes, camera.z);
+        self.lay_out(header, &axes)?;
+        let floor = self.find_floor(header, pixels_mm, &axes, camera.z)?;
         let (width, stride, spacing) = (header.width as usize, stride(header), stride(header) as f64 / header.fx_px);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
@@ -347,10 +352,11 @@ impl DepthView {
                 column.take(&pixel, camera.z, || agrees(pixels_mm, width, v * width + u));
             }
         }
+        Ok(())
     }
 
     /// Columns for all directions that the image reaches: as far apart as those that are looked at.
-    fn lay_out(&mut self, header: &DepthHeader, axes: &Axes) {
+    fn lay_out(&mut self, header: &DepthHeader, axes: &Axes) -> Result<(), DepthError> {
         let (right_px, bottom_px) = (header.width as usize - 1, header.height as usize - 1);
         let tangent = |u: usize, v: usize| {
             let ray = axes.ray(left_of(header, u), up_of(header, v));
@@ -360,15 +366,27 @@ impl DepthView {
             ([tangent(0, 0), tangent(0, bottom_px)], [tangent(right_px, 0), tangent(right_px, bottom_px)]);
         let (leftmost, rightmost) = (left[0].max(left[1]), right[0].min(right[1]));
         let spacing = stride(header) as f64 / header.fx_px;
-        let count = ((leftmost - rightmost).max(0.0) / spacing) as usize + 1;
+        let count = ((leftmost - rightmost).max(0.0) / spacing).round();
+        if count > COLUMNS_MAX {
+            self.clear();
+            return Err(DepthError::Geometry("focal length"));
+        }
+        let count = count as usize + 1;
         self.columns.extend((0..count).map(|i| Column::new(leftmost - i as f64 * spacing)));
         let reached = |column: &Column| column.left <= left[0].min(left[1]) && column.left >= right[0].max(right[1]);
         let first = self.columns.iter().position(reached).unwrap_or(0);
         let behind = self.columns.iter().rposition(reached).map_or(0, |last| last + 1);
         self.whole = first..behind.max(first);
+        Ok(())
     }
 
-    fn find_floor(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera_m: f64) -> Floor {
+    fn find_floor(
+        &mut self,
+        header: &DepthHeader,
+        pixels_mm: &[u16],
+        axes: &Axes,
+        camera_m: f64,
+    ) -> Result<Floor, DepthError> {
         let (width, step) = (header.width as usize, FLOOR_OF * stride(header));
         self.low.clear();
         for v in (0..header.height as usize).step_by(FLOOR_OF) {
@@ -379,7 +397,10 @@ impl DepthView {
                 self.low.push(Vector3::new(place.x, place.y, camera_m + seen.z));
             }
         }
-        Floor::of(&self.low)
+        Floor::of(&self.low).ok_or_else(|| {
+            self.clear();
+            DepthError::NoFloor
+        })
     }
 
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot

@@ -32,7 +32,7 @@ pub struct Discs {
 }
 
 impl Discs {
-    /// The most that there are: a robot of two and a handler, now, at the end, and the handler at rest.
+    /// The most that there are: a robot of two and a handler, now and at the end; the handler at rest; one to spare.
     pub const MAX: usize = 8;
 
     /// No disc yet.

@@ -11,7 +11,7 @@ use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::interaction::Interaction;
 use crate::memory::Memory;
 use crate::scan::Beams;
-use crate::se2::{Se2, exp, pose2, se2};
+use crate::se2::{Se2, exp, log, se2};
 use crate::seed::mixed;
 use judging::{Present, Sorted};
 
@@ -46,23 +46,20 @@ pub struct Reach {
 }
 
 impl Reach {
-    /// Where the robot stands that was to end a motion there, its way on from the motion's end.
-    fn stands_at(&self, robot_from_end: &Se2) -> Se2 {
-        let moved = pose2(robot_from_end);
-        // As far as the motion goes any way: the rest of a slow one overruns less.
-        let share = |way: f64, full: f64| (way / full).clamp(-1.0, 1.0);
+    /// Where the robot stands after a motion and a stop at its end.
+    fn stands_at(&self, motion: &Motion) -> Se2 {
+        let share = |goes: f64| (goes / FULL).clamp(-1.0, 1.0);
         let on = Pose2::new(
-            self.overrun_m[0] * share(moved.x_m, FULL_M),
-            self.overrun_m[1] * share(moved.y_m, FULL_M),
-            self.overrun_rad * share(moved.yaw_rad, FULL_RAD),
+            self.overrun_m[0] * share(motion.goes.vx_mps),
+            self.overrun_m[1] * share(motion.goes.vy_mps),
+            self.overrun_rad * share(motion.goes.wz_radps),
         );
-        robot_from_end * se2(on)
+        motion.robot * se2(on)
     }
 }
 
-/// A motion of this much or more overruns in full, metres and radians.
-const FULL_M: f64 = 0.05;
-const FULL_RAD: f64 = 0.05;
+/// Who goes as fast as this or faster overruns in full: metres and radians, a second or a decision.
+const FULL: f64 = 0.05;
 
 /// What a moment is judged on, all seen from where the robot is now.
 #[derive(Debug, Clone, Copy)]
@@ -90,6 +87,16 @@ pub struct Motion {
     pub robot: Se2,
     /// The handler at the end.
     pub handler: Se2,
+    /// Which way the robot goes as it ends; what is over [`FULL`] overruns in full.
+    pub goes: Twist2,
+}
+
+impl Motion {
+    /// A motion that ends as fast as it goes.
+    #[must_use]
+    pub fn new(robot: Se2, handler: Se2) -> Self {
+        Self { goes: log(&robot, 1.0), robot, handler }
+    }
 }
 
 /// What the shield found about one motion, and by which beam.
@@ -175,7 +182,7 @@ impl Shield {
     #[must_use]
     pub fn predict(handler: &HandlerEstimate, start_from_end: &Se2) -> Motion {
         let after = handler.model().step(handler.robot_from_handler(), start_from_end);
-        Motion { robot: *start_from_end, handler: start_from_end * after }
+        Motion::new(*start_from_end, start_from_end * after)
     }
 
     /// Judges every action of a table, beginning now (Kim et al. 2023, alg. 1 lines 2-11): bit *i* of the mask is set
@@ -229,7 +236,7 @@ impl Shield {
     pub fn remainder(handler: &HandlerEstimate, odom_from_robot: &Se2, velocity: Twist2, left_s: f64) -> Motion {
         let now_from_end = exp(velocity, left_s);
         let after = handler.ahead(odom_from_robot, &now_from_end, 1.0);
-        Motion { robot: now_from_end, handler: now_from_end * after }
+        Motion { robot: now_from_end, handler: now_from_end * after, goes: velocity }
     }
 }
 

@@ -12,10 +12,12 @@ const KEPT_NS: u64 = 2 * NS_PER_S;
 /// The robot is taken to move on with its last velocity for at most this long, seconds.
 const AHEAD_MAX_S: f64 = 0.2;
 
-/// A body is taken to sway on as it did between the last two attitudes for at most this long,
-const SWAY_AHEAD_NS: u64 = NS_PER_S / 33;
-/// and nobody knows how it is held so long after the last one, or between two that are so far apart.
+/// A body is taken to sway on for this long as it did for at least as long before.
+const SWAY_NS: u64 = NS_PER_S / 50;
+/// How it is held is not known so long after the last attitude, nor between two that are so far apart.
 const HELD_MAX_NS: u64 = NS_PER_S / 10;
+/// The most attitudes that are kept: at 500 Hz.
+const ATTITUDES_MAX: usize = 1024;
 
 /// A pose may be off by this much beyond what the robot can walk, metres.
 const JUMP_M: f64 = 0.30;
@@ -74,6 +76,8 @@ pub struct PoseTrack {
     poses: VecDeque<(u64, Se2)>,
     /// How the body was held, where a source tells it.
     attitudes: VecDeque<Attitude>,
+    /// Whether a source tells any.
+    tells_attitude: bool,
     newest: Option<Odometry>,
 }
 
@@ -82,6 +86,7 @@ impl PoseTrack {
     pub fn clear(&mut self) {
         self.poses.clear();
         self.attitudes.clear();
+        self.tells_attitude = false;
         self.newest = None;
     }
 
@@ -96,24 +101,31 @@ impl PoseTrack {
         while self.poses.front().is_some_and(|(at_ns, _)| at_ns.saturating_add(KEPT_NS) < stamp_ns) {
             self.poses.pop_front();
         }
-        self.push_attitude(odometry.attitude);
+        self.push_attitude(odometry.attitude, stamp_ns);
     }
 
-    fn push_attitude(&mut self, attitude: Attitude) {
-        if !attitude.is_known() || self.attitudes.back().is_some_and(|last| attitude.stamp_ns <= last.stamp_ns) {
-            return;
-        }
-        self.attitudes.push_back(attitude);
-        while self.attitudes.front().is_some_and(|at| at.stamp_ns.saturating_add(KEPT_NS) < attitude.stamp_ns) {
+    /// Takes an attitude of about the pose's own time: another says nothing, but that a source tells one.
+    fn push_attitude(&mut self, attitude: Attitude, pose_ns: u64) {
+        self.tells_attitude |= attitude.is_known();
+        while self.attitudes.front().is_some_and(|at| at.stamp_ns.saturating_add(KEPT_NS) < pose_ns) {
             self.attitudes.pop_front();
+        }
+        let is_of_now =
+            attitude.is_known() && attitude.is_usable() && attitude.stamp_ns.abs_diff(pose_ns) <= HELD_MAX_NS;
+        let is_newer = self.attitudes.back().is_none_or(|last| attitude.stamp_ns > last.stamp_ns);
+        if is_of_now && is_newer && self.attitudes.len() < ATTITUDES_MAX {
+            self.attitudes.push_back(attitude);
         }
     }
 
     /// How the body was held at a time: level where no source tells it, `None` where one does, but not of that time.
     #[must_use]
     pub fn held_at(&self, time_ns: u64) -> Option<Held> {
-        let Some(newest) = self.attitudes.back() else { return Some(Held::Level) };
-        let tilted = |attitude: &Attitude| Tilt::of(attitude).map(Held::Tilted);
+        if !self.tells_attitude {
+            return Some(Held::Level);
+        }
+        let newest = self.attitudes.back()?;
+        let tilted = |attitude: &Attitude| Tilt::of(attitude).filter(|_| attitude.is_usable()).map(Held::Tilted);
         if time_ns >= newest.stamp_ns {
             let ahead_ns = time_ns - newest.stamp_ns;
             return tilted(&self.swaying_on(newest, ahead_ns)).filter(|_| ahead_ns <= HELD_MAX_NS);
@@ -125,13 +137,15 @@ impl PoseTrack {
         tilted(&between(before, after, share)).filter(|_| apart_ns <= HELD_MAX_NS)
     }
 
+    /// As it swayed over the last bit of time: two attitudes that came at once tell of no sway.
     fn swaying_on(&self, newest: &Attitude, ahead_ns: u64) -> Attitude {
-        let before = self.attitudes.len().checked_sub(2).map(|i| self.attitudes[i]);
-        let Some(before) = before.filter(|before| newest.stamp_ns - before.stamp_ns <= HELD_MAX_NS) else {
+        let is_enough = |before: &&Attitude| newest.stamp_ns - before.stamp_ns >= SWAY_NS;
+        let Some(before) = self.attitudes.iter().rev().find(is_enough) else { return *newest };
+        let apart_ns = newest.stamp_ns - before.stamp_ns;
+        if apart_ns > HELD_MAX_NS {
             return *newest;
-        };
-        let ahead = ahead_ns.min(SWAY_AHEAD_NS) as f64 / (newest.stamp_ns - before.stamp_ns) as f64;
-        between(&before, newest, 1.0 + ahead)
+        }
+        between(before, newest, 1.0 + ahead_ns.min(SWAY_NS) as f64 / apart_ns as f64)
     }
 
     /// `odom_from_robot` at a time: between two poses on the way from one to the other, after the last one on with its
@@ -213,5 +227,32 @@ mod tests {
         assert!((pitch_rad(1050).expect("between two") - 0.025).abs() < 1e-9);
         assert!((pitch_rad(1100).expect("just after the last") - 0.05).abs() < 1e-9, "it sways on");
         assert_eq!((pitch_rad(1200), pitch_rad(900)), (None, None), "of another time");
+    }
+
+    #[test]
+    fn an_attitude_of_another_time_or_of_no_robot_is_not_taken_and_the_body_is_not_level_for_it() {
+        let at = |pose_ms: u64, attitude: Attitude| Odometry {
+            header: Header { stamp_ns: pose_ms * MS, ..Header::default() },
+            attitude,
+            ..Odometry::default()
+        };
+        let attitude = |ms: u64| Attitude { stamp_ns: ms * MS, ..Attitude::default() };
+        for wrong in [attitude(3_600_000), attitude(500), Attitude { roll_rad: 2.0, ..attitude(1000) }] {
+            let mut track = PoseTrack::default();
+            track.push(&at(1000, wrong));
+            assert_eq!(track.held_at(1000 * MS), None, "{wrong:?}");
+            track.push(&at(1020, attitude(1020)));
+            assert!(track.held_at(1020 * MS).is_some_and(|held| held.tilt().is_some()), "the next one counts");
+            // A source that tells no attitude any more has not made the body level.
+            (1..20).for_each(|i| track.push(&at(1020 + 20 * i, Attitude::default())));
+            assert_eq!(track.held_at(1400 * MS), None);
+        }
+        let mut track = PoseTrack::default();
+        // Two that came at once, a hundredth of a radian apart, are no sway.
+        track.push(&at(1000, attitude(1000)));
+        track.push(&at(1001, Attitude { pitch_rad: 0.01, ..attitude(1001) }));
+        let held = track.held_at(1025 * MS).expect("just after the last");
+        let down = held.tilt().map(|tilt| -tilt.direction(nalgebra::Vector3::x()).z);
+        assert!(down.is_some_and(|down| (down - 0.01).abs() < 1e-6), "{down:?}");
     }
 }

@@ -121,7 +121,7 @@ impl Moment {
 
     fn judge_with(&self, config: ShieldConfig) -> Judgement {
         let mut shield = Shield::new(config);
-        let motion = Motion { robot: se2(self.robot_end), handler: se2(self.handler_end) };
+        let motion = Motion::new(se2(self.robot_end), se2(self.handler_end));
         let mut judgements = Vec::new();
         let beams = self.beams();
         shield.judge_motions([motion].into_iter(), Evidence::scan(&beams), self.body(), &mut judgements);

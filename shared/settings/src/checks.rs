@@ -248,7 +248,7 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("robot.response.overrun_rad", response.overrun_rad, 0.0, 0.5),
         ("robot.body_height_m", settings.robot.body_height_m.get(), 0.05, 2.0),
         ("robot.response.lag", response.lag.s(), 0.0, 0.5),
-        // Where it may be farther off, a robot that stands still while it is to walk is not found.
+        // Where it may be farther off, a robot that stands while it is to walk is not found within two seconds.
         ("robot.response.way_off_m", response.way_off_m.get(), 0.01, 0.25),
         ("robot.response.turn_off_rad", response.turn_off_rad.get(), 0.01, 0.60),
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),

@@ -236,7 +236,7 @@ pub struct Robot {
 pub struct Response {
     /// Until it does what is commanded, its odometry's own age included.
     pub lag: Millis,
-    /// In half a second it is off by at most this whichever way, metres; in a second by 1.4 times as much.
+    /// In half a second it is off by at most this whichever way, metres; in one by 1.4 times as much, in two by 1.75.
     pub way_off_m: Positive,
     /// The same of its heading, radians.
     pub turn_off_rad: Positive,

@@ -76,7 +76,7 @@ fn handlers() -> Vec<Se2> {
 }
 
 fn motion(harness: &DelayedHarness, handler: &Se2, start_from_end: Se2) -> Motion {
-    Motion { robot: start_from_end, handler: start_from_end * harness.step(handler, &start_from_end) }
+    Motion::new(start_from_end, start_from_end * harness.step(handler, &start_from_end))
 }
 
 fn row(actions: &ActionTable, count: usize, times: u32) -> Result<Value, Failure> {

@@ -186,7 +186,7 @@ impl Judge {
         for action in &case.actions {
             let robot = se2(pose(action.motion));
             let after = model(&case.interaction, action.dt_s)?.step(&handler, &robot);
-            motions.push(Motion { robot, handler: robot * after });
+            motions.push(Motion::new(robot, robot * after));
         }
         let body = HandlerBody {
             center: Point::from(handler.translation.vector),

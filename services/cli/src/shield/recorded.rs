@@ -132,7 +132,7 @@ impl Study {
         let model = settings.interaction().map_err(Failure::of_input)?;
         let table = settings.policy.actions.table();
         let handler = model.robot_from_default();
-        let motion = |end: Se2| Motion { robot: end, handler: end * model.step(&handler, &end) };
+        let motion = |end: Se2| Motion::new(end, end * model.step(&handler, &end));
         let radius_m = settings.robot.radius_m.get();
         let mut radii_m: Vec<f64> = RADII_M.to_vec();
         if !radii_m.contains(&radius_m) {
@@ -268,7 +268,7 @@ impl Study {
             let radius_m = self.moves[i].robot_radius_m;
             let mut shield = self.shield(radius_m, RULES[0]);
             let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None };
-            let motions = [*moved, Se2::identity()].map(|end| Motion { robot: end, handler: end });
+            let motions = [*moved, Se2::identity()].map(|end| Motion::new(end, end));
             let evidence = Evidence::scan(&self.beams);
             shield.judge_motions(motions.into_iter(), evidence, alone, &mut self.judgements);
             let (judgement, moves) = (self.judgements[0], &mut self.moves[i]);

@@ -14,6 +14,8 @@ pub struct Surroundings {
     beams: Beams,
     scan: Option<Header>,
     scan_usable: bool,
+    /// Nobody tells how the body was held at the newest scan, though a source tells it at other times.
+    attitude_missing: bool,
     depth: DepthView,
     depth_header: Option<DepthHeader>,
     depth_usable: bool,
@@ -38,6 +40,7 @@ impl Surroundings {
             beams: Beams::default(),
             scan: None,
             scan_usable: false,
+            attitude_missing: false,
             depth: DepthView::default(),
             depth_header: None,
             depth_usable: false,
@@ -55,6 +58,7 @@ impl Surroundings {
     /// Takes in a scan: whether it can be used. The robot was on that track.
     pub fn take_scan(&mut self, header: &ScanHeader, ranges_m: &[f32], track: &PoseTrack) -> bool {
         let held = track.held_at(header.header.stamp_ns);
+        self.attitude_missing = held.is_none();
         self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok() && held.is_some();
         if let Some(tilt) = held.as_ref().and_then(Held::tilt) {
             self.stamped_beams.level(tilt, header.height_m);
@@ -150,6 +154,11 @@ impl Surroundings {
     /// The newest scan's header, where it can be used.
     pub fn usable_scan(&self) -> Option<Header> {
         self.scan.filter(|_| self.scan_usable)
+    }
+
+    /// Whether the newest scan cannot be used for want of the body's attitude.
+    pub fn attitude_is_missing(&self) -> bool {
+        self.attitude_missing
     }
 
     /// The newest depth frame's header.

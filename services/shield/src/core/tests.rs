@@ -1,8 +1,8 @@
 use super::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
 use messages::{
-    Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause, PolicyAction,
-    Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, Twist2, UnsafeCause,
+    Attitude, Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause,
+    PolicyAction, Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, Twist2, UnsafeCause,
 };
 use settings::Settings;
 
@@ -141,6 +141,43 @@ fn where_something_held_the_robot_nobody_pushes_again() {
     let permit = core.on_action(1500 * MS, &action(3, 1)).expect("a verdict");
     assert_eq!(permit.unsafe_mask, 0b1100_0010, "forward, and the diagonals that lead there");
     assert_eq!(permit.outcome, Outcome::Stop);
+}
+
+#[test]
+fn a_scan_of_a_time_whose_attitude_nobody_knows_is_judged_by_nobody() {
+    let attitude = |ms: u64, roll_rad: f64| Attitude::at_height(ms * MS, roll_rad, 0.0, 0.3);
+    let told = |core: &mut Core, ms: u64, attitude: Attitude| {
+        core.take_odometry(&Odometry { attitude, ..odometry(ms, 0.0) });
+    };
+    let outcome = |core: &mut Core| {
+        core.take_mode(&mode(ModeClass::Run, 1490));
+        core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+        core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
+        core.on_action(1500 * MS, &action(3, 1)).expect("a verdict").outcome
+    };
+    let mut core = ready();
+    told(&mut core, 1490, attitude(1490, 0.05));
+    assert_eq!(outcome(&mut core), Outcome::Granted, "it is known");
+    let mut core = ready();
+    told(&mut core, 1300, attitude(1300, 0.05));
+    told(&mut core, 1490, Attitude::default());
+    assert_eq!(outcome(&mut core), Outcome::StaleOdometry, "told once, and then not any more");
+    let mut core = ready();
+    told(&mut core, 1490, attitude(1300, 0.05));
+    assert_eq!(outcome(&mut core), Outcome::StaleOdometry, "of another time");
+    let mut core = ready();
+    told(&mut core, 1470, attitude(1470, 0.05));
+    told(&mut core, 1490, attitude(1490, 0.9));
+    assert_eq!(
+        outcome(&mut core),
+        Outcome::Granted,
+        "one of a robot on its side is not taken, and the last one is young"
+    );
+    let mut core = ready();
+    told(&mut core, 1490, attitude(1490, 0.9));
+    let mut health = messages::Health::default();
+    core.fill_health(&mut health);
+    assert_eq!(health.invalid_inputs, 1);
 }
 
 #[test]

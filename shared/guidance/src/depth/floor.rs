@@ -28,8 +28,16 @@ pub(super) struct Floor {
 
 impl Floor {
     /// The floor of places (robot frame: ahead, left, height over the level floor, metres): the most likely one, where
-    /// the attitude is off by as much as an attitude is.
-    pub(super) fn of(places: &[Vector3<f64>]) -> Self {
+    /// the attitude is off by as much as an attitude is. None where most of what is low lies below it: what stands
+    /// there could be taken for floor.
+    pub(super) fn of(places: &[Vector3<f64>]) -> Option<Self> {
+        let gate_m = |place: &&Vector3<f64>| OFF_MAX_M + SLOPE_MAX * place.xy().norm();
+        let near = || places.iter().filter(|place| place.xy().norm() <= REACH_M);
+        let on_floor = near().filter(|place| place.z.abs() <= gate_m(place)).count();
+        let below = near().filter(|place| place.z < -gate_m(place)).count();
+        if below > on_floor {
+            return None;
+        }
         let mut floor = Self::default();
         for round in 0..ROUNDS {
             let gate = |distance_m: f64| match round {
@@ -38,7 +46,7 @@ impl Floor {
             };
             floor = floor.fitted(places, gate);
         }
-        floor
+        Some(floor)
     }
 
     /// How high the floor is at a place, metres.
@@ -81,22 +89,28 @@ mod tests {
 
     #[test]
     fn an_attitude_that_is_a_degree_off_is_found() {
-        let floor = Floor::of(&places(|x, y| 0.01 + 0.017 * x - 0.009 * y));
+        let floor = Floor::of(&places(|x, y| 0.01 + 0.017 * x - 0.009 * y)).expect("a floor");
         assert!((floor.height_m(2.0, 0.5) - (0.01 + 0.034 - 0.0045)).abs() < 2e-3, "{floor:?}");
     }
 
     #[test]
     fn a_hole_does_not_tip_it_and_a_box_does_not_lift_it() {
-        let hole = Floor::of(&places(|x, _| if x > 1.5 { -0.3 } else { 0.0 }));
+        let hole = Floor::of(&places(|x, _| if x > 1.7 { -0.3 } else { 0.0 })).expect("a floor");
         assert!(hole.height_m(1.4, 0.0).abs() < 0.003, "{hole:?}");
-        let low = Floor::of(&places(|x, y| if x > 1.2 && y.abs() < 0.3 { 0.08 } else { 0.0 }));
+        let low = Floor::of(&places(|x, y| if x > 1.2 && y.abs() < 0.3 { 0.08 } else { 0.0 })).expect("a floor");
         assert!(low.height_m(1.2, 0.0).abs() < 0.015, "{low:?}");
     }
 
     #[test]
     fn it_never_slopes_further_than_an_attitude_is_off() {
-        let ramp = Floor::of(&places(|x, _| 0.083 * x));
+        let ramp = Floor::of(&places(|x, _| 0.083 * x)).expect("a floor");
         assert!(ramp.ahead <= SLOPE_MAX && ramp.off_m.abs() <= 0.03, "{ramp:?}");
-        assert_eq!(Floor::of(&[]), Floor::default());
+        assert_eq!(Floor::of(&[]), Some(Floor::default()));
+    }
+
+    #[test]
+    fn where_the_floor_falls_away_there_is_none_that_hides_what_stands_on_it() {
+        assert_eq!(Floor::of(&places(|x, _| -0.083 * x)), None, "a ramp of 1:12 down");
+        assert_eq!(Floor::of(&places(|x, y| -0.1 * x + if x > 1.2 && y.abs() < 0.2 { 0.15 } else { 0.0 })), None);
     }
 }

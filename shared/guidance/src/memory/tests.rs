@@ -60,7 +60,7 @@ fn judge_with(evidence: Evidence<'_>, body: HandlerBody, start_from_end: Pose2) 
     let robot = se2(start_from_end);
     let after = robot * Se2::translation(-0.75, -0.35);
     let mut judgements = Vec::new();
-    let motion = Motion { robot, handler: after };
+    let motion = Motion::new(robot, after);
     Shield::new(config()).judge_motions([motion].into_iter(), evidence, body, &mut judgements);
     judgements[0]
 }
@@ -466,7 +466,7 @@ proptest! {
         let mut shield = Shield::new(ShieldConfig { escape, ..config() });
         let mut judge = |memory: &Memory| {
             let (evidence, mut judgements) = (Evidence { memory: Some(memory), ..Evidence::scan(&open) }, Vec::new());
-            let motion = Motion { robot, handler: robot * Se2::translation(-0.75, -0.35) };
+            let motion = Motion::new(robot, robot * Se2::translation(-0.75, -0.35));
             shield.judge_motions([motion].into_iter(), evidence, handler(), &mut judgements);
             judgements[0]
         };

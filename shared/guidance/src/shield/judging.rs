@@ -128,7 +128,7 @@ impl<'a> Present<'a> {
     /// Robot and handler, now and at the end: where they stand after a stop there.
     fn discs(&self, motion: &Motion) -> Discs {
         let (mut discs, reach) = (self.now, &self.config.reach);
-        let stands_at = reach.stands_at(&motion.robot);
+        let stands_at = reach.stands_at(motion);
         push_robot(&mut discs, self.config, &stands_at);
         let handler = |center: Point| Disc { center, radius_m: self.handler_disc.radius_m };
         discs.push(handler(place(&motion.handler)));
