@@ -260,9 +260,12 @@ impl HandlerEstimate {
         let (mut through, mut passing) = (0usize, 0usize);
         for beam in beams.beams() {
             let beside = beam.direction.perp(&to_center).abs();
-            if beam.direction.dot(&to_center) > 0.0 && beside <= inner_m && beam.kind != BeamKind::Unknown {
+            let passes = beam.reading_m > distance + self.radius_m();
+            // A beam that met the floor before the handler says as little as one that says nothing.
+            let tells = beam.kind == BeamKind::Hit || beam.kind == BeamKind::Free && passes;
+            if beam.direction.dot(&to_center) > 0.0 && beside <= inner_m && tells {
                 through += 1;
-                passing += usize::from(beam.reading_m > distance + self.radius_m());
+                passing += usize::from(passes);
             }
         }
         through >= HITS_MIN && passing as f64 >= PASSING_SHARE * through as f64

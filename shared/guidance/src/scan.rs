@@ -159,7 +159,7 @@ impl Beams {
     }
 
     /// The readings as a lidar over the level floor would tell them, in the lidar's order, metres: NaN where a beam
-    /// says nothing, infinite where it met nothing.
+    /// says nothing, infinite where it met nothing but floor.
     pub fn ranges_m(&self, ranges_m: &mut Vec<f32>) {
         ranges_m.clear();
         ranges_m.extend((0..self.beams.len()).map(|i| {

@@ -87,7 +87,7 @@ pub struct Motion {
     pub robot: Se2,
     /// The handler at the end.
     pub handler: Se2,
-    /// Which way the robot goes as it ends; what is over [`FULL`] overruns in full.
+    /// Which way the robot goes as it ends: what is over 5 cm/s or 0.05 rad/s overruns in full.
     pub goes: Twist2,
 }
 
