@@ -65,7 +65,7 @@ fn who_sends_what_is_no_frame_is_cut_off_and_told() {
         (Head { width: 1280, height: 720, ..sound }.bytes().to_vec(), "is over depth.width x depth.height"),
         (Head { focal_px: [f32::NAN; 2], ..sound }.bytes().to_vec(), "no camera is like that"),
         (frame(Head { taken_ns: u64::MAX, ..sound }), "is it that of CLOCK_MONOTONIC?"),
-        // The same frame twice is no news: whoever sends it is still heard.
+        // A repeated frame is dropped, and its sender stays connected.
         (
             [frame(sound), frame(sound), Head { width: 5001, ..sound }.bytes().to_vec()].concat(),
             "a frame of 5001 x 2 pixels",

@@ -5,20 +5,12 @@ use std::fs;
 use guidedog_tests::{Place, has_legs};
 use serde_json::Value;
 
+use crate::walks::walk;
+
 /// Faults of a walk but the boot.
 fn faults(report: &Value) -> Vec<&Value> {
     let stops = report["stops"].as_array().expect("stops");
     stops.iter().filter(|stop| stop["class"] == "fault" && stop["reason"] != "boot").collect()
-}
-
-fn walk(scenario: &str, more: &[&str]) -> Value {
-    let place = Place::new();
-    let mut args = vec!["walk", "--physics", "mujoco", "--scenario", scenario, "--speed", "0", "--json"];
-    args.extend(more);
-    let (report, code) = place.json(&args);
-    assert_eq!(code, 0, "{scenario}: {report:#}");
-    place.assert_empty();
-    report
 }
 
 #[test]
@@ -26,14 +18,14 @@ fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
     if !has_legs() {
         return;
     }
-    let report = walk("corridor", &[]);
+    let report = walk("corridor", &["--physics", "mujoco"]);
     assert_eq!(report["reached"], true, "{report:#}");
     for who in ["robot", "handler", "hit_by_others"] {
         assert_eq!(report["collisions"][who], 0, "{who}");
     }
     assert_eq!(report["missed_decisions"], 0);
     assert_eq!(faults(&report), Vec::<&Value>::new());
-    let again = walk("corridor", &[]);
+    let again = walk("corridor", &["--physics", "mujoco"]);
     for key in ["digest", "decisions", "verdicts", "stops", "distance_m", "duration_s"] {
         assert_eq!(report[key], again[key], "{key}");
     }

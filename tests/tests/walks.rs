@@ -15,7 +15,7 @@ fn assert_good(report: &Value, scenario: &str, distance_m: f64) {
     assert!(lost.values().all(|n| n == 0), "{scenario}: {lost:?}");
 }
 
-fn walk(scenario: &str, more: &[&str]) -> Value {
+pub(crate) fn walk(scenario: &str, more: &[&str]) -> Value {
     let place = Place::new();
     let mut args = vec!["walk", "--scenario", scenario, "--speed", "0", "--json"];
     args.extend(more);

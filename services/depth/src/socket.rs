@@ -188,7 +188,7 @@ impl Program {
         if run_ns > io.now_ns() {
             return Err("a frame's time is in the future: is it that of CLOCK_MONOTONIC?".to_owned());
         }
-        // A camera's library may give the same frame twice: that is no news, and no reason to send the program away.
+        // A camera's library may return the same frame twice. It is dropped, and the program stays connected.
         let is_new = head.taken_ns > self.last_ns;
         self.last_ns = self.last_ns.max(head.taken_ns);
         Ok(is_new.then_some(run_ns))

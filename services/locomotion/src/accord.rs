@@ -6,18 +6,18 @@ use std::collections::VecDeque;
 
 use messages::{NS_PER_S, Odometry, Pose2, Twist2, s_from_ns};
 
-/// What was commanded, and what the velocities come to, are compared with what was seen over so long: a decision,
+/// Motions are compared over this window: one decision,
 const WINDOW_NS: u64 = NS_PER_S / 2;
-/// and over longer ones, in which legs may be off by so many times as much: they sway, and what lies goes on lying.
+/// and over longer windows, each with a factor on the tolerance. Sway is bounded; a false odometry drifts on.
 const WINDOWS: [(u64, f64); 3] = [(WINDOW_NS, 1.0), (NS_PER_S, 1.4), (2 * NS_PER_S, 1.75)];
 /// A robot may answer a command after any of these, up to its own lag.
 const LAG_STEP_NS: u64 = NS_PER_S / 40;
 /// Slip, and a scale that is a little wrong: a way or a turn may be off by this share of it.
 const SHARE: f64 = 0.2;
-/// Pose and velocity of an odometry are off each other by no more than this in a window, metres and radians,
+/// Tolerance between the poses and the velocities of one odometry in a window, metres and radians,
 const OWN_WAY_M: f64 = 0.05;
 const OWN_TURN_RAD: f64 = 0.10;
-/// and this share.
+/// and as a share of the motion.
 const OWN_SHARE: f64 = 0.25;
 /// Poses further apart than this tell of no window between them.
 const GAP_NS: u64 = 100_000_000;
@@ -143,7 +143,7 @@ impl Bounds {
         }
     }
 
-    /// Whether a motion is between them, give or take so much and a share. What is no number is between nothing.
+    /// Whether a motion lies between them, within a tolerance and a share of the motion. NaN never does.
     fn hold(&self, motion: [f64; 3], (way_m, turn_rad): (f64, f64), share: f64) -> bool {
         let greatest = |i: usize| self.least[i].abs().max(self.most[i].abs());
         let way_m = way_m + share * greatest(0).hypot(greatest(1));
@@ -220,8 +220,8 @@ impl Accord {
         Some(bounds.hold(seen, (off * way_off_m, off * turn_off_rad), SHARE))
     }
 
-    /// Whether its poses go where its velocities lead: what freezes or drifts in one of the two is seen whatever the
-    /// legs do. One that tells no velocities, but zeros, cannot be asked.
+    /// Whether its poses agree with its velocities. This finds a freeze or a drift in one of them, however the legs
+    /// move. It is skipped for a source that sends only zeros as velocities.
     fn is_one(&self, stamp_ns: u64) -> Option<bool> {
         let from_ns = stamp_ns.checked_sub(WINDOW_NS)?;
         let (seen, told) = (motion(&self.seen, from_ns, stamp_ns)?, motion(&self.told, from_ns, stamp_ns)?);

@@ -1,13 +1,13 @@
-//! Whether the robot has fallen, as far as its attitude tells: pure, times come in.
+//! Detects a fall from the attitude. Pure: times come in with the inputs.
 
 use messages::{Attitude, NS_PER_S, Odometry};
 
 /// No robot that leans so far comes back onto its legs by itself, radians.
 const LEANS_RAD: f64 = 0.70;
-/// It leans for so long before it counts: one reading that is wrong is none.
+/// It must lean for this long, so that a single wrong reading does not count.
 const LEANS_NS: u64 = NS_PER_S / 10;
 
-/// What is known of the robot's leaning.
+/// Watches how far the robot leans.
 #[derive(Debug, Default)]
 pub struct Fall {
     /// Stamp since which every attitude leans.
@@ -15,7 +15,7 @@ pub struct Fall {
 }
 
 impl Fall {
-    /// An attitude has come: whether the robot lies.
+    /// Takes the newest attitude. Returns whether the robot has fallen.
     pub fn has_fallen(&mut self, odometry: &Odometry) -> bool {
         let Attitude { stamp_ns, roll_rad, pitch_rad, .. } = odometry.attitude;
         let is_angle = |rad: f64| rad.abs() <= std::f64::consts::PI;
@@ -55,8 +55,8 @@ mod tests {
         let mut fall = Fall::default();
         for ms in (1000..3000).step_by(20) {
             assert!(!fall.has_fallen(&at(ms, 0.2 * (ms as f64).sin(), -0.2)), "{ms}");
-            assert!(!fall.has_fallen(&at(0, -1.5, 0.0)), "nobody tells it");
-            assert!(!fall.has_fallen(&at(ms, f64::NAN, 1e9)), "no angles");
+            assert!(!fall.has_fallen(&at(0, -1.5, 0.0)), "no source reports it");
+            assert!(!fall.has_fallen(&at(ms, f64::NAN, 1e9)), "these are not angles");
         }
     }
 }

@@ -199,7 +199,7 @@ impl Gate {
     }
 
     /// Odometry has come. One that contradicts what was commanded stops the robot until the epoch is greater: nobody
-    /// knows which of the two lies. One of a robot that lies on its side locks the run.
+    /// knows which of the two lies. One that shows a fallen robot locks the run.
     pub fn take_odometry(&mut self, odometry: &Odometry) {
         let (fell, contradicts) = (self.fall.has_fallen(odometry), self.accord.contradicts(odometry));
         let stops = match (fell, contradicts) {

@@ -68,7 +68,7 @@ struct Sensors {
 /// What keeps the world from beginning.
 #[derive(Debug, thiserror::Error)]
 pub enum MotionError {
-    /// Whoever starts the run names the files.
+    /// The settings do not name a file.
     #[error("simulation.mujoco.{0} names no file")]
     NoFile(&'static str),
     /// The scene cannot be built.
@@ -97,7 +97,7 @@ impl LeggedMotion {
         let person = Person::new(&model, person)?;
         let touches = Touches::new(&model)?;
         let mut data = MjData::new(Box::new(model));
-        // What follows from masses.
+        // Recomputes what MuJoCo derives from the masses.
         data.set_const();
         legs.pose(&mut data);
         person.pose(&mut data);
@@ -140,7 +140,7 @@ impl LeggedMotion {
         Ok(self)
     }
 
-    /// Lets people walk for a quantum: whether one of them wants to walk through robot or handler.
+    /// Lets people walk for one quantum. Returns whether robot or handler blocks one of them.
     fn move_people(&mut self) -> bool {
         let at = [self.world_from_robot(), self.person.place(&self.data)];
         let agent = |i: usize| Agent { at: Point::new(at[i].x_m, at[i].y_m), radius_m: self.radii_m[i] };
@@ -178,7 +178,7 @@ impl LeggedMotion {
 
     fn attitude(&self) -> Attitude {
         let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
-        // It is known; when it was is for the publisher to say.
+        // Any stamp marks it as known. The publisher sets the real one.
         Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m: self.data.qpos()[2], standing_m: self.standing_m }
     }
 }

@@ -161,7 +161,7 @@ impl Person {
         (self.config.reaction_s / STEP_S) as usize
     }
 
-    /// What was felt so many steps ago, and how the handle moved then, m/s.
+    /// What the handler felt `steps_ago` steps ago, and the velocity of the handle then, m/s.
     fn felt(&self, steps_ago: usize) -> (Felt, Vector2<f64>) {
         let last = self.felt.len() - 1;
         let [then, before] = [steps_ago, steps_ago + FELT_STEPS].map(|steps| self.felt[steps.min(last)]);

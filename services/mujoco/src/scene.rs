@@ -89,7 +89,7 @@ impl Scene<'_> {
     }
 }
 
-/// Makes the robot so many times as heavy: all bodies but the world and the handler.
+/// Scales the mass and inertia of the robot: of all bodies except the world and the handler.
 pub fn scale_mass(model: &mut MjModel, scale: f64) {
     let handler = model.name_to_id(MjtObjBase::mjOBJ_BODY, BODY);
     for body in (1..model.body_mass().len()).filter(|body| Some(*body) != handler) {
@@ -154,12 +154,12 @@ fn add_person(still: &mut MjsBody, person: PersonConfig) {
     geom.set_mass(person.mass_kg);
 }
 
-/// Name of the body of somebody who walks in the world.
+/// Name of a pedestrian's body in the model.
 pub(crate) fn passer(number: usize) -> String {
     format!("passer_{number}")
 }
 
-/// Somebody who walks a path of their own, whatever pushes them.
+/// Adds a pedestrian. It follows its path; contacts do not move it.
 fn add_passer(still: &mut MjsBody, number: usize, radius_m: f64) {
     let body = still.add_body().with_name(&passer(number));
     body.set_mocap(true);

@@ -6,7 +6,7 @@ use mujoco_rs::prelude::*;
 use crate::person::BODY;
 use crate::scene::{self, SceneError};
 
-/// A touch is over once nothing has been touched for so many steps of the physics: half a second.
+/// A touch ends after this many steps of the physics without contact: half a second.
 const RELEASE_STEPS: u32 = 200;
 
 /// Counts one's collisions.
@@ -37,7 +37,7 @@ enum Owner {
     Handler,
     Floor,
     World,
-    /// Somebody who walks.
+    /// A pedestrian.
     Passer,
 }
 
@@ -93,13 +93,13 @@ impl Touches {
         self.handler.count
     }
 
-    /// Times that somebody walked into robot or handler.
+    /// Collisions caused by pedestrians.
     #[must_use]
     pub fn by_others(&self) -> u32 {
         self.by_others.count
     }
 
-    /// Looks at the contacts of a step; somebody wants to walk through robot or handler where `is_walked_into`.
+    /// Counts the contacts of a step. `is_walked_into`: a pedestrian walks into robot or handler, and causes them.
     pub fn look(&mut self, data: &MjData<Box<MjModel>>, is_walked_into: bool) {
         let (mut robot, mut handler) = (false, false);
         for contact in data.contact() {
@@ -107,7 +107,7 @@ impl Touches {
             for (one, other) in [(pair[0], pair[1]), (pair[1], pair[0])] {
                 let meets = other == Owner::World || other == Owner::Passer && !is_walked_into;
                 robot |= match one {
-                    // A robot that lies on the floor has fallen.
+                    // Its body on the floor is a fall.
                     Owner::Robot => meets || other == Owner::Floor,
                     Owner::Leg => meets,
                     _ => false,

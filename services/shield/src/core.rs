@@ -3,6 +3,7 @@
 mod plausible;
 mod surroundings;
 
+use guidance::contact;
 use guidance::handler::{HandlerLimits, Sighting};
 use guidance::se2::{pose2, se2};
 use guidance::shield::{choose, suppress};
@@ -156,7 +157,7 @@ impl Core {
         if is_fault
             && is_new
             && let Some(running) = self.running.filter(|running| running.drawn == Outcome::Granted)
-            && self.odometry.is_some_and(|odometry| falls_short(&running.velocity, &odometry.twist))
+            && self.odometry.is_some_and(|odometry| contact::falls_short(&running.velocity, &odometry.twist))
         {
             // Whatever held the robot is met again where this action leads, whoever gives the next cue.
             let action = self.config.table.actions()[running.index].start_from_end();
@@ -515,19 +516,6 @@ fn explain(judgement: &Judgement, permit: &mut Permit) {
     (permit.reading_m, permit.threshold_m) = (judgement.reading_m, judgement.threshold_m);
     permit.unsafe_cause = judgement.cause;
     permit.unseen_area_m2 = judgement.unseen_area_m2;
-}
-
-/// Of a velocity that is obeyed, more than this share is seen.
-const OBEYED: f64 = 0.3;
-/// About how far the handler is from the robot, metres: so far a turn of a radian moves them.
-const ARM_M: f64 = 0.83;
-
-/// Whether a robot moves far less than it is commanded: something holds it. One that moves too much met nothing. An
-/// odometry that tells no velocity cannot excuse it.
-fn falls_short(commanded: &Twist2, seen: &Twist2) -> bool {
-    let along =
-        |a: &Twist2, b: &Twist2| a.vx_mps * b.vx_mps + a.vy_mps * b.vy_mps + ARM_M * ARM_M * a.wz_radps * b.wz_radps;
-    along(commanded, seen) < OBEYED * along(commanded, commanded)
 }
 
 /// Whether the numbers are probabilities that sum to 1.

@@ -3,6 +3,8 @@
 
 use std::collections::VecDeque;
 
+use messages::Twist2;
+
 use crate::se2::Se2;
 
 /// Ends of motions that are so near to each other are the same, metres; a radian counts as the handler's arm.
@@ -51,6 +53,15 @@ impl Contacts {
 pub fn comes_about(begin_from_end: &Se2, begin_from_there: &Se2) -> bool {
     let meant_m = apart_m(&Se2::identity(), begin_from_end);
     meant_m == 0.0 || apart_m(begin_from_there, begin_from_end) < (1.0 - COMES_ABOUT) * meant_m
+}
+
+/// Whether a robot moves far less than it is commanded (both robot frame): something holds it. A robot that moves too
+/// much met nothing. An odometry that tells no velocity excuses nothing.
+#[must_use]
+pub fn falls_short(commanded: &Twist2, seen: &Twist2) -> bool {
+    let along =
+        |a: &Twist2, b: &Twist2| a.vx_mps * b.vx_mps + a.vy_mps * b.vy_mps + ARM_M * ARM_M * a.wz_radps * b.wz_radps;
+    along(commanded, seen) < COMES_ABOUT * along(commanded, commanded)
 }
 
 fn apart_m(a: &Se2, b: &Se2) -> f64 {

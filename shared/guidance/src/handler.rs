@@ -261,7 +261,7 @@ impl HandlerEstimate {
         for beam in beams.beams() {
             let beside = beam.direction.perp(&to_center).abs();
             let passes = beam.reading_m > distance + self.radius_m();
-            // A beam that met the floor before the handler says as little as one that says nothing.
+            // A beam that met the floor before the handler is as good as an unknown one.
             let tells = beam.kind == BeamKind::Hit || beam.kind == BeamKind::Free && passes;
             if beam.direction.dot(&to_center) > 0.0 && beside <= inner_m && tells {
                 through += 1;

@@ -16,8 +16,8 @@ const ANGLE_MAX_RAD: f64 = 1e4;
 /// A lidar that is less exact is none, metres: the handler's mask is three times as wide.
 pub const SIGMA_MAX_M: f64 = 0.1;
 
-/// A beam that ends lower than this over the level floor met the floor, metres; and metres more per metre of range, for
-/// what an attitude is off.
+/// A beam that ends lower than this met the floor: a height over the level floor, metres, and an increase per metre of
+/// range for the error of the attitude.
 const FLOOR_M: f64 = 0.10;
 const FLOOR_PER_M: f64 = 0.02;
 
@@ -139,11 +139,11 @@ impl Beams {
         Ok(())
     }
 
-    /// The beams were those of a lidar so high on a body that was held so: from now on they are those over the level
-    /// floor. One that met the floor, or would have, is free up to there, and says nothing of what is behind. Without a
-    /// height (0) nobody knows which did.
+    /// Projects the beams of a lidar on a tilted body to the level floor. `height_m` is the height of the lidar's plane
+    /// on a level body. A beam that met the floor, or would have, is free up to there and unknown behind. With a height
+    /// of 0 (not known) no beam counts as one that met the floor.
     ///
-    /// Beams keep their bearings: at 5 degrees of roll and pitch they are off by less than half a degree.
+    /// Beams keep their bearings: at 5 degrees of roll and pitch the error is below half a degree.
     pub fn level(&mut self, tilt: &Tilt, height_m: f64) {
         let lidar_m = tilt.place(Point3::new(self.origin.x, self.origin.y, height_m)).z;
         for beam in self.beams.iter_mut().filter(|beam| beam.kind != BeamKind::Unknown) {
@@ -158,8 +158,8 @@ impl Beams {
         self.sort_readings();
     }
 
-    /// The readings as a lidar over the level floor would tell them, in the lidar's order, metres: NaN where a beam
-    /// says nothing, infinite where it met nothing but floor.
+    /// The readings that a lidar over the level floor would give, in the lidar's order, metres: NaN for an unknown
+    /// beam, infinite for a beam that met nothing but floor.
     pub fn ranges_m(&self, ranges_m: &mut Vec<f32>) {
         ranges_m.clear();
         ranges_m.extend((0..self.beams.len()).map(|i| {
@@ -378,7 +378,7 @@ fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
     Ok(())
 }
 
-/// How far a beam that rises by `rise` per metre can tell anything but floor, metres.
+/// Range at which a beam that rises by `rise` per metre reaches the floor, metres.
 fn to_floor_m(lidar_m: f64, rise: f64) -> f64 {
     let falls = FLOOR_PER_M - rise;
     if falls > 0.0 { (lidar_m - FLOOR_M).max(0.0) / falls } else { f64::INFINITY }
@@ -515,7 +515,7 @@ pub(crate) mod tests {
         let mut told = Vec::new();
         beams.ranges_m(&mut told);
         assert_eq!((told.len(), told[beams.number_of(front)]), (360, f32::INFINITY));
-        // Nobody knows how high the lidar is: nothing is taken for floor.
+        // The height of the lidar is not known: no beam counts as one that met the floor.
         beams.fill(&header(), &ranges).expect("usable");
         beams.level(&tilt, 0.0);
         assert_eq!(beams.beams()[front].kind, BeamKind::Hit);

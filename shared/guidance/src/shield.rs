@@ -28,20 +28,21 @@ pub struct ShieldConfig {
     pub escape: bool,
     /// Largest unseen part of the hull, square metres; `None`: it makes nothing unsafe by itself.
     pub unseen_limit_m2: Option<f64>,
-    /// What the robot is beside one disc that stands where it is commanded to.
+    /// Shape of the robot, and where robot and handler come to rest.
     pub reach: Reach,
 }
 
-/// How far a body on legs, and who is led by it, reach beyond a disc that stands at once where it is commanded to.
+/// Shape of the robot, and where robot and handler come to rest after a stop. The default is one disc that stands at
+/// once.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Reach {
     /// Two discs stand for the body, so far ahead of its middle and behind it, metres; 0 is one disc.
     pub nose_m: f64,
-    /// After a command of zero the robot goes on by so much, ahead or back and to either side, metres,
+    /// Overrun after a command of zero at full speed: along the body's axis, and across it, metres.
     pub overrun_m: [f64; 2],
-    /// and turns on by so much, radians.
+    /// Overrun of a turn, radians.
     pub overrun_rad: f64,
-    /// Where the handler comes to rest, seen from a robot that stands; without it the hull ends with the motion.
+    /// Where the handler comes to rest (robot frame). None: the hull ends with the motion.
     pub robot_from_rest: Option<Se2>,
 }
 
@@ -58,7 +59,7 @@ impl Reach {
     }
 }
 
-/// Who goes as fast as this or faster overruns in full: metres and radians, a second or a decision.
+/// From this speed on the overrun is full: metres and radians, per second or per decision.
 const FULL: f64 = 0.05;
 
 /// What a moment is judged on, all seen from where the robot is now.
@@ -87,12 +88,12 @@ pub struct Motion {
     pub robot: Se2,
     /// The handler at the end.
     pub handler: Se2,
-    /// Which way the robot goes as it ends: what is over 5 cm/s or 0.05 rad/s overruns in full.
+    /// Velocity at the end (robot frame), which scales the overrun: it is full from 5 cm/s and 0.05 rad/s on.
     pub goes: Twist2,
 }
 
 impl Motion {
-    /// A motion that ends as fast as it goes.
+    /// A motion at constant velocity to its end.
     #[must_use]
     pub fn new(robot: Se2, handler: Se2) -> Self {
         Self { goes: log(&robot, 1.0), robot, handler }

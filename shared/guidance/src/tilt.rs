@@ -1,4 +1,4 @@
-//! How the body is held over the level robot frame: what sensors on it measure is taken through it.
+//! The tilt of the body over the level robot frame. Measurements of its sensors are transformed by it.
 
 use messages::Attitude;
 use nalgebra::{Point3, Rotation3, Vector3};

@@ -12,9 +12,9 @@ const KEPT_NS: u64 = 2 * NS_PER_S;
 /// The robot is taken to move on with its last velocity for at most this long, seconds.
 const AHEAD_MAX_S: f64 = 0.2;
 
-/// A body is taken to sway on for this long as it did for at least as long before.
+/// An attitude is extrapolated by at most this, from two that are at least this far apart.
 const SWAY_NS: u64 = NS_PER_S / 50;
-/// How it is held is not known so long after the last attitude, nor between two that are so far apart.
+/// The attitude is unknown this long after the last one, and between two that are farther apart.
 const HELD_MAX_NS: u64 = NS_PER_S / 10;
 /// The most attitudes that are kept: at 500 Hz.
 const ATTITUDES_MAX: usize = 1024;
@@ -23,7 +23,7 @@ const ATTITUDES_MAX: usize = 1024;
 const JUMP_M: f64 = 0.30;
 /// And its yaw by this much, radians.
 const JUMP_RAD: f64 = 0.60;
-/// Whatever the configuration says, a robot may be carried as fast as this, m/s and rad/s.
+/// Lower bounds of both limits: a robot may be carried this fast, m/s and rad/s.
 const CARRIED: (f64, f64) = (2.0, 2.5);
 
 /// How fast a robot can walk and turn.
@@ -40,7 +40,7 @@ impl Pace {
         Self { speed_mps: speed_mps.max(CARRIED.0), turn_radps: turn_radps.max(CARRIED.1) }
     }
 
-    /// Whether nobody can have come from one pose to the next: what was placed before it has no place any more.
+    /// Whether the second pose is out of reach from the first: a jump, which voids everything placed before it.
     #[must_use]
     pub fn is_exceeded(&self, from: &Odometry, to: &Odometry) -> bool {
         let dt_s = s_from_ns(to.header.stamp_ns.saturating_sub(from.header.stamp_ns));
@@ -104,7 +104,7 @@ impl PoseTrack {
         self.push_attitude(odometry.attitude, stamp_ns);
     }
 
-    /// Takes an attitude of about the pose's own time: another says nothing, but that a source tells one.
+    /// Takes an attitude whose stamp is close to the pose's. Any other only shows that a source exists.
     fn push_attitude(&mut self, attitude: Attitude, pose_ns: u64) {
         self.tells_attitude |= attitude.is_known();
         while self.attitudes.front().is_some_and(|at| at.stamp_ns.saturating_add(KEPT_NS) < pose_ns) {
@@ -137,7 +137,7 @@ impl PoseTrack {
         tilted(&between(before, after, share)).filter(|_| apart_ns <= HELD_MAX_NS)
     }
 
-    /// As it swayed over the last bit of time: two attitudes that came at once tell of no sway.
+    /// Extrapolates the newest attitude. Two attitudes that came at nearly the same time give no usable rate.
     fn swaying_on(&self, newest: &Attitude, ahead_ns: u64) -> Attitude {
         let is_enough = |before: &&Attitude| newest.stamp_ns - before.stamp_ns >= SWAY_NS;
         let Some(before) = self.attitudes.iter().rev().find(is_enough) else { return *newest };

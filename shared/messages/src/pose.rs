@@ -63,7 +63,7 @@ mirrored! {
 }
 
 impl Attitude {
-    /// No robot walks on while it leans further, radians.
+    /// An attitude beyond this is not usable, radians.
     pub const MAX_RAD: f64 = std::f64::consts::FRAC_PI_4;
     /// No robot's body is higher, metres.
     pub const HEIGHT_MAX_M: f64 = 3.0;

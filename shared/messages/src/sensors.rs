@@ -46,7 +46,7 @@ pub struct ScanHeader {
     pub sigma_m: f64,
     /// Where the lidar is on the robot.
     pub robot_from_lidar: Pose2,
-    /// Height of its plane above the floor while the body stands level, metres; 0 where nobody tells it.
+    /// Height of its plane above the floor while the body stands level, metres; 0 if not known.
     pub height_m: f64,
 }
 

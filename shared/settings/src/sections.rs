@@ -230,19 +230,19 @@ pub struct Robot {
     pub response: Response,
 }
 
-/// How a healthy robot answers a command. What it does beyond this, odometry is taken to contradict the command.
+/// How a healthy robot answers a command. A larger error stops it (`odometry_contradicts`).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Response {
     /// Until it does what is commanded, its odometry's own age included.
     pub lag: Millis,
-    /// In half a second it is off by at most this whichever way, metres; in one by 1.4 times as much, in two by 1.75.
+    /// Largest error of its way in half a second, metres. The limit is 1.4 times as large for 1 s, 1.75 times for 2 s.
     pub way_off_m: Positive,
     /// The same of its heading, radians.
     pub turn_off_rad: Positive,
-    /// After a command of zero it goes on by so much, ahead or back and to either side, metres.
+    /// Overrun after a command of zero: along the body's axis, and across it, metres.
     pub overrun_m: [f64; 2],
-    /// It turns on by so much, radians.
+    /// Overrun of a turn, radians.
     pub overrun_rad: f64,
 }
 

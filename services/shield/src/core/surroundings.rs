@@ -14,7 +14,7 @@ pub struct Surroundings {
     beams: Beams,
     scan: Option<Header>,
     scan_usable: bool,
-    /// Nobody tells how the body was held at the newest scan, though a source tells it at other times.
+    /// The source of attitudes has none for the time of the newest scan.
     attitude_missing: bool,
     depth: DepthView,
     depth_header: Option<DepthHeader>,
@@ -79,7 +79,7 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
-        // Where nobody knows how the camera was held, floor cannot be told from obstacles.
+        // Without the attitude, floor cannot be told from obstacles.
         let held = track.held_at(header.header.stamp_ns);
         let filled = self.depth.fill_tilted(header, pixels_mm, held.as_ref().and_then(Held::tilt));
         self.depth_usable = filled.is_ok() && held.is_some();
@@ -156,7 +156,7 @@ impl Surroundings {
         self.scan.filter(|_| self.scan_usable)
     }
 
-    /// Whether the newest scan cannot be used for want of the body's attitude.
+    /// Whether the newest scan cannot be used because the attitude at its time is unknown.
     pub fn attitude_is_missing(&self) -> bool {
         self.attitude_missing
     }

@@ -1,24 +1,24 @@
-//! Where the floor is in a frame: gravity is the reference, and the frame may trim it. A plane that is fitted freely
-//! tips into the first hole.
+//! Finds the floor in a depth frame. Gravity is the reference, and the frame may only trim it: a plane that is fitted
+//! freely tips into the first hole.
 
 use nalgebra::{Matrix3, Vector3};
 
-/// The floor may lie so much off the level one under the robot, metres,
+/// Largest trim of the height of the floor under the robot, metres,
 const OFF_MAX_M: f64 = 0.03;
-/// and slope by so much on either axis: two degrees.
+/// and of its slope on either axis: two degrees.
 const SLOPE_MAX: f64 = 0.035;
-/// What the attitude is off, one standard deviation: metres, and half a degree.
+/// Error of the attitude, one standard deviation: metres, and half a degree.
 const OFF_SIGMA_M: f64 = 0.015;
 const SLOPE_SIGMA: f64 = 0.009;
-/// Of a place of the floor as a pixel sees it, one standard deviation at a metre, metres; it grows with the distance.
+/// Error of a floor point in a pixel, one standard deviation at 1 m, metres. It grows with the distance.
 const PLACE_SIGMA_M: f64 = 0.01;
-/// Farther places say little, metres.
+/// Points farther away are not used, metres.
 const REACH_M: f64 = 3.0;
-/// What is so far off the floor that was found is something else, metres.
+/// Points farther off the fitted floor are outliers, metres.
 const OUTSIDE_M: f64 = 0.04;
 const ROUNDS: usize = 3;
 
-/// Height over the level floor: so much under the robot, and so much more per metre ahead and to the left.
+/// Height of the floor over the level one: an offset under the robot, and a slope ahead and to the left.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Floor {
     off_m: f64,
@@ -27,9 +27,8 @@ pub(super) struct Floor {
 }
 
 impl Floor {
-    /// The floor of places (robot frame: ahead, left, height over the level floor, metres): the most likely one, where
-    /// the attitude is off by as much as an attitude is. None where most of what is low lies below it: what stands
-    /// there could be taken for floor.
+    /// Fits the floor to points (robot frame: ahead, left, height over the level floor, metres), with the error of the
+    /// attitude as prior. Returns none if most low points lie below the floor: obstacles there could pass for floor.
     pub(super) fn of(places: &[Vector3<f64>]) -> Option<Self> {
         let gate_m = |place: &&Vector3<f64>| OFF_MAX_M + SLOPE_MAX * place.xy().norm();
         let near = || places.iter().filter(|place| place.xy().norm() <= REACH_M);
