@@ -33,7 +33,7 @@ def options():
     parser.add_argument("folder", type=Path, help="where checkpoints, TensorBoard logs and the model go")
     parser.add_argument("--steps", type=AT_LEAST_0, default=10e6, help="environment steps")
     parser.add_argument("--beta", type=SHARE, default=0.5, help="the shield's suppression factor, 1: no shield")
-    parser.add_argument("--noise", choices=["ideal", "noisy"], default="noisy")
+    parser.add_argument("--noise", choices=["ideal", "noisy", "legged"], default="noisy")
     parser.add_argument("--harness", choices=["rigid", "delayed"], default="delayed")
     parser.add_argument("--handlers", choices=["nominal", "personal"], default="personal")
     parser.add_argument("--measure", choices=["line", "start"], default="line", help="what the reward is measured by")

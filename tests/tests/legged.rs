@@ -1,4 +1,5 @@
-//! Guided walks of a legged robot in MuJoCo, a physics simulation that this project did not write.
+//! Guided walks of a legged robot: in MuJoCo, a physics simulation that this project did not write, and by the simple
+//! model of its gait in the project's own world.
 
 use std::fs;
 
@@ -15,17 +16,26 @@ fn faults(report: &Value) -> Vec<&Value> {
 
 #[test]
 fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
-    if !has_legs() {
-        return;
+    if has_legs() {
+        two_walks_are_one("corridor", &["--physics", "mujoco"]);
     }
-    let report = walk("corridor", &["--physics", "mujoco"]);
+}
+
+/// The robot lags, overruns, sways and tilts, and knows its attitude to half a degree.
+#[test]
+fn a_robot_that_sways_in_the_flat_world_guides_a_handler_round_a_corner() {
+    two_walks_are_one("l-turn", &["--noise", "legged"]);
+}
+
+fn two_walks_are_one(scenario: &str, options: &[&str]) {
+    let report = walk(scenario, options);
     assert_eq!(report["reached"], true, "{report:#}");
     for who in ["robot", "handler", "hit_by_others"] {
         assert_eq!(report["collisions"][who], 0, "{who}");
     }
     assert_eq!(report["missed_decisions"], 0);
     assert_eq!(faults(&report), Vec::<&Value>::new());
-    let again = walk("corridor", &["--physics", "mujoco"]);
+    let again = walk(scenario, options);
     for key in ["digest", "decisions", "verdicts", "stops", "distance_m", "duration_s"] {
         assert_eq!(report[key], again[key], "{key}");
     }

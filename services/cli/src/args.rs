@@ -11,7 +11,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use messages::Pose2;
-use settings::{Millis, PhysicsKind, PolicyModel};
+use settings::{Millis, PhysicsKind, PolicyModel, SimulatedNoise};
 
 use crate::exit::EXIT_CODES_HELP;
 
@@ -232,6 +232,10 @@ pub struct WorldArgs {
     /// What moves robot and handler: the project's own flat world, or a legged robot in MuJoCo
     #[arg(long, value_name = "flat|mujoco", value_parser = physics)]
     pub physics: Option<PhysicsKind>,
+    /// The robot of the flat world: it obeys exactly, or walks on legs as a Go2 does in MuJoCo, and so lags, overruns,
+    /// sways and tilts
+    #[arg(long, value_name = "noisy|legged", value_parser = noise)]
+    pub noise: Option<SimulatedNoise>,
     /// A route file: cues, and a goal and a time limit if it has them, in place of the scenario's
     #[arg(long, value_name = "FILE")]
     pub cues: Option<PathBuf>,
@@ -504,6 +508,14 @@ fn physics(text: &str) -> Result<PhysicsKind, String> {
         "flat" => Ok(PhysicsKind::Flat),
         "mujoco" => Ok(PhysicsKind::Mujoco),
         _ => Err("known: flat, mujoco".to_owned()),
+    }
+}
+
+fn noise(text: &str) -> Result<SimulatedNoise, String> {
+    match text {
+        "noisy" => Ok(SimulatedNoise::Noisy),
+        "legged" => Ok(SimulatedNoise::Legged),
+        _ => Err("known: noisy, legged".to_owned()),
     }
 }
 

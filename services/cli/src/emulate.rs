@@ -50,7 +50,8 @@ fn rplidar(port: &Path, model: Model, scenario: &str, duration: Option<Millis>) 
         .map_err(|error| Failure::input(format!("no port can be made at {}: {error}", port.display())))?;
     let config = LidarConfig::from(&Settings::default().lidar);
     let mut lidar = EmulatedRplidar::new(terminal, model, config, 1).map_err(Failure::of_input)?;
-    let scene = Scene { world: &world, world_from_robot: scenario.start, world_from_handler: None, walkers: &[] };
+    let scene =
+        Scene { world: &world, world_from_robot: scenario.start, tilt: None, world_from_handler: None, walkers: &[] };
     lidar.look(&scene, 0);
     say(format!("RPLIDAR {} at {}, {} baud; Ctrl-C ends it", model.name(), port.display(), model.baud()));
     until_ended(duration, |now_ns| lidar.serve(now_ns))

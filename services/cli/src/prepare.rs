@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use policies::{Expected, Model};
 use recording::{Part, later_lives};
-use settings::{Millis, Mujoco, PhysicsKind, PolicyModel, Profile, Settings, Source, VoiceSettings, VoiceSource};
+use settings::{
+    Millis, Mujoco, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
+};
 use world::{Physics, PhysicsConfig, Scenario, World};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
@@ -162,16 +164,22 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
     settings::check(settings).map_err(Failure::input)
 }
 
-/// The configuration on top of what is built in for the physics that is asked for: by the command line, or else by the
-/// configuration.
-fn load_for(asked: Option<PhysicsKind>, config: Option<&Path>) -> Result<Settings, Failure> {
+/// The configuration on top of what is built in for the physics and the robot that are asked for: by the command line,
+/// or else by the configuration.
+fn load_for(args: &WorldArgs) -> Result<Settings, Failure> {
+    let config = args.pace.config.as_deref();
     let mut settings = load(Profile::Walk, config)?;
-    let physics = asked.unwrap_or(settings.simulation.physics);
-    if physics == PhysicsKind::Mujoco {
-        settings = load(Profile::Mujoco, config)?;
-        find_legs(&mut settings.simulation.mujoco)?;
+    let physics = args.physics.unwrap_or(settings.simulation.physics);
+    let noise = args.noise.unwrap_or(settings.simulation.noise);
+    match (physics, noise) {
+        (PhysicsKind::Mujoco, _) => {
+            settings = load(Profile::Mujoco, config)?;
+            find_legs(&mut settings.simulation.mujoco)?;
+        }
+        (PhysicsKind::Flat, SimulatedNoise::Legged) => settings = load(Profile::Go2, config)?,
+        (PhysicsKind::Flat, SimulatedNoise::Noisy) => {}
     }
-    settings.simulation.physics = physics;
+    (settings.simulation.physics, settings.simulation.noise) = (physics, noise);
     Ok(settings)
 }
 
@@ -180,7 +188,7 @@ fn load_for(asked: Option<PhysicsKind>, config: Option<&Path>) -> Result<Setting
 /// # Errors
 /// As [`walk`].
 pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, Failure> {
-    let mut settings = load_for(args.physics, args.pace.config.as_deref())?;
+    let mut settings = load_for(args)?;
     if args.emulated {
         settings.emulate();
         settings::check(&settings).map_err(Failure::input)?;

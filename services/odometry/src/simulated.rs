@@ -42,7 +42,7 @@ impl PoseSource for SimulatedOdometry {
                 odom_from_robot: reading.odom_from_robot,
                 twist: reading.twist,
                 sigma: reading.sigma,
-                attitude: truth.attitude,
+                attitude: self.sensor.attitude(truth.header.seq, &truth.attitude),
                 ..Odometry::default()
             };
             self.newest = Some((truth.header.stamp_ns, pose));

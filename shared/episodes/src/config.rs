@@ -13,7 +13,8 @@ use nalgebra::Vector2;
 use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use world::{
-    Bodies, DepthConfig, FloorPlan, GeneratorConfig, HandlerProfile, LidarConfig, OdometryConfig, Site, Team, generate,
+    Bodies, DepthConfig, FloorPlan, GeneratorConfig, HandlerProfile, Legs, LegsConfig, LidarConfig, OdometryConfig,
+    Site, Team, generate,
 };
 
 use crate::task::Task;
@@ -25,6 +26,8 @@ pub enum Noise {
     Ideal,
     /// Gaussian lidar noise with drop-outs, Redwood depth noise at intensity 1, drifting odometry.
     Noisy,
+    /// The same, and a robot that walks on [`Config::legs`].
+    Legged,
 }
 
 /// How handlers follow (Kim et al. 2023, table 2).
@@ -149,6 +152,8 @@ pub struct Config {
     pub depth: Option<DepthConfig>,
     /// Odometry, likewise.
     pub odometry: OdometryConfig,
+    /// How the robot walks on legs, where [`Config::noise`] says that it does.
+    pub legs: LegsConfig,
     /// Whether the shield judges every action at every decision; without it nothing is forbidden, nor observed.
     pub judges: bool,
     /// Observations of the last so many decisions stand in one; 0: none is made.
@@ -161,14 +166,14 @@ impl Config {
     pub fn lidar_config(&self) -> LidarConfig {
         match self.noise {
             Noise::Ideal => LidarConfig { sigma_m: 0.0, drop_out: 0.0, ..self.lidar.clone() },
-            Noise::Noisy => self.lidar.clone(),
+            Noise::Noisy | Noise::Legged => self.lidar.clone(),
         }
     }
 
     /// The camera with its noise.
     #[must_use]
     pub fn depth_config(&self) -> Option<DepthConfig> {
-        let redwood = if self.noise == Noise::Noisy { 1.0 } else { 0.0 };
+        let redwood = if self.noise == Noise::Ideal { 0.0 } else { 1.0 };
         Some(DepthConfig { noise_per_m: 0.0, redwood, ..self.depth.clone()? })
     }
 
@@ -176,10 +181,13 @@ impl Config {
     #[must_use]
     pub fn odometry_config(&self) -> OdometryConfig {
         match self.noise {
-            Noise::Ideal => {
-                OdometryConfig { scale_sigma: 0.0, yaw_walk_rad_per_sqrt_m: 0.0, yaw_walk_rad_per_sqrt_rad: 0.0 }
-            }
-            Noise::Noisy => self.odometry.clone(),
+            Noise::Ideal => OdometryConfig {
+                scale_sigma: 0.0,
+                yaw_walk_rad_per_sqrt_m: 0.0,
+                yaw_walk_rad_per_sqrt_rad: 0.0,
+                ..self.odometry.clone()
+            },
+            Noise::Noisy | Noise::Legged => self.odometry.clone(),
         }
     }
 
@@ -271,6 +279,13 @@ impl Config {
         let task = Task::draw(&site.course, cue, self, &profile.model.robot_from_default(), random)?;
         let team = Team::new(&site.world, self.bodies, profile.clone(), &task.world_from_robot);
         team.is_free(&site.world, ROOM_M).then_some((task, team))
+    }
+
+    /// The robot's legs, where it walks on any.
+    pub(crate) fn draw_legs(&self, random: &mut impl Rng) -> Option<Legs> {
+        (self.noise == Noise::Legged).then(|| {
+            Legs::new(self.legs.clone(), random.random()).unwrap_or_else(|error| unreachable!("checked: {error}"))
+        })
     }
 
     pub(crate) fn draw_cue(&self, random: &mut impl Rng) -> CueKind {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2, se2};
-use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield};
+use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield, Tilt};
 use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -53,6 +53,8 @@ pub struct Episode {
     scan_header: ScanHeader,
     depth: Option<(DepthSensor, DepthHeader, Vec<u16>)>,
     odometry: OdometrySensor,
+    /// How the body is held, as far as the robot knows.
+    tilt: Option<Tilt>,
     odom_from_robot: Se2,
     odom_from_before: Se2,
     /// The motion that was to lead here, in the robot's frame then.
@@ -80,6 +82,7 @@ impl Episode {
     /// # Errors
     /// Where a sensor's configuration is out of its bounds.
     pub fn new(config: Arc<Config>) -> Result<Self, world::ConfigError> {
+        config.legs.validate()?;
         let lidar = LidarSensor::new(config.lidar_config(), 0, 0)?;
         let depth = match config.depth_config() {
             Some(depth) => {
@@ -98,6 +101,7 @@ impl Episode {
             lidar,
             depth,
             odometry: OdometrySensor::new(config.odometry_config(), 0, 0)?,
+            tilt: None,
             odom_from_robot: Se2::identity(),
             odom_from_before: Se2::identity(),
             begun: Se2::identity(),
@@ -129,6 +133,7 @@ impl Episode {
         };
         let cue = self.config.draw_cue(&mut random);
         let (site, task, team) = self.draw_start(cue, &profile, &mut random);
+        let team = team.on_legs(self.config.draw_legs(&mut random));
         let world_from_handler = team.world_from_handler();
         let measure = match self.config.measure {
             RewardMeasure::Line => Measure::Line(task.line.clone()),
@@ -165,7 +170,7 @@ impl Episode {
         let foot = line.foot(Point::from(task.world_from_robot.translation.vector));
         let beside = |way_m: f64| {
             let world_from_robot = line.at(way_m) * Se2::translation(0.0, foot.left_m);
-            Team::new(world, self.config.bodies, team.handler().clone(), &world_from_robot)
+            team.coming_by(&world_from_robot)
         };
         let ways_m = LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0);
         let on_the_way: Vec<Team> = ways_m.map(beside).filter(|team| team.is_free(world, 0.0)).collect();
@@ -224,6 +229,7 @@ impl Episode {
         }
         let reading = self.odometry.update(self.looks, pose2(scenery.team.world_from_robot()), Twist2::ZERO);
         self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
+        self.tilt = Tilt::of(&self.odometry.attitude(self.looks, &scenery.team.attitude()));
         self.looks += 1;
     }
 
@@ -234,12 +240,12 @@ impl Episode {
         }
         let now_ns = (self.looks as f64 * self.config.dt_s * 1e9) as u64;
         let now_from_then = Se2::identity();
-        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then, tilt: None };
+        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then, tilt: self.tilt };
         let depth = self.depth.as_ref().map(|(_, header, data)| Measured {
             header,
             data: &data[..],
             now_from_then,
-            tilt: None,
+            tilt: self.tilt,
         });
         // On a scan of which nothing can be used nothing is decided, nor where nobody knows where the handler is: as in
         // a run, the robot stands.

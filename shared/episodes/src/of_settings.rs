@@ -2,14 +2,15 @@
 
 use guidance::{Delta, HarnessError, Interaction, RewardConfig};
 use messages::CueKind;
-use settings::{Settings, Source};
-use world::{Bodies, DepthConfig, GeneratorConfig, LidarConfig, OdometryConfig, PhysicsConfig};
+use settings::{Profile, Settings, Source};
+use world::{Bodies, DepthConfig, GeneratorConfig, LegsConfig, LidarConfig, OdometryConfig, PhysicsConfig};
 
 use crate::config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
 
-/// The camera has its place and field of view, and so many pixels only: enough to learn from.
-const DEPTH_WIDTH: usize = 64;
-const DEPTH_HEIGHT: usize = 32;
+/// The camera has its place and field of view, and so many pixels only: enough to learn from, and to tell a thing of
+/// 8 cm from the floor.
+const DEPTH_WIDTH: usize = 128;
+const DEPTH_HEIGHT: usize = 64;
 /// What costs what is taught by: a metre is worth 1.
 const MOTION_PENALTY: f64 = 0.02;
 
@@ -51,9 +52,21 @@ impl Config {
             lidar: LidarConfig::from(&settings.lidar),
             depth: (settings.depth.source != Source::Absent).then_some(depth),
             odometry: OdometryConfig::from(&settings.odometry),
+            legs: LegsConfig::from(&settings.robot),
             judges: true,
             frames: 1,
         })
+    }
+}
+
+impl Config {
+    /// Those of the built-in profile of a Go2, which walks on legs.
+    #[must_use]
+    pub fn go2() -> Self {
+        let settings =
+            settings::load(Profile::Go2, None).unwrap_or_else(|error| unreachable!("it is built in: {error}"));
+        let config = Self::of(&settings).unwrap_or_else(|_| unreachable!("its handler is the default one"));
+        Self { noise: Noise::Legged, ..config }
     }
 }
 

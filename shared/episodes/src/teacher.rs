@@ -32,6 +32,8 @@ const ROOM_COST: f64 = 0.8;
 const EACH_STEP: f64 = 0.25;
 /// An action that is no stop costs so much, metres of way.
 const MOTION_COST_M: f64 = 0.012;
+/// Less room than this is a touch, metres.
+const TOUCH_M: f64 = 0.02;
 /// Who touches something loses so much, metres of way.
 const TOUCH_COST_M: f64 = 3.0;
 
@@ -129,7 +131,7 @@ impl Teacher<'_> {
     }
 
     fn touches(&self, robot: &Se2, handler: &Se2) -> bool {
-        self.team.room_m(self.world, robot, handler, 0.02) < 0.02
+        self.team.room_m(self.world, robot, handler, 2.0 * TOUCH_M) < TOUCH_M
     }
 
     fn missing_room_m(&self, robot: &Se2, handler: &Se2) -> f64 {

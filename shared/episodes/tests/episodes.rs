@@ -25,9 +25,13 @@ fn taught(config: Config, count: u64) -> Vec<guidedog_episodes::Report> {
 
 #[test]
 fn the_same_seed_is_the_same_episode_to_the_bit() {
-    let config = Arc::new(config(Noise::Noisy));
+    same_to_the_bit(&Arc::new(config(Noise::Noisy)));
+    same_to_the_bit(&Arc::new(Config::go2()));
+}
+
+fn same_to_the_bit(config: &Arc<Config>) {
     let walk = |seed: u64| {
-        let mut episode = Episode::new(config.clone()).expect("sensors");
+        let mut episode = Episode::new(Arc::clone(config)).expect("sensors");
         // Whatever was before.
         episode.begin(seed + 77);
         episode.begin(seed);
@@ -53,6 +57,30 @@ fn who_knows_the_way_gets_there_and_touches_nothing() {
     assert!(share(|report| report.success) > 0.85, "{reports:#?}");
     assert!(share(|report| report.collisions == 0) > 0.95, "{reports:#?}");
     assert!(reports.iter().any(|report| report.to_stand && report.success), "some are to stand, and do");
+}
+
+/// Legs lag, overrun and tilt: an empty corridor stays walkable all the same.
+#[test]
+fn on_legs_an_empty_corridor_is_walked_and_the_body_tilts() {
+    let empty = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, bends: 0.0, ..GeneratorConfig::default() };
+    let cues = vec![(CueKind::Forward, 1.0)];
+    let config = Config { places: Places::Generated(empty), cues, ..Config::go2() };
+    let mut episode = Episode::new(Arc::new(config)).expect("sensors");
+    let (mut forbidden, mut all, mut pitch_max_rad) = (0, 0, 0.0_f64);
+    for seed in 0..12 {
+        episode.begin(part_seed(9, seed));
+        for _ in 0..20 {
+            let attitude = episode.team().attitude();
+            assert!(attitude.is_known() && attitude.is_usable(), "{attitude:?}");
+            pitch_max_rad = pitch_max_rad.max(attitude.pitch_rad.abs());
+            forbidden += usize::from(episode.unsafe_mask() & 2 != 0);
+            all += 1;
+            episode.step(episode.teacher().action());
+        }
+        assert!(episode.report().collisions == 0, "{seed}: {:?}", episode.report());
+    }
+    assert!(pitch_max_rad > 0.03, "{pitch_max_rad}");
+    assert!(forbidden * 20 < all, "forward is forbidden in {forbidden} of {all}");
 }
 
 #[test]

@@ -7,7 +7,7 @@ use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
     CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, PhysicsKind,
-    Settings, Source, VoiceSource,
+    Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -217,12 +217,40 @@ fn check_matching(settings: &Settings) -> Result<(), String> {
     Ok(())
 }
 
+/// Keys of the robot, their values, and the least and the greatest that they may be.
+fn robot_bounds(robot: &Robot) -> [(&'static str, f64, f64, f64); 21] {
+    let (response, gait) = (&robot.response, &robot.gait);
+    [
+        ("robot.radius_m", robot.radius_m.get(), 0.05, 2.0),
+        ("robot.nose_m", robot.nose_m, 0.0, 1.0),
+        ("robot.body_height_m", robot.body_height_m.get(), 0.05, 2.0),
+        ("robot.response.overrun_m ahead", response.overrun_m[0], 0.0, 0.5),
+        ("robot.response.overrun_m aside", response.overrun_m[1], 0.0, 0.5),
+        ("robot.response.overrun_rad", response.overrun_rad, 0.0, 0.5),
+        ("robot.response.lag", response.lag.s(), 0.0, 0.5),
+        // Where it may be farther off, a robot that stands while it is to walk is not found within two seconds.
+        ("robot.response.way_off_m", response.way_off_m.get(), 0.01, 0.25),
+        ("robot.response.turn_off_rad", response.turn_off_rad.get(), 0.01, 0.60),
+        ("robot.response.delay", response.delay.s(), 0.0, 0.5),
+        ("robot.response.time_constant_s ahead", response.time_constant_s[0], 0.0, 2.0),
+        ("robot.response.time_constant_s aside", response.time_constant_s[1], 0.0, 2.0),
+        ("robot.response.time_constant_s of turns", response.time_constant_s[2], 0.0, 2.0),
+        ("robot.gait.stride", gait.stride.s(), 0.1, 5.0),
+        ("robot.gait.roll_rad", gait.roll_rad, 0.0, 0.2),
+        ("robot.gait.pitch_rad", gait.pitch_rad, 0.0, 0.2),
+        ("robot.gait.rise_m", gait.rise_m, 0.0, 0.1),
+        ("robot.gait.sway_m", gait.sway_m, 0.0, 0.1),
+        ("robot.gait.sway_rad", gait.sway_rad, 0.0, 0.2),
+        ("robot.gait.lean_rad_per_mps", gait.lean_rad_per_mps, 0.0, 1.0),
+        ("robot.gait.slip", gait.slip, 0.0, 0.5),
+    ]
+}
+
 /// What no robot, handler or lidar is like.
 fn check_bounds(settings: &Settings) -> Result<(), String> {
     let (limits, odometry, matching) = (&settings.locomotion.limits, &settings.odometry, &settings.odometry.matching);
-    let (mujoco, response) = (&settings.simulation.mujoco, &settings.robot.response);
-    for (name, value, from, to) in [
-        ("robot.radius_m", settings.robot.radius_m.get(), 0.05, 2.0),
+    let mujoco = &settings.simulation.mujoco;
+    let others = [
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
         ("handler.seen_radius_m", settings.handler.seen_radius_m.get(), 0.05, settings.handler.radius_m.get()),
         // From the finest that a camera counts in to a centimetre.
@@ -231,6 +259,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("depth.redwood", settings.depth.redwood, 0.0, 10.0),
         ("odometry.scale_sigma", odometry.scale_sigma, 0.0, 0.5),
         ("odometry.yaw_walk_rad_per_sqrt_m", odometry.yaw_walk_rad_per_sqrt_m, 0.0, 0.5),
+        ("odometry.attitude_bias_deg", odometry.attitude_bias_deg, 0.0, 5.0),
+        ("odometry.attitude_sigma_deg", odometry.attitude_sigma_deg, 0.0, 5.0),
         ("odometry.matching.place_sigma_m", matching.place_sigma_m.get(), 0.001, 1.0),
         ("odometry.matching.yaw_sigma_rad", matching.yaw_sigma_rad.get(), 0.001, 1.0),
         ("odometry.matching.turn_sigma_rad", matching.turn_sigma_rad.get(), 0.001, 1.0),
@@ -242,15 +272,6 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("locomotion.limits.turn_radps", limits.turn_radps.get(), 0.05, 3.2),
         ("locomotion.limits.acceleration_mps2", limits.acceleration_mps2.get(), 0.1, 100.0),
         ("locomotion.limits.acceleration_radps2", limits.acceleration_radps2.get(), 0.1, 1000.0),
-        ("robot.nose_m", settings.robot.nose_m, 0.0, 1.0),
-        ("robot.response.overrun_m ahead", response.overrun_m[0], 0.0, 0.5),
-        ("robot.response.overrun_m aside", response.overrun_m[1], 0.0, 0.5),
-        ("robot.response.overrun_rad", response.overrun_rad, 0.0, 0.5),
-        ("robot.body_height_m", settings.robot.body_height_m.get(), 0.05, 2.0),
-        ("robot.response.lag", response.lag.s(), 0.0, 0.5),
-        // Where it may be farther off, a robot that stands while it is to walk is not found within two seconds.
-        ("robot.response.way_off_m", response.way_off_m.get(), 0.01, 0.25),
-        ("robot.response.turn_off_rad", response.turn_off_rad.get(), 0.01, 0.60),
         ("simulation.handler_sway_m", settings.simulation.handler_sway_m, 0.0, 0.3),
         ("simulation.mujoco.mass_scale", mujoco.mass_scale, 0.5, 2.0),
         ("simulation.mujoco.friction", mujoco.friction, 0.1, 2.0),
@@ -271,7 +292,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("policy.swap.probation", settings.policy.swap.probation.s(), 0.5, 3600.0),
         ("supervision.ready_within", settings.supervision.ready_within.s(), 1.0, 3600.0),
         ("supervision.step_limit", settings.supervision.step_limit.s(), 0.2, 3600.0),
-    ] {
+    ];
+    for (name, value, from, to) in robot_bounds(&settings.robot).into_iter().chain(others) {
         if !(from..=to).contains(&value) {
             return Err(format!("{name} = {value} is not in {from}..{to}"));
         }

@@ -43,18 +43,28 @@ pub enum SettingsError {
 pub enum Profile {
     /// The defaults: a simulated walk.
     Walk,
-    /// A simulated walk of a legged robot in MuJoCo.
+    /// The same with a Unitree Go2 on legs.
+    Go2,
+    /// A simulated walk of a Go2 in MuJoCo.
     Mujoco,
     /// Recorded laser logs: no depth, null link, longer lives of permits.
     Carmen,
 }
 
 impl Profile {
-    fn text(self) -> (&'static str, &'static str) {
+    /// Names and texts of its files, the lowest layer first.
+    fn layers(self) -> &'static [(&'static str, &'static str)] {
+        const WALK: (&str, &str) = ("config/guidedog.toml", include_str!("../../../config/guidedog.toml"));
+        const GO2: (&str, &str) = ("config/profiles/go2.toml", include_str!("../../../config/profiles/go2.toml"));
+        const MUJOCO: (&str, &str) =
+            ("config/profiles/mujoco.toml", include_str!("../../../config/profiles/mujoco.toml"));
+        const CARMEN: (&str, &str) =
+            ("config/profiles/carmen.toml", include_str!("../../../config/profiles/carmen.toml"));
         match self {
-            Self::Walk => ("config/guidedog.toml", include_str!("../../../config/guidedog.toml")),
-            Self::Mujoco => ("config/profiles/mujoco.toml", include_str!("../../../config/profiles/mujoco.toml")),
-            Self::Carmen => ("config/profiles/carmen.toml", include_str!("../../../config/profiles/carmen.toml")),
+            Self::Walk => &[WALK],
+            Self::Go2 => &[GO2],
+            Self::Mujoco => &[GO2, MUJOCO],
+            Self::Carmen => &[CARMEN],
         }
     }
 }
@@ -65,8 +75,7 @@ impl Profile {
 /// # Errors
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
 pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, SettingsError> {
-    let (name, text) = profile.text();
-    load_over(name, text, operator)
+    load_layers(profile.layers(), operator)
 }
 
 /// The settings `text`, which are called `name` in errors, with the operator's file on top.
@@ -74,8 +83,16 @@ pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, Setti
 /// # Errors
 /// As [`load`].
 pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Settings, SettingsError> {
-    let mut merged = parse(Path::new(name), text)?;
-    let mut last = PathBuf::from(name);
+    load_layers(&[(name, text)], operator)
+}
+
+fn load_layers(layers: &[(&str, &str)], operator: Option<&Path>) -> Result<Settings, SettingsError> {
+    let mut merged = toml::Table::new();
+    let mut last = PathBuf::new();
+    for (name, text) in layers {
+        last = PathBuf::from(name);
+        lay_over(&mut merged, parse(&last, text)?);
+    }
     if let Some(path) = operator {
         lay_over(&mut merged, parse(path, &read(path)?)?);
         last = path.to_owned();
@@ -166,7 +183,7 @@ mod tests {
 
     #[test]
     fn the_shipped_file_says_what_the_defaults_are() {
-        let shipped: Settings = toml::from_str(Profile::Walk.text().1).expect("the shipped file is right");
+        let shipped: Settings = toml::from_str(Profile::Walk.layers()[0].1).expect("the shipped file is right");
         assert_eq!(shipped, Settings::default());
         assert_eq!(check(&shipped), Ok(()));
     }

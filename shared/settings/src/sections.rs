@@ -228,6 +228,8 @@ pub struct Robot {
     pub body_height_m: Positive,
     /// How it answers a command when all is well.
     pub response: Response,
+    /// How its body sways.
+    pub gait: Gait,
 }
 
 /// How a healthy robot answers a command. A larger error stops it (`odometry_contradicts`).
@@ -244,6 +246,47 @@ pub struct Response {
     pub overrun_m: [f64; 2],
     /// Overrun of a turn, radians.
     pub overrun_rad: f64,
+    /// A command takes effect after this; read where the simulated robot walks on legs.
+    pub delay: Millis,
+    /// Time constants of its velocity ahead, aside and of turns, seconds; likewise.
+    pub time_constant_s: [f64; 3],
+}
+
+/// How the body of a legged robot sways: `simulation.noise = "legged"` simulates it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Gait {
+    /// Period of a stride.
+    pub stride: Millis,
+    /// Sway while it walks, one standard deviation: roll, radians,
+    pub roll_rad: f64,
+    /// pitch, radians,
+    pub pitch_rad: f64,
+    /// height, metres,
+    pub rise_m: f64,
+    /// its place to either side, metres,
+    pub sway_m: f64,
+    /// and its heading, radians.
+    pub sway_rad: f64,
+    /// Roll of a sidestep, radians for 1 m/s.
+    pub lean_rad_per_mps: f64,
+    /// Slip, one standard deviation, as a share of the speed.
+    pub slip: f64,
+}
+
+impl Default for Gait {
+    fn default() -> Self {
+        Self {
+            stride: Millis::of_ms(500),
+            roll_rad: 0.0,
+            pitch_rad: 0.0,
+            rise_m: 0.0,
+            sway_m: 0.0,
+            sway_rad: 0.0,
+            lean_rad_per_mps: 0.0,
+            slip: 0.0,
+        }
+    }
 }
 
 impl Default for Response {
@@ -254,6 +297,8 @@ impl Default for Response {
             turn_off_rad: Positive::of(0.10),
             overrun_m: [0.0; 2],
             overrun_rad: 0.0,
+            delay: Millis::of_ms(10),
+            time_constant_s: [0.0; 3],
         }
     }
 }
@@ -265,6 +310,7 @@ impl Default for Robot {
             nose_m: 0.0,
             body_height_m: Positive::of(0.30),
             response: Response::default(),
+            gait: Gait::default(),
         }
     }
 }
@@ -404,10 +450,23 @@ pub struct Simulation {
     pub handler_sway_m: f64,
     /// What moves robot and handler.
     pub physics: PhysicsKind,
+    /// How real the robot of the project's own world is.
+    pub noise: SimulatedNoise,
     /// The legged robot and the handler of `physics = "mujoco"`.
     pub mujoco: Mujoco,
     /// Devices in the simulated world, for the real drivers.
     pub emulated: Emulated,
+}
+
+/// How real the robot of the project's own world is. Its sensors' noise stands in their own sections.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum SimulatedNoise {
+    /// It obeys exactly, on a level body.
+    #[default]
+    Noisy,
+    /// It walks on legs by `[robot.response]` and `[robot.gait]`: it lags, overruns, sways, tilts and slips.
+    Legged,
 }
 
 /// What moves robot and handler in the simulated world.
@@ -504,6 +563,7 @@ impl Default for Simulation {
             seed: 1,
             handler_sway_m: 0.01,
             physics: PhysicsKind::Flat,
+            noise: SimulatedNoise::Noisy,
             mujoco: Mujoco::default(),
             emulated: Emulated::default(),
         }

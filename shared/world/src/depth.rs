@@ -1,14 +1,16 @@
 //! A depth camera.
 //!
-//! Exact, at whatever pitch, for everything flat: floor, ceiling, walls, boxes (their tops and undersides too) and the
-//! cells of a floor plan; depths are of pixel centres and rounded to a millimetre. People are prisms of a polygon that
-//! is at most 2 mm off the circle. A face of a floor plan that is narrower than half a column may be missed.
+//! Exact, at whatever pitch and roll, for everything flat: floor, ceiling, walls, boxes (their tops and undersides too)
+//! and the cells of a floor plan; depths are of pixel centres and rounded to a millimetre. People are prisms of a
+//! polygon that is at most 2 mm off the circle. A face of a floor plan that is narrower than half a column may be
+//! missed.
 
 use std::f64::consts::PI;
 
-use guidance::se2::{Point, Se2};
+use guidance::Tilt;
+use guidance::se2::{Point, Se2, se2};
 use messages::{DepthHeader, Header, Pose2, Pose3};
-use nalgebra::Point3;
+use nalgebra::{Point3, Rotation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::noise::{Source, generator, normals};
@@ -152,17 +154,18 @@ impl DepthSensor {
     pub fn render(&mut self, scene: &Scene<'_>, frame: u64, pixels: &mut [u16]) {
         let mut faces = std::mem::take(&mut self.faces);
         faces.clear();
-        self.view(scene).collect(scene, &mut faces);
+        let held = Held::of(&self.config.robot_from_camera, scene.tilt.as_ref());
+        self.view(scene, &held).collect(scene, &mut faces);
         faces.sort_unstable_by_key(|face| face.rows().0);
         let (mut active, mut next) = (Vec::with_capacity(faces.len()), 0);
-        let (camera, mount, ceiling_m) = (self.camera, self.config.robot_from_camera, scene.world.ceiling_m());
+        let (camera, ceiling_m) = (self.camera, scene.world.ceiling_m());
         let draw = |row: usize, inverse_depths: &mut [f32]| {
             while next < faces.len() && faces[next].rows().0 <= row {
                 active.push(next);
                 next += 1;
             }
             active.retain(|&face| faces[face].rows().1 >= row);
-            inverse_depths.fill(background(&camera, &mount, ceiling_m, row));
+            held.draw_background(&camera, ceiling_m, row, inverse_depths);
             for &face in &active {
                 faces[face].fill(row, inverse_depths);
             }
@@ -201,12 +204,15 @@ impl DepthSensor {
         }
     }
 
-    fn view(&self, scene: &Scene<'_>) -> View {
-        let mount = &self.config.robot_from_camera;
-        let world_from_camera = scene.world_from(Pose2::new(mount.x_m, mount.y_m, mount.yaw_rad));
-        let (sin, cos) = mount.pitch_rad.sin_cos();
+    fn view(&self, scene: &Scene<'_>, held: &Held) -> View {
+        let world_from_camera = se2(scene.world_from_robot) * se2(held.robot_from_eye);
+        let (sin, cos) = held.pitch;
         let (half_width, half_height) =
             (self.camera.cx_px / self.camera.focal_px, self.camera.cy_px / self.camera.focal_px);
+        // Rolled, the image reaches as far to the sides as its corners.
+        let (rolled, upright) = (held.roll.0.abs(), held.roll.1.abs());
+        let (half_width, half_height) =
+            (upright * half_width + rolled * half_height, upright * half_height + rolled * half_width);
         // Pitched, a row's columns spread wider than at the optical axis; at last all round.
         let half_angle_rad = match cos - sin.abs() * half_height {
             ahead if ahead > 0.0 => half_width.atan2(ahead),
@@ -221,20 +227,65 @@ impl DepthSensor {
             camera_from_world: world_from_camera.inverse(),
             eye: Point::from(world_from_camera.translation.vector),
             yaw_rad: world_from_camera.rotation.angle(),
-            height_m: mount.z_m,
+            height_m: held.height_m,
             pitch: (sin, cos),
+            roll: held.roll,
         }
     }
 }
 
-/// Inverse depth of floor or ceiling at a row, 1/metres: without roll it is the same along the row.
-fn background(pinhole: &Pinhole, mount: &Pose3, ceiling_m: f64, row: usize) -> f32 {
-    let up = (pinhole.cy_px - row as f64) / pinhole.focal_px;
-    let rise = up * mount.pitch_rad.cos() - mount.pitch_rad.sin();
-    let to_floor = -rise / mount.z_m;
-    let above = ceiling_m - mount.z_m;
-    let to_ceiling = if above > 0.0 { rise / above } else { 0.0 };
-    to_floor.max(to_ceiling) as f32
+/// How a camera is held over the floor.
+#[derive(Debug, Clone, Copy)]
+struct Held {
+    /// Its place and the direction of its optical axis, as seen from above.
+    robot_from_eye: Pose2,
+    height_m: f64,
+    /// Sine and cosine of its pitch, positive with the axis down, and of its roll, positive with the left side up.
+    pitch: (f64, f64),
+    roll: (f64, f64),
+}
+
+impl Held {
+    fn of(mount: &Pose3, tilt: Option<&Tilt>) -> Self {
+        let Some(tilt) = tilt else {
+            let robot_from_eye = Pose2::new(mount.x_m, mount.y_m, mount.yaw_rad);
+            return Self {
+                robot_from_eye,
+                height_m: mount.z_m,
+                pitch: mount.pitch_rad.sin_cos(),
+                roll: 0f64.sin_cos(),
+            };
+        };
+        let eye = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
+        let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
+        let [ahead, left, up] = [Vector3::x(), Vector3::y(), Vector3::z()].map(|axis| tilt.direction(mounted * axis));
+        Self {
+            robot_from_eye: Pose2::new(eye.x, eye.y, ahead.y.atan2(ahead.x)),
+            height_m: eye.z,
+            pitch: (-ahead.z, ahead.xy().norm()),
+            roll: left.z.atan2(up.z).sin_cos(),
+        }
+    }
+
+    /// Writes the inverse depths of floor and ceiling at a row, 1/metres: linear along it, and constant without roll.
+    fn draw_background(&self, pinhole: &Pinhole, ceiling_m: f64, row: usize, inverse_depths: &mut [f32]) {
+        let up = (pinhole.cy_px - row as f64) / pinhole.focal_px;
+        let above = ceiling_m - self.height_m;
+        let inverse = |rise: f64| {
+            let to_ceiling = if above > 0.0 { rise / above } else { 0.0 };
+            (-rise / self.height_m).max(to_ceiling) as f32
+        };
+        let ((pitch_sin, pitch_cos), (roll_sin, roll_cos)) = (self.pitch, self.roll);
+        let rise = up * roll_cos * pitch_cos - pitch_sin;
+        if roll_sin == 0.0 {
+            inverse_depths.fill(inverse(rise));
+            return;
+        }
+        let by_left = roll_sin * pitch_cos / pinhole.focal_px;
+        for (column, inverse_depth) in inverse_depths.iter_mut().enumerate() {
+            *inverse_depth = inverse(rise + by_left * (pinhole.cx_px - column as f64));
+        }
+    }
 }
 
 /// Where a camera stands and what it can reach.
@@ -246,6 +297,7 @@ struct View {
     yaw_rad: f64,
     height_m: f64,
     pitch: (f64, f64),
+    roll: (f64, f64),
     /// What is farther is not seen, metres, nor what is farther to a side, radians; as seen from above.
     reach_m: f64,
     half_angle_rad: f64,
@@ -317,7 +369,12 @@ impl View {
 
     /// A place of the level frame in the camera frame: x along the optical axis, y left, z up.
     fn tilted(&self, level: Point, z_m: f64) -> Point3<f64> {
-        let (up, (sin, cos)) = (z_m - self.height_m, self.pitch);
-        Point3::new(cos * level.x - sin * up, level.y, sin * level.x + cos * up)
+        let (above_m, (sin, cos), (roll_sin, roll_cos)) = (z_m - self.height_m, self.pitch, self.roll);
+        let up = sin * level.x + cos * above_m;
+        Point3::new(
+            cos * level.x - sin * above_m,
+            roll_cos * level.y + roll_sin * up,
+            roll_cos * up - roll_sin * level.y,
+        )
     }
 }

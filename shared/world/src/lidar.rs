@@ -1,7 +1,11 @@
-//! A planar lidar.
+//! A planar lidar. On a body that tilts its beams rise and fall: they pass over what is low and meet the floor. Exact
+//! on a level body. Otherwise the bearings of beams are those of the level body, which is off by the square of the tilt
+//! (0.1 degrees at 5), and what is low has no top.
 
-use guidance::se2::Point;
+use guidance::Tilt;
+use guidance::se2::{Point, Se2, se2};
 use messages::{Header, MAX_BEAMS, Pose2, ScanHeader};
+use nalgebra::{Point3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -95,6 +99,17 @@ pub struct LidarSensor {
     seed: u64,
     incarnation: u32,
     image: PolarImage,
+    /// Of each beam, where the body tilts.
+    rises: Vec<Rise>,
+}
+
+/// How a beam leads over the floor.
+#[derive(Debug, Clone, Copy)]
+struct Rise {
+    /// It rises by so much for each metre over the floor,
+    slope: f64,
+    /// and is so much longer than its way over the floor.
+    stretch: f64,
 }
 
 impl LidarSensor {
@@ -105,7 +120,7 @@ impl LidarSensor {
     pub fn new(config: LidarConfig, seed: u64, incarnation: u32) -> Result<Self, ConfigError> {
         config.validate()?;
         let image = PolarImage::new(config.beams, config.angle_min_rad, config.angle_increment_rad, config.range_max_m);
-        Ok(Self { config, seed, incarnation, image })
+        Ok(Self { config, seed, incarnation, image, rises: Vec::new() })
     }
 
     /// The configuration.
@@ -128,8 +143,12 @@ impl LidarSensor {
     /// Writes scan number `frame` in metres: one range for each beam, as many as `ranges` has room for. Infinite where
     /// nothing was hit, NaN where there is no reading (drop-out, or nearer than the least range).
     pub fn scan(&mut self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
-        self.draw(scene);
-        self.measure(|beam| self.image.range_m(beam), frame, ranges);
+        match &scene.tilt {
+            None => self.draw(scene),
+            Some(tilt) => self.draw_tilted(scene, tilt),
+        }
+        let stretch = |beam: usize| self.rises.get(beam).map_or(1.0, |rise| rise.stretch);
+        self.measure(|beam| Some(self.image.range_m(beam)? * stretch(beam)), frame, ranges);
     }
 
     /// As [`Self::scan`], of ranges that are told: `range_m` gives the true range of a beam, metres; `None` where it
@@ -152,16 +171,56 @@ impl LidarSensor {
         }
     }
 
-    /// The true ranges.
+    /// The true ranges on a level body.
     fn draw(&mut self, scene: &Scene<'_>) {
         let (config, image) = (&self.config, &mut self.image);
+        self.rises.clear();
         let world_from_lidar = scene.world_from(config.robot_from_lidar);
         let lidar_from_world = world_from_lidar.inverse();
         let origin = Point::from(world_from_lidar.translation.vector);
         image.clear();
-        scene.world.faces_in_sight(origin, config.height_m, config.range_max_m, |a, b| {
+        scene.world.faces_in_sight(origin, [config.height_m; 2], config.range_max_m, |a, b, _| {
             image.draw_face(lidar_from_world * a, lidar_from_world * b);
         });
+        self.draw_all_else(scene, &world_from_lidar);
+    }
+
+    /// The true ranges over the floor on a body that tilts.
+    fn draw_tilted(&mut self, scene: &Scene<'_>, tilt: &Tilt) {
+        let (config, image) = (&self.config, &mut self.image);
+        let mount = config.robot_from_lidar;
+        let eye = tilt.place(Point3::new(mount.x_m, mount.y_m, config.height_m));
+        let mount_yaw = nalgebra::Rotation2::new(mount.yaw_rad);
+        self.rises.clear();
+        self.rises.extend((0..config.beams).map(|beam| {
+            let ahead = mount_yaw * image.direction(beam);
+            let way = tilt.direction(Vector3::new(ahead.x, ahead.y, 0.0));
+            let level = way.xy().norm();
+            Rise { slope: way.z / level, stretch: level.recip() }
+        }));
+        let rises = &self.rises;
+        let world_from_lidar =
+            se2(scene.world_from_robot) * se2(Pose2 { x_m: eye.x, y_m: eye.y, yaw_rad: mount.yaw_rad });
+        let lidar_from_world = world_from_lidar.inverse();
+        let origin = Point::from(world_from_lidar.translation.vector);
+        image.clear();
+        let rise_m = rises.iter().fold(0.0, |most: f64, rise| most.max(rise.slope.abs())) * config.range_max_m;
+        let heights_m = [eye.z - rise_m, eye.z + rise_m];
+        scene.world.faces_in_sight(origin, heights_m, config.range_max_m, |a, b, [z0_m, z1_m]| {
+            let meets = |beam: usize, inverse: f64| (z0_m..=z1_m).contains(&(eye.z + rises[beam].slope / inverse));
+            image.draw_face_where(lidar_from_world * a, lidar_from_world * b, meets);
+        });
+        for (beam, rise) in rises.iter().enumerate().filter(|(_, rise)| rise.slope < 0.0) {
+            image.put(beam, eye.z / -rise.slope);
+        }
+        self.draw_all_else(scene, &world_from_lidar);
+    }
+
+    /// Floor plan and people.
+    fn draw_all_else(&mut self, scene: &Scene<'_>, world_from_lidar: &Se2) {
+        let (config, image) = (&self.config, &mut self.image);
+        let lidar_from_world = world_from_lidar.inverse();
+        let origin = Point::from(world_from_lidar.translation.vector);
         if let Some(map) = scene.world.map() {
             for beam in 0..config.beams {
                 let direction = world_from_lidar.rotation * image.direction(beam);

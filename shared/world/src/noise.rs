@@ -33,6 +33,9 @@ pub(crate) enum Source {
     OdometryScale,
     Table,
     Redwood,
+    Legs,
+    Attitude,
+    AttitudeBias,
 }
 
 /// The generator of one frame of one incarnation of a sensor.

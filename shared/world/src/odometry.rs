@@ -1,8 +1,9 @@
 //! Leg odometry: the true motion, with a scale error and a heading that wanders off.
 
 use guidance::se2::{Se2, pose2, se2};
-use messages::{Pose2, Twist2};
+use messages::{Attitude, Pose2, Twist2};
 use nalgebra::Vector2;
+use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
 
@@ -19,11 +20,21 @@ pub struct OdometryConfig {
     pub yaw_walk_rad_per_sqrt_m: f64,
     /// Wandering of the heading with turning: one standard deviation after a turn of 1 rad, radians.
     pub yaw_walk_rad_per_sqrt_rad: f64,
+    /// Error of roll and of pitch that lasts: drawn evenly up to this for each incarnation, radians.
+    pub attitude_bias_rad: f64,
+    /// Error of each reading of roll and pitch: one standard deviation, radians.
+    pub attitude_sigma_rad: f64,
 }
 
 impl Default for OdometryConfig {
     fn default() -> Self {
-        Self { scale_sigma: 0.01, yaw_walk_rad_per_sqrt_m: 0.011, yaw_walk_rad_per_sqrt_rad: 0.01 }
+        Self {
+            scale_sigma: 0.01,
+            yaw_walk_rad_per_sqrt_m: 0.011,
+            yaw_walk_rad_per_sqrt_rad: 0.01,
+            attitude_bias_rad: 0.0,
+            attitude_sigma_rad: 0.0,
+        }
     }
 }
 
@@ -35,7 +46,9 @@ impl OdometryConfig {
     pub fn validate(&self) -> Result<(), ConfigError> {
         ConfigError::check("scale_sigma", self.scale_sigma, 0.0, 0.5)?;
         ConfigError::check("yaw_walk_rad_per_sqrt_m", self.yaw_walk_rad_per_sqrt_m, 0.0, 1.0)?;
-        ConfigError::check("yaw_walk_rad_per_sqrt_rad", self.yaw_walk_rad_per_sqrt_rad, 0.0, 1.0)
+        ConfigError::check("yaw_walk_rad_per_sqrt_rad", self.yaw_walk_rad_per_sqrt_rad, 0.0, 1.0)?;
+        ConfigError::check("attitude_bias_rad", self.attitude_bias_rad, 0.0, 0.1)?;
+        ConfigError::check("attitude_sigma_rad", self.attitude_sigma_rad, 0.0, 0.1)
     }
 }
 
@@ -120,6 +133,23 @@ impl OdometrySensor {
         self.place_yaw_covariance += way_m * self.yaw_variance;
         self.yaw_variance += variance;
         OdometryReading { odom_from_robot: pose, twist: self.measured(robot_twist), sigma: self.sigma() }
+    }
+
+    /// What the robot's own sensors make of an attitude at tick number `tick`. One that is not known stays so.
+    #[must_use]
+    pub fn attitude(&self, tick: u64, truth: &Attitude) -> Attitude {
+        let OdometryConfig { attitude_bias_rad, attitude_sigma_rad, .. } = self.config;
+        if !truth.is_known() || (attitude_bias_rad == 0.0 && attitude_sigma_rad == 0.0) {
+            return *truth;
+        }
+        let mut lasting = generator(Source::AttitudeBias, self.seed, self.incarnation, 0);
+        let mut passing = generator(Source::Attitude, self.seed, self.incarnation, tick);
+        let mut error_rad = || {
+            let normal: f64 = StandardNormal.sample(&mut passing);
+            attitude_bias_rad * (2.0 * lasting.random::<f64>() - 1.0) + attitude_sigma_rad * normal
+        };
+        let (roll_rad, pitch_rad) = (truth.roll_rad + error_rad(), truth.pitch_rad + error_rad());
+        Attitude { roll_rad, pitch_rad, ..*truth }
     }
 
     fn measured(&self, twist: Twist2) -> Twist2 {

@@ -2,10 +2,11 @@
 
 use guidance::se2::pose2;
 use guidance::{HandlerErrors, Interaction};
-use settings::{DepthSettings, LidarSettings, OdometrySettings, Settings, Walk};
+use settings::{DepthSettings, LidarSettings, OdometrySettings, Robot, Settings, SimulatedNoise, Walk};
 
 use crate::{
-    DepthConfig, HandlerConfig, LidarConfig, OdometryConfig, PhysicsConfig, RobotConfig, Route, Scenario, WorldError,
+    DepthConfig, HandlerConfig, LegsConfig, LidarConfig, OdometryConfig, PhysicsConfig, RobotConfig, Route, Scenario,
+    WorldError,
 };
 
 /// The scenario of a run: a scenario file, or a map with a start; with a route file in place of its route, if given;
@@ -75,7 +76,28 @@ impl From<&OdometrySettings> for OdometryConfig {
         Self {
             scale_sigma: odometry.scale_sigma,
             yaw_walk_rad_per_sqrt_m: odometry.yaw_walk_rad_per_sqrt_m,
+            attitude_bias_rad: odometry.attitude_bias_deg.to_radians(),
+            attitude_sigma_rad: odometry.attitude_sigma_deg.to_radians(),
             ..Self::default()
+        }
+    }
+}
+
+impl From<&Robot> for LegsConfig {
+    fn from(robot: &Robot) -> Self {
+        let (response, gait) = (&robot.response, &robot.gait);
+        Self {
+            delay_s: response.delay.s(),
+            time_constant_s: response.time_constant_s,
+            stride_s: gait.stride.s(),
+            roll_rad: gait.roll_rad,
+            pitch_rad: gait.pitch_rad,
+            rise_m: gait.rise_m,
+            lean_rad_per_mps: gait.lean_rad_per_mps,
+            sway_m: gait.sway_m,
+            sway_rad: gait.sway_rad,
+            slip: gait.slip,
+            standing_m: robot.body_height_m.get(),
         }
     }
 }
@@ -87,6 +109,7 @@ impl From<&Settings> for PhysicsConfig {
         Self {
             robot: RobotConfig {
                 radius_m: robot.radius_m.get(),
+                nose_m: robot.nose_m,
                 acceleration_mps2: limits.acceleration_mps2.get(),
                 turn_acceleration_radps2: limits.acceleration_radps2.get(),
                 ..RobotConfig::default()
@@ -102,6 +125,8 @@ impl From<&Settings> for PhysicsConfig {
                 sway_m: settings.simulation.handler_sway_m,
                 ..HandlerConfig::default()
             },
+            legs: (settings.simulation.noise == SimulatedNoise::Legged).then(|| LegsConfig::from(robot)),
+            seed: settings.simulation.seed,
         }
     }
 }

@@ -1,8 +1,8 @@
 //! Robot, handler and people in motion, and the truth about what they touch. One tick is 10 ms.
 //!
-//! The robot follows a commanded body velocity within its accelerations. The handler is drawn after it by the harness:
-//! the offset in the robot's frame relaxes to its default with a time constant. A motion that would touch something is
-//! cut off before the touch and counted, once until there is room again.
+//! The robot follows a commanded body velocity within its accelerations, or as its [`Legs`] do. The handler is drawn
+//! after it by the harness: the offset in the robot's frame relaxes to its default with a time constant. A motion that
+//! would touch something is cut off before the touch and counted, once until there is room again.
 
 use std::sync::Arc;
 
@@ -11,8 +11,9 @@ use messages::{Attitude, Header, MAX_WALKERS, Pose2, Twist2, Walker, WorldTruth}
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use crate::outline::Outline;
 use crate::people::Agent;
-use crate::{ConfigError, People, World, WorldError};
+use crate::{ConfigError, Legs, LegsConfig, People, World, WorldError};
 
 /// One tick, seconds: the quantum of stepped time.
 pub const TICK_S: f64 = messages::QUANTUM_NS as f64 * 1e-9;
@@ -27,6 +28,8 @@ const CLOSING_MPS: f64 = 0.05;
 pub struct RobotConfig {
     /// Radius of the disc around the body, metres.
     pub radius_m: f64,
+    /// Two such discs stand for a long body, so far ahead of its middle and behind it, metres; 0 is one disc.
+    pub nose_m: f64,
     /// Height of the body, metres: what is above it does not touch it.
     pub height_m: f64,
     /// Speeding up and changing direction, m/s^2.
@@ -47,6 +50,7 @@ impl Default for RobotConfig {
     fn default() -> Self {
         Self {
             radius_m: 0.30,
+            nose_m: 0.0,
             height_m: 0.60,
             acceleration_mps2: 2.0,
             braking_mps2: 4.0,
@@ -111,6 +115,10 @@ pub struct PhysicsConfig {
     pub robot: RobotConfig,
     /// The handler.
     pub handler: HandlerConfig,
+    /// How the robot walks on legs; none: it follows every command within its accelerations.
+    pub legs: Option<LegsConfig>,
+    /// The sway of its legs depends on it.
+    pub seed: u64,
 }
 
 impl PhysicsConfig {
@@ -122,6 +130,7 @@ impl PhysicsConfig {
         let (robot, handler) = (&self.robot, &self.handler);
         let offset = handler.robot_from_handler;
         ConfigError::check("robot.radius_m", robot.radius_m, 0.05, 2.0)?;
+        ConfigError::check("robot.nose_m", robot.nose_m, 0.0, 1.0)?;
         ConfigError::check("robot.height_m", robot.height_m, 0.05, 3.0)?;
         ConfigError::check("robot.acceleration_mps2", robot.acceleration_mps2, 0.01, 1000.0)?;
         ConfigError::check("robot.braking_mps2", robot.braking_mps2, 0.01, 1000.0)?;
@@ -169,6 +178,7 @@ pub struct Physics {
     world_from_robot: Se2,
     world_from_handler: Se2,
     twist: Twist2,
+    legs: Option<Legs>,
     bodies: [Body; 2],
     hit_by_others: u32,
     distance_m: f64,
@@ -200,6 +210,7 @@ impl Physics {
             world_from_robot,
             world_from_handler: world_from_robot * se2(config.handler.robot_from_handler),
             twist: Twist2::ZERO,
+            legs: config.legs.clone().map(|legs| Legs::new(legs, config.seed)).transpose()?,
             bodies: [
                 body(config.robot.radius_m, config.robot.height_m),
                 body(config.handler.radius_m, config.handler.height_m),
@@ -244,7 +255,7 @@ impl Physics {
             header: Header::default(),
             world_from_robot: pose2(&self.world_from_robot),
             robot_twist: self.twist,
-            attitude: Attitude::default(),
+            attitude: self.legs.as_ref().map_or(Attitude::default(), Legs::attitude),
             world_from_handler: pose2(&self.world_from_handler),
             command: Twist2::ZERO,
             command_since_ns: 0,
@@ -260,7 +271,11 @@ impl Physics {
     /// One tick of [`TICK_S`] under a commanded velocity (robot frame). A command that is not finite counts as zero.
     pub fn step(&mut self, command: Twist2) {
         self.move_people();
-        self.accelerate(if command.is_finite() { command } else { Twist2::ZERO });
+        let command = if command.is_finite() { command } else { Twist2::ZERO };
+        match &mut self.legs {
+            Some(legs) => self.twist = legs.go(command, TICK_S),
+            None => self.accelerate(command),
+        }
         self.move_robot();
         self.move_handler();
         for body in [ROBOT, HANDLER] {
@@ -274,11 +289,28 @@ impl Physics {
         Point::from(pose.translation.vector)
     }
 
+    /// The discs of a body.
+    fn outline(&self, body: usize) -> Outline {
+        match body {
+            ROBOT => Outline::of(&self.world_from_robot, self.config.robot.nose_m),
+            _ => Outline::of(&self.world_from_handler, 0.0),
+        }
+    }
+
     fn move_people(&mut self) {
-        let agents = [ROBOT, HANDLER].map(|body| Agent { at: self.place(body), radius_m: self.bodies[body].radius_m });
-        let (mut touches, mut count) = ([(0, 0); 2 * MAX_WALKERS], 0);
+        if self.people.is_empty() {
+            return;
+        }
+        let (mut agents, mut bodies) = (Vec::with_capacity(3), Vec::with_capacity(3));
+        for body in [ROBOT, HANDLER] {
+            for at in self.outline(body).iter() {
+                agents.push(Agent { at: *at, radius_m: self.bodies[body].radius_m });
+                bodies.push(body);
+            }
+        }
+        let (mut touches, mut count) = ([(0, 0); 3 * MAX_WALKERS], 0);
         self.people.step(self.ticks as f64 * TICK_S, TICK_S, &agents, |person, agent| {
-            touches[count] = (person, agent);
+            touches[count] = (person, bodies[agent]);
             count += 1;
         });
         for &(person, agent) in &touches[..count] {
@@ -324,8 +356,16 @@ impl Physics {
     fn move_robot(&mut self) {
         let wanted = self.world_from_robot * exp(self.twist, TICK_S);
         let (from, to) = (self.place(ROBOT), Point::from(wanted.translation.vector));
-        let mut reached = self.go(ROBOT, from, to);
-        let cut = reached != to;
+        let share = self.free_share(ROBOT, &self.outline(ROBOT), &Outline::of(&wanted, self.config.robot.nose_m));
+        let cut = share < 1.0;
+        let mut reached = if cut { from + (to - from) * share } else { to };
+        // A round body turns on the spot whatever is beside it.
+        let turned = if cut && self.config.robot.nose_m > 0.0 { share } else { 1.0 };
+        let before_rad = self.world_from_robot.rotation.angle();
+        let yaw_rad = match turned < 1.0 {
+            true => before_rad + turned * wrap_angle(wanted.rotation.angle() - before_rad),
+            false => wanted.rotation.angle(),
+        };
         let (handler, reach_m) = (self.place(HANDLER), self.config.handler.reach_m);
         let (before, after) = ((from - handler).norm(), (reached - handler).norm());
         let pulled = after > reach_m && after > before;
@@ -334,9 +374,12 @@ impl Physics {
         }
         if cut || pulled {
             self.twist = Twist2 { vx_mps: 0.0, vy_mps: 0.0, ..self.twist };
+            if let Some(legs) = &mut self.legs {
+                legs.halt();
+            }
         }
         self.distance_m += (reached - from).norm();
-        self.world_from_robot = placed(reached, wanted.rotation.angle());
+        self.world_from_robot = placed(reached, yaw_rad);
     }
 
     fn move_handler(&mut self) {
@@ -355,50 +398,59 @@ impl Physics {
             target.yaw_rad + keep * wrap_angle(now.yaw_rad - target.yaw_rad),
         );
         let wanted = self.world_from_robot * se2(next);
-        let reached = self.go(HANDLER, self.place(HANDLER), Point::from(wanted.translation.vector));
+        let (from, to) = (self.place(HANDLER), Point::from(wanted.translation.vector));
+        let share = self.free_share(HANDLER, &self.outline(HANDLER), &Outline::of(&wanted, 0.0));
+        let reached = if share < 1.0 { from + (to - from) * share } else { to };
         self.world_from_handler = placed(reached, wanted.rotation.angle());
     }
 
-    /// How far a body gets on a straight way; counts what it runs into.
-    fn go(&mut self, body: usize, from: Point, to: Point) -> Point {
+    /// How much of its way a body gets, on which each of its discs goes straight; counts what it runs into.
+    fn free_share(&mut self, body: usize, from: &Outline, to: &Outline) -> f64 {
         let Body { radius_m, z, .. } = self.bodies[body];
-        let in_world = self.world.free_share(from, to, radius_m, z);
-        let (mut share, mut ran_into_person) = (in_world.unwrap_or(1.0), false);
-        for person in 0..self.people.len() {
-            let walker = self.walkers[person];
-            let center = Point::new(walker.x_m, walker.y_m);
-            let limit = radius_m + walker.radius_m;
-            let Some(free) = crate::sweep::free_share(from, to, limit, |p| (p - center).norm()) else { continue };
-            share = share.min(free);
-            // One touch is one event, whoever began it.
-            ran_into_person |= !std::mem::replace(&mut self.bodies[body].with_person[person], true);
+        let (mut share, mut meets_world, mut ran_into_person) = (1.0_f64, false, false);
+        for (from, to) in from.iter().zip(to.iter()) {
+            if let Some(free) = self.world.free_share(*from, *to, radius_m, z) {
+                share = share.min(free);
+                meets_world = true;
+            }
+            for person in 0..self.people.len() {
+                let walker = self.walkers[person];
+                let center = Point::new(walker.x_m, walker.y_m);
+                let limit = radius_m + walker.radius_m;
+                let Some(free) = crate::sweep::free_share(*from, *to, limit, |p| (p - center).norm()) else { continue };
+                share = share.min(free);
+                // One touch is one event, whoever began it.
+                ran_into_person |= !std::mem::replace(&mut self.bodies[body].with_person[person], true);
+            }
         }
         let state = &mut self.bodies[body];
-        let ran_into_world = in_world.is_some() && !std::mem::replace(&mut state.touching, in_world.is_some());
+        let ran_into_world = meets_world && !std::mem::replace(&mut state.touching, true);
         state.collisions += u32::from(ran_into_world || ran_into_person);
-        if share < 1.0 { from + (to - from) * share } else { to }
+        share
     }
 
     /// Ends the touches that have room again.
     fn release(&mut self, body: usize) {
-        let at = self.place(body);
+        let outline = self.outline(body);
         let Body { radius_m, z, touching, .. } = self.bodies[body];
         let room = radius_m + RELEASE_M;
-        if touching && self.world.clearance(at, z, room) >= room {
+        if touching && outline.iter().all(|at| self.world.clearance(*at, z, room) >= room) {
             self.bodies[body].touching = false;
         }
         for (walker, counted) in self.walkers.iter().zip(&mut self.bodies[body].with_person) {
-            let distance = (Point::new(walker.x_m, walker.y_m) - at).norm();
-            *counted &= distance < room + walker.radius_m;
+            let center = Point::new(walker.x_m, walker.y_m);
+            *counted &= outline.iter().any(|at| (center - at).norm() < room + walker.radius_m);
         }
     }
 
-    /// Room around a body's centre, people included, metres, at most `up_to_m`.
+    /// Room around the middles of a body's discs, people included, metres, at most `up_to_m`.
     fn clearance(&self, body: usize, up_to_m: f64) -> f64 {
-        let at = self.place(body);
-        let to_walker = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m;
-        let walkers = self.walkers[..self.people.len()].iter().map(to_walker);
-        walkers.fold(self.world.clearance(at, self.bodies[body].z, up_to_m), f64::min)
+        let of_disc = |at: &Point| {
+            let to_walker = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m;
+            let walkers = self.walkers[..self.people.len()].iter().map(to_walker);
+            walkers.fold(self.world.clearance(*at, self.bodies[body].z, up_to_m), f64::min)
+        };
+        self.outline(body).iter().map(of_disc).fold(up_to_m, f64::min)
     }
 }
 

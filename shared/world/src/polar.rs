@@ -99,6 +99,12 @@ impl PolarImage {
 
     /// A straight face between two points of the lidar frame, seen from both sides.
     pub(crate) fn draw_face(&mut self, a: Point, b: Point) {
+        self.draw_face_where(a, b, |_, _| true);
+    }
+
+    /// The same of a face that some beams pass over or under: `meets` tells of a beam, and of the inverse of its range
+    /// to the face, whether it ends there.
+    pub(crate) fn draw_face_where(&mut self, a: Point, b: Point, meets: impl Fn(usize, f64) -> bool) {
         let (a, b) = (self.mirror(a), self.mirror(b));
         let cross = a.coords.perp(&b.coords);
         let ((a, b), cross) = if cross >= 0.0 { ((a, b), cross) } else { ((b, a), -cross) };
@@ -114,10 +120,10 @@ impl PolarImage {
         let turn_rad = if turn_rad > PI + BEARING_RAD { 0.0 } else { turn_rad };
         for run in self.span(from_rad - slack_rad, turn_rad + 2.0 * slack_rad) {
             let run = self.between(run, a, b);
-            let (x, y) = (&self.x[run.clone()], &self.y[run.clone()]);
-            for ((inverse, x), y) in self.inverse[run].iter_mut().zip(x).zip(y) {
+            let (first, x, y) = (run.start, &self.x[run.clone()], &self.y[run.clone()]);
+            for (i, ((inverse, x), y)) in self.inverse[run].iter_mut().zip(x).zip(y).enumerate() {
                 let here = by_x * x + by_y * y;
-                *inverse = if here > *inverse { here } else { *inverse };
+                *inverse = if here > *inverse && meets(first + i, here) { here } else { *inverse };
             }
         }
     }

@@ -1,8 +1,9 @@
 //! Depth noise after Choi et al. 2015 (the "Redwood" model that Kim et al. 2023 trained with), with a stand-in for its
 //! table of distortions, which is not ours to ship.
 //!
-//! A pixel reads a neighbour, at half the resolution; its depth is divided by a distortion that varies smoothly over
-//! image and depth; then the disparity is jittered and rounded. Some pixels never say anything. The table's own
+//! A pixel of an image of 640x480 reads a neighbour, at half the resolution. A coarser camera reads as far away as an
+//! angle, and so nearly always its own pixel. The depth is divided by a distortion that varies smoothly over image and
+//! depth; then the disparity is jittered and rounded. Some pixels never say anything. The table's own
 //! statistics are kept: how much the distortion spreads at each depth, and how many pixels are dumb. The field itself
 //! is drawn anew for each camera, so that nothing can be learnt by heart.
 
@@ -27,7 +28,9 @@ const DUMB_SHARE: f64 = 0.055;
 /// Baseline times focal length, in metres and steps of an eighth of a pixel of disparity.
 const DISPARITY_M: f32 = 35.130;
 const STEPS: f32 = 8.0;
-/// One standard deviation of the disparity, pixels, and of the place that is read.
+/// Columns and rows of the image whose pixels read neighbours.
+const GRID: [f32; 2] = [640.0, 480.0];
+/// One standard deviation of the disparity, and of the place that is read, pixels of that image.
 const DISPARITY_SIGMA: f32 = 0.027_778;
 const PLACE_SIGMA_PX: f32 = 0.25;
 /// Farther is not seen, metres.
@@ -103,10 +106,9 @@ impl Redwood {
     /// Which depths a row's pixels read.
     fn read_neighbours(&mut self, row: usize, aside: &[f32], above: &[f32]) {
         let sigma_px = PLACE_SIGMA_PX * self.intensity;
-        let (last_row, last_column) = ((self.height - 1) as f32, (self.width - 1) as f32);
-        let even = |at: f32, last: f32| nearest(at.clamp(0.0, last)) as usize & !1;
+        let (across, down) = (Neighbours::of(self.width, GRID[0]), Neighbours::of(self.height, GRID[1]));
         for (column, ((depth_m, dx), dy)) in self.read_m.iter_mut().zip(aside).zip(above).enumerate() {
-            let (y, x) = (even(row as f32 + dy * sigma_px, last_row), even(column as f32 + dx * sigma_px, last_column));
+            let (y, x) = (down.read(row, dy * sigma_px), across.read(column, dx * sigma_px));
             *depth_m = f32::from(self.clean[y * self.width + x]) * 0.001;
         }
     }
@@ -131,6 +133,28 @@ impl Redwood {
             let seen = says[i] & u32::from(depth_m > 0.0) & u32::from(depth_m < FARTHEST_M) & u32::from(steps > 0);
             *pixel = (depth_mm * seen) as u16;
         }
+    }
+}
+
+/// Which pixel is read in place of another, along one side of the image.
+struct Neighbours {
+    last: usize,
+    /// The last pixel of the grid.
+    edge: f32,
+    /// Pixels of the grid to one of the image.
+    step: f32,
+}
+
+impl Neighbours {
+    fn of(pixels: usize, grid: f32) -> Self {
+        Self { last: pixels - 1, edge: grid - 1.0, step: grid / pixels as f32 }
+    }
+
+    /// Every second pixel of the grid is read; `off` is in its pixels.
+    fn read(&self, at: usize, off: f32) -> usize {
+        let middle = (at as f32 + 0.5) * self.step - 0.5;
+        let even = nearest((middle + off).clamp(0.0, self.edge)) & !1;
+        (((even as f32 + 0.5) / self.step) as usize).min(self.last)
     }
 }
 
@@ -182,6 +206,23 @@ mod tests {
         let ((at_5, none), (at_9, _)) = (wall(5000), wall(9000));
         assert!((0.06..0.13).contains(&at_5) && (0.17..0.36).contains(&at_9), "{at_5} {at_9}");
         assert!((0.09..0.19).contains(&none), "{none}");
+    }
+
+    #[test]
+    fn a_coarse_image_reads_its_own_pixels_and_a_fine_one_its_neighbours() {
+        let mut random = ChaCha8Rng::seed_from_u64(2);
+        let mut share = |width: usize, height: usize| {
+            // Every second column is near: who reads the next one is off by 5 m.
+            let clean: Vec<u16> = (0..width * height).map(|i| if i % 2 == 0 { 1000 } else { 6000 }).collect();
+            let mut pixels = clean.clone();
+            let normals: Vec<f32> = (0..3 * clean.len()).map(|_| StandardNormal.sample(&mut random)).collect();
+            let mut rows = normals.chunks(3 * width);
+            Redwood::new(1.0, width, height, 1).disturb(&mut pixels, || rows.next().expect("one for each row"));
+            let is_off = |(clean, noisy): &(&u16, &u16)| **noisy > 0 && clean.abs_diff(**noisy) > 2500;
+            clean.iter().zip(&pixels).filter(is_off).count() as f64 / clean.len() as f64
+        };
+        assert_eq!(share(128, 64), 0.0);
+        assert!(share(640, 480) > 0.2);
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! What a sensor looks at: the world at one moment.
 
+use guidance::Tilt;
 use guidance::se2::{Point, Se2, se2};
 use messages::{Pose2, Walker, WorldTruth};
 
@@ -17,6 +18,8 @@ pub struct Scene<'a> {
     pub world: &'a World,
     /// The robot.
     pub world_from_robot: Pose2,
+    /// How its body is held; level without it.
+    pub tilt: Option<Tilt>,
     /// The handler; `None` where there is none.
     pub world_from_handler: Option<Pose2>,
     /// Walking people.
@@ -30,6 +33,7 @@ impl<'a> Scene<'a> {
         Self {
             world,
             world_from_robot: truth.world_from_robot,
+            tilt: Tilt::of(&truth.attitude),
             world_from_handler: Some(truth.world_from_handler),
             walkers: &truth.walkers[..(truth.walker_count as usize).min(truth.walkers.len())],
         }

@@ -6,18 +6,21 @@
 //! meanwhile: who yields stops in time, and who walks into robot or handler is held there and counted apart.
 
 use guidance::se2::{Point, Se2, exp, pose2, wrap_angle};
-use guidance::{Interaction, InteractionModel};
-use messages::{MAX_WALKERS, Twist2, Walker};
+use guidance::{Interaction, InteractionModel, Tilt};
+use messages::{Attitude, MAX_WALKERS, Twist2, Walker};
 use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 
+use crate::outline::Outline;
 use crate::people::Agent;
 use crate::physics::{HandlerConfig, PhysicsConfig, STEP_M};
-use crate::{People, Scene, World};
+use crate::{Legs, People, Scene, World};
 
 /// A motion is swept in so many straight parts: a straight one, one that turns, and one among people, who walk
 /// meanwhile.
 const PARTS: [usize; 3] = [2, 3, 5];
+/// They come along the corridor at this speed, m/s, and walk for so long between two looks, seconds.
+const COMING: (Twist2, f64) = (Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 }, 1.5);
 
 /// A handler as they really are, whatever the shield is told of them.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +53,8 @@ impl HandlerProfile {
 pub struct Bodies {
     /// Radius of the robot's disc, metres.
     pub robot_radius_m: f64,
+    /// Two such discs stand for a long body, so far ahead of its middle and behind it, metres; 0 is one disc.
+    pub robot_nose_m: f64,
     /// Its height, metres.
     pub robot_height_m: f64,
     /// Radius of the handler's disc, metres.
@@ -59,9 +64,10 @@ pub struct Bodies {
 }
 
 impl From<&PhysicsConfig> for Bodies {
-    fn from(PhysicsConfig { robot, handler }: &PhysicsConfig) -> Self {
+    fn from(PhysicsConfig { robot, handler, .. }: &PhysicsConfig) -> Self {
         Self {
             robot_radius_m: robot.radius_m,
+            robot_nose_m: robot.nose_m,
             robot_height_m: robot.height_m,
             handler_radius_m: handler.radius_m,
             handler_height_m: handler.height_m,
@@ -100,6 +106,8 @@ pub struct Team {
     handler: HandlerProfile,
     bodies: Bodies,
     world_from_robot: Se2,
+    /// None: the robot moves as it is told, on a level body.
+    legs: Option<Legs>,
     /// By the model alone, without the swaying.
     robot_from_handler: Se2,
     people: People,
@@ -124,6 +132,7 @@ impl Team {
             handler,
             bodies,
             world_from_robot: *world_from_robot,
+            legs: None,
             people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
             walkers: [Walker::default(); MAX_WALKERS],
             touching: [[false; 2]; MAX_WALKERS],
@@ -133,6 +142,30 @@ impl Team {
         };
         team.note_walkers();
         team
+    }
+
+    /// The same with a robot that walks on legs.
+    #[must_use]
+    pub fn on_legs(self, legs: Option<Legs>) -> Self {
+        Self { legs, ..self }
+    }
+
+    /// The same on its way there: at rest as far as handler and people are concerned, and with legs that have walked
+    /// on.
+    #[must_use]
+    pub fn coming_by(&self, world_from_robot: &Se2) -> Self {
+        let robot_from_handler = self.handler.model.robot_from_default();
+        let mut team = Self { world_from_robot: *world_from_robot, robot_from_handler, ..self.clone() };
+        if let Some(legs) = &mut team.legs {
+            legs.go(COMING.0, COMING.1);
+        }
+        team
+    }
+
+    /// How the robot's body is held; none where it is level.
+    #[must_use]
+    pub fn attitude(&self) -> Attitude {
+        self.legs.as_ref().map_or(Attitude::default(), Legs::attitude)
     }
 
     /// The robot.
@@ -163,14 +196,15 @@ impl Team {
     /// something. People are where they are now.
     #[must_use]
     pub fn room_m(&self, world: &World, world_from_robot: &Se2, world_from_handler: &Se2, up_to_m: f64) -> f64 {
-        let room_m = |body: usize, at: Point| {
+        let room_m = |body: usize, at: &Point| {
             let radius_m = self.radius_m(body);
             let apart_m =
                 |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m - radius_m;
-            let in_world_m = world.clearance(at, self.z(body), radius_m + up_to_m) - radius_m;
+            let in_world_m = world.clearance(*at, self.z(body), radius_m + up_to_m) - radius_m;
             self.walkers[..self.people.len()].iter().map(apart_m).fold(in_world_m, f64::min)
         };
-        room_m(ROBOT, place(world_from_robot)).min(room_m(HANDLER, place(world_from_handler)))
+        let robot = self.outline(world_from_robot);
+        robot.iter().map(|at| room_m(ROBOT, at)).fold(room_m(HANDLER, &place(world_from_handler)), f64::min)
     }
 
     /// What sensors look at.
@@ -179,6 +213,7 @@ impl Team {
         Scene {
             world,
             world_from_robot: pose2(&self.world_from_robot),
+            tilt: Tilt::of(&self.attitude()),
             world_from_handler: Some(pose2(&self.world_from_handler())),
             walkers: &self.walkers[..self.people.len()],
         }
@@ -188,12 +223,19 @@ impl Team {
     #[must_use]
     pub fn is_free(&self, world: &World, room_m: f64) -> bool {
         let (robot, handler) = (place(&self.world_from_robot), place(&self.world_from_handler()));
-        [(ROBOT, robot), (HANDLER, nalgebra::center(&robot, &handler)), (HANDLER, handler)].iter().all(|(body, at)| {
-            let needed_m = self.radius_m(*body) + room_m;
+        let outline = self.outline(&self.world_from_robot);
+        let between = [(HANDLER, nalgebra::center(&robot, &handler)), (HANDLER, handler)];
+        outline.iter().map(|at| (ROBOT, *at)).chain(between).all(|(body, at)| {
+            let needed_m = self.radius_m(body) + room_m;
             let apart = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() > needed_m + walker.radius_m;
-            world.clearance(*at, self.z(*body), needed_m) >= needed_m
+            world.clearance(at, self.z(body), needed_m) >= needed_m
                 && self.walkers[..self.people.len()].iter().all(apart)
         })
+    }
+
+    /// The robot's discs where it is there.
+    fn outline(&self, world_from_robot: &Se2) -> Outline {
+        Outline::of(world_from_robot, self.bodies.robot_nose_m)
     }
 
     fn radius_m(&self, body: usize) -> f64 {
@@ -216,21 +258,26 @@ impl Team {
         let parts = PARTS[if !self.people.is_empty() { 2 } else { usize::from(velocity.wz_radps != 0.0) }];
         let part_s = dt_s / parts as f64;
         let stands = velocity.is_zero();
-        let mut stepped = Stepped::default();
+        let (mut stepped, mut now) = (Stepped::default(), Se2::identity());
         for part in 1..=parts {
             stepped.hit_by_others += self.move_people(part_s, velocity);
             if stepped.collided() || stands && self.handler_rests {
                 continue;
             }
-            let now = exp(velocity, part_s * part as f64);
+            now = match &mut self.legs {
+                Some(legs) => now * exp(legs.go(velocity, part_s), part_s),
+                None => exp(velocity, part_s * part as f64),
+            };
             let share = part as f64 / parts as f64;
             let next = (robot * now, self.handler.model.follow(&offset, &now, share));
             let next_walked_s = walked_s + if stands { 0.0 } else { part_s * part as f64 };
             let handler = next.0 * self.swayed(&next.1, next_walked_s);
-            stepped.robot_hit = self.is_blocked(world, ROBOT, place(&self.world_from_robot), place(&next.0));
+            let (from, to) = (self.outline(&self.world_from_robot), self.outline(&next.0));
+            stepped.robot_hit = from.iter().zip(to.iter()).any(|(from, to)| self.is_blocked(world, ROBOT, *from, *to));
             stepped.handler_hit = self.is_blocked(world, HANDLER, place(&self.world_from_handler()), place(&handler));
             if stepped.collided() {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (robot, offset, walked_s);
+                self.legs.iter_mut().for_each(Legs::halt);
             } else {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (next.0, next.1, next_walked_s);
             }
@@ -258,9 +305,13 @@ impl Team {
             return 0;
         }
         let places = [place(&self.world_from_robot), place(&self.world_from_handler())];
-        let agents = [ROBOT, HANDLER].map(|body| Agent { at: places[body], radius_m: self.radius_m(body) });
+        let outline = self.outline(&self.world_from_robot);
+        let agent = |body: usize, at: Point| Agent { at, radius_m: self.radius_m(body) };
+        let handler = agent(HANDLER, places[HANDLER]);
+        let agents = [agent(ROBOT, outline[0]), handler, agent(ROBOT, outline[outline.len() - 1])];
         let mut touches = [[false; 2]; MAX_WALKERS];
-        self.people.step(self.time_s, dt_s, &agents, |person, agent| touches[person][agent] = true);
+        let agents = &agents[..=outline.len()];
+        self.people.step(self.time_s, dt_s, agents, |person, agent| touches[person][agent % 2] = true);
         self.time_s += dt_s;
         self.note_walkers();
         let towards = self.world_from_robot.rotation * Vector2::new(velocity.vx_mps, velocity.vy_mps);

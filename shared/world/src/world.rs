@@ -125,7 +125,13 @@ impl World {
     }
 
     /// Calls `f` with every face that a lidar at `origin` and height `z_m` may see within `max_m`.
-    pub(crate) fn faces_in_sight(&self, origin: Point, z_m: f64, max_m: f64, mut f: impl FnMut(Point, Point)) {
+    pub(crate) fn faces_in_sight(
+        &self,
+        origin: Point,
+        [low_m, high_m]: [f64; 2],
+        max_m: f64,
+        mut f: impl FnMut(Point, Point, [f64; 2]),
+    ) {
         for side in self.index.sides() {
             let prism = &self.prisms[side.prism as usize];
             let (to_a, along) = (side.a - origin, side.b - side.a);
@@ -134,8 +140,9 @@ impl World {
             let near = (to_a * 2.0 + along).norm_squared() <= reach_m * reach_m;
             // A solid's outline is counter-clockwise: its far sides are hidden by its near ones.
             let faces = !prism.solid || along.perp(&to_a) > 0.0;
-            if near && faces && prism.seen_by == SeenBy::Both && (prism.z0_m..=prism.z1_m).contains(&z_m) {
-                f(side.a, side.b);
+            let in_reach = prism.z0_m <= high_m && low_m <= prism.z1_m;
+            if near && faces && prism.seen_by == SeenBy::Both && in_reach {
+                f(side.a, side.b, [prism.z0_m, prism.z1_m]);
             }
         }
     }

@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use guidance::se2::Point;
-use guidedog_world::{Person, Physics, PhysicsConfig, Prism, Walk, World};
+use guidedog_world::{LegsConfig, Person, Physics, PhysicsConfig, Prism, RobotConfig, Walk, World};
 use messages::{Pose2, Twist2, WorldTruth};
 
 const FORWARD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
@@ -46,6 +46,57 @@ fn accelerations_are_bounded_and_stopping_is_the_fastest() {
     assert!((run(&mut physics, Twist2::ZERO, 0.1).robot_twist.vx_mps - 0.1).abs() < 1e-9);
     let nan = Twist2 { vx_mps: f64::NAN, ..FORWARD };
     assert!(run(&mut physics, nan, 0.1).robot_twist.is_zero(), "what is not a number is a stop");
+}
+
+fn on_legs(world: World) -> Physics {
+    let legs = LegsConfig {
+        delay_s: 0.04,
+        time_constant_s: [0.12, 0.1, 0.2],
+        stride_s: 0.48,
+        roll_rad: 0.02,
+        pitch_rad: 0.03,
+        rise_m: 0.01,
+        lean_rad_per_mps: 0.2,
+        sway_m: 0.004,
+        sway_rad: 0.01,
+        slip: 0.03,
+        standing_m: 0.3,
+    };
+    let config = PhysicsConfig { legs: Some(legs), ..PhysicsConfig::default() };
+    Physics::new(Arc::new(world), config, Pose2::default()).unwrap()
+}
+
+#[test]
+fn a_robot_on_legs_lags_overruns_and_sways() {
+    let mut physics = on_legs(World::new(2.6, vec![]));
+    let begun = run(&mut physics, FORWARD, 4.0);
+    assert!((begun.world_from_robot.x_m - 1.92).abs() < 0.06, "{:?}", begun.world_from_robot);
+    assert!(begun.attitude.is_known() && begun.attitude.is_usable() && begun.attitude.pitch_rad != 0.0);
+    let stood = run(&mut physics, Twist2::ZERO, 2.0);
+    let overrun_m = stood.world_from_robot.x_m - begun.world_from_robot.x_m;
+    assert!((0.06..0.10).contains(&overrun_m), "{overrun_m}");
+    let mut again = on_legs(World::new(2.6, vec![]));
+    run(&mut again, FORWARD, 4.0);
+    assert_eq!(run(&mut again, Twist2::ZERO, 2.0), stood);
+    let mut physics = on_legs(walls(2.0));
+    let truth = run(&mut physics, FORWARD, 10.0);
+    assert!(truth.robot_collisions >= 1 && truth.world_from_robot.x_m <= 1.7 + 1e-6, "{truth:?}");
+}
+
+#[test]
+fn a_long_body_touches_with_its_nose_and_cannot_turn_into_a_wall() {
+    let robot = RobotConfig { radius_m: 0.2, nose_m: 0.2, ..RobotConfig::default() };
+    let config = PhysicsConfig { robot, ..PhysicsConfig::default() };
+    let start = |world: World| Physics::new(Arc::new(world), config.clone(), Pose2::default());
+    let mut physics = start(walls(2.0)).unwrap();
+    let truth = run(&mut physics, FORWARD, 10.0);
+    assert!(truth.robot_collisions == 1 && (truth.world_from_robot.x_m - 1.6).abs() < 1e-6, "{truth:?}");
+    assert!(start(walls(0.39)).is_err() && start(walls(0.41)).is_ok());
+    // A wall along its left side, where a round body would turn freely.
+    let along = World::new(2.6, vec![Prism::wall(vec![Point::new(-3.0, 0.3), Point::new(3.0, 0.3)], [0.0, 2.6])]);
+    let mut physics = start(along).unwrap();
+    let truth = run(&mut physics, Twist2 { wz_radps: 0.35, ..Twist2::ZERO }, 6.0);
+    assert!(truth.robot_collisions == 1 && truth.world_from_robot.yaw_rad < 0.53, "{truth:?}");
 }
 
 #[test]

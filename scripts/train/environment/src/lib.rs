@@ -56,14 +56,24 @@ fn plans(value: &Bound<'_, PyAny>) -> PyResult<Vec<FloorPlan>> {
     paths.iter().map(|path| FloorPlan::load(path).map_err(wrong)).collect()
 }
 
+/// The robot, sensors and handler that episodes of this noise begin with.
+fn base(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
+    let noise = options.map(|options| options.get_item("noise")).transpose()?.flatten();
+    let is_legged = noise.is_some_and(|noise| noise.to_string() == "legged");
+    Ok(if is_legged { Config::go2() } else { Config::default() })
+}
+
 fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
-    let mut config = Config::default();
+    let mut config = base(options)?;
     for (key, value) in options.into_iter().flatten() {
         let key: String = key.extract()?;
         let text = || value.to_string();
         let number = || finite(&key, &value);
         match key.as_str() {
-            "noise" => config.noise = one_of(&key, &text(), &[("ideal", Noise::Ideal), ("noisy", Noise::Noisy)])?,
+            "noise" => {
+                let choices = [("ideal", Noise::Ideal), ("noisy", Noise::Noisy), ("legged", Noise::Legged)];
+                config.noise = one_of(&key, &text(), &choices)?;
+            }
             "harness" => {
                 config.harness = one_of(&key, &text(), &[("rigid", Harness::Rigid), ("delayed", Harness::Delayed)])?;
             }

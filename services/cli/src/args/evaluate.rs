@@ -50,7 +50,7 @@ pub struct EvaluateArgs {
     /// On so many threads; on all cores without it. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
-    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view: it has 64x32 pixels here
+    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view: it has 128x64 pixels here
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
 }
@@ -62,6 +62,8 @@ pub enum NoiseArg {
     Ideal,
     /// Gaussian lidar noise with drop-outs, Redwood depth noise at 1.0, drifting odometry
     Noisy,
+    /// The same, and a robot that walks on legs as a Go2 does in MuJoCo: it lags, overruns, sways, tilts and slips
+    Legged,
 }
 
 /// See [`episodes::Harness`].

@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use episodes::{Batch, Config, Noise};
 use serde_json::{Value, json};
+use world::DepthConfig;
 
 use crate::exit::Failure;
 use crate::out::{self, say, table};
@@ -19,17 +20,30 @@ const PROTOTYPE: [f64; 3] = [293_000.0, 117_000.0, 38_000.0];
 /// One row: what is simulated at each decision.
 struct Row {
     name: &'static str,
+    /// None where the prototype did no such thing.
+    prototype_per_s: Option<f64>,
     batch: Batch,
     per_s: Vec<f64>,
 }
 
 impl Row {
-    fn new(name: &'static str, noise: Noise, judges: bool) -> Result<Self, Failure> {
-        // As the prototype had it: a lidar of 360 beams, a depth frame of 64x32, one scan and one frame judged alone.
+    /// As the prototype had it: a lidar of 360 beams, a depth frame of 64x32, one scan and one frame judged alone.
+    fn of_prototype(name: &'static str, noise: Noise, judges: bool, prototype_per_s: f64) -> Result<Self, Failure> {
         let config = Config { noise, judges, memory: None, frames: 0, ..Config::default() };
+        let depth = config.depth.clone().map(|depth| DepthConfig { width: 64, height: 32, ..depth });
+        Self::new(name, Config { depth, ..config }, Some(prototype_per_s))
+    }
+
+    /// As training and evaluation have it, but for the memory: a depth frame of 128x64.
+    fn of_episodes(name: &'static str, noise: Noise) -> Result<Self, Failure> {
+        let legs = Config::go2().legs;
+        Self::new(name, Config { noise, legs, memory: None, frames: 0, ..Config::default() }, None)
+    }
+
+    fn new(name: &'static str, config: Config, prototype_per_s: Option<f64>) -> Result<Self, Failure> {
         let mut batch = Batch::new(&Arc::new(config), EPISODES).map_err(Failure::of_input)?;
         batch.begin(1);
-        Ok(Self { name, batch, per_s: Vec::new() })
+        Ok(Self { name, prototype_per_s, batch, per_s: Vec::new() })
     }
 
     /// Walks on, mostly ahead, as a policy would.
@@ -43,15 +57,15 @@ impl Row {
         self.per_s.push((EPISODES * DECISIONS) as f64 / begun.elapsed().as_secs_f64());
     }
 
-    fn json(&mut self, prototype: f64) -> Value {
+    fn json(&mut self) -> Value {
         self.per_s.sort_by(f64::total_cmp);
         let median = self.per_s[self.per_s.len() / 2];
         let (min, max) = (self.per_s.first(), self.per_s.last());
         json!({
             "what": self.name,
             "decisions_per_s": { "p50": median, "min": min, "max": max, "n": self.per_s.len() },
-            "prototype_per_s": prototype,
-            "ratio": median / prototype,
+            "prototype_per_s": self.prototype_per_s,
+            "ratio": self.prototype_per_s.map(|prototype_per_s| median / prototype_per_s),
         })
     }
 }
@@ -62,15 +76,17 @@ impl Row {
 /// Where the report cannot be written.
 pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = [
-        Row::new("lidar, depth, motion", Noise::Ideal, false)?,
-        Row::new("and the shield, eight actions", Noise::Ideal, true)?,
-        Row::new("and noise", Noise::Noisy, true)?,
+        Row::of_prototype("lidar, depth, motion", Noise::Ideal, false, PROTOTYPE[0])?,
+        Row::of_prototype("and the shield, eight actions", Noise::Ideal, true, PROTOTYPE[1])?,
+        Row::of_prototype("and noise", Noise::Noisy, true, PROTOTYPE[2])?,
+        Row::of_episodes("and a camera of 128x64", Noise::Noisy)?,
+        Row::of_episodes("and legs", Noise::Legged)?,
     ];
     // The machine's moods are shared by all rows.
     for _ in 0..times {
         rows.iter_mut().for_each(Row::measure);
     }
-    let rows: Vec<Value> = rows.iter_mut().zip(PROTOTYPE).map(|(row, prototype)| row.json(prototype)).collect();
+    let rows: Vec<Value> = rows.iter_mut().map(Row::json).collect();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
     if as_json {
         return out::json(&json!({ "threads": threads, "episodes": EPISODES, "rows": rows }));
@@ -82,7 +98,7 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
             number("/decisions_per_s/p50"),
             number("/decisions_per_s/min"),
             number("/decisions_per_s/max"),
-            format!("{:.2}", out::number(row, "/ratio")),
+            row["ratio"].as_f64().map_or_else(String::new, |ratio| format!("{ratio:.2}")),
         ]
     });
     say(format!("{EPISODES} episodes on {threads} threads, decisions a second"));

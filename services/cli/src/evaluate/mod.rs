@@ -35,7 +35,8 @@ const PICTURES: usize = 12;
 /// Where a file cannot be read or written, or an argument is out of its bounds.
 pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     check(args)?;
-    let settings = crate::prepare::load(Profile::Walk, args.config.as_deref())?;
+    let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
+    let settings = crate::prepare::load(profile, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
     args.pictures.as_ref().map_or(Ok(()), |folder| may_write(folder))?;
     let outcomes = evaluation.run(args, args.beta_test)?;
@@ -236,6 +237,7 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     config.noise = match args.noise {
         NoiseArg::Ideal => Noise::Ideal,
         NoiseArg::Noisy => Noise::Noisy,
+        NoiseArg::Legged => Noise::Legged,
     };
     config.harness = match args.harness {
         HarnessArg::Rigid => Harness::Rigid,

@@ -65,6 +65,10 @@ pub struct OdometrySettings {
     pub scale_sigma: f64,
     /// Drift of the simulated odometry: one standard deviation of the yaw after 1 m, radians.
     pub yaw_walk_rad_per_sqrt_m: f64,
+    /// Lasting error of the simulated roll and pitch, drawn up to this for each incarnation, degrees.
+    pub attitude_bias_deg: f64,
+    /// Error of each of their readings: one standard deviation, degrees.
+    pub attitude_sigma_deg: f64,
     /// Its correction by lidar scans.
     pub matching: MatchingSettings,
     /// The tracking camera.
@@ -81,6 +85,8 @@ impl Default for OdometrySettings {
             rate_hz: Positive::of(50.0),
             scale_sigma: 0.01,
             yaw_walk_rad_per_sqrt_m: 0.01,
+            attitude_bias_deg: 0.0,
+            attitude_sigma_deg: 0.0,
             matching: MatchingSettings::default(),
             t265: Librealsense::default(),
             robot_from_camera: Pose3::default(),
