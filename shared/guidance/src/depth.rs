@@ -228,6 +228,8 @@ pub struct DepthView {
     forward: Vector2<f64>,
     /// The robot of the frame's stamp, in the robot frame of now.
     now_from_stamped: Se2,
+    /// Frames taken in so far.
+    number: u64,
 }
 
 impl Default for DepthView {
@@ -241,6 +243,7 @@ impl Default for DepthView {
             camera: Point::origin(),
             forward: Vector2::x(),
             now_from_stamped: Se2::identity(),
+            number: 0,
         }
     }
 }
@@ -265,6 +268,7 @@ impl DepthView {
         tilt: Option<&Tilt>,
     ) -> Result<(), DepthError> {
         self.clear();
+        self.number += 1;
         check(header, pixels_mm.len())?;
         match tilt {
             None => self.look_level(header, pixels_mm),
@@ -442,6 +446,12 @@ impl DepthView {
         self.columns.clear();
         self.whole = 0..0;
         self.now_from_stamped = Se2::identity();
+    }
+
+    /// Number of the frame that was taken in last, counted from 1.
+    #[must_use]
+    pub fn number(&self) -> u64 {
+        self.number
     }
 
     /// The nearest obstacle of each column between floor and head, robot frame.

@@ -29,6 +29,11 @@ const STANDING_MAX_NS: u64 = 60_000_000_000;
 /// Nearer than this a camera says well enough where something is, metres. From farther off a wall may look so much
 /// nearer than the lidar has it that something seems to stand before it.
 const EXACT_M: f64 = 2.0;
+/// Evidence for what the camera saw: each frame counts 1 up to this distance, metres, and less with the square of a
+/// greater one, as the pixel's footprint grows.
+const FOOTPRINT_M: f64 = 1.0;
+/// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
+const ENOUGH: f64 = 2.0;
 /// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
 const SAME_M: f64 = 0.15;
 /// At most so many scans tell what was free a moment ago.
@@ -39,8 +44,9 @@ const GLIMPSES: usize = 8;
 pub struct MemoryConfig {
     /// Obstacles are kept for so long after they were last seen, nanoseconds; longer while the robot stands.
     pub kept_ns: u64,
-    /// What the camera alone saw, and from near by: it lies below the lidar's plane, or hangs above it, and does not
-    /// walk away as people do.
+    /// What the camera alone saw, from near by and in more than one frame: it lies below the lidar's plane, or hangs
+    /// above it, and does not walk away as people do. What a single frame saw is let go after `kept_ns`, also while the
+    /// robot stands.
     pub kept_off_plane_ns: u64,
     /// What a scan saw free counts as free for so long, nanoseconds.
     pub free_ns: u64,
@@ -100,6 +106,16 @@ struct Spot {
     seen_at: Odometer,
     /// It is kept for so long after that.
     kept_ns: u64,
+    /// Of camera frames, see [`ENOUGH`], and the last frame that counts in it.
+    evidence: f64,
+    frame: u64,
+}
+
+impl Spot {
+    /// Whether it may be the noise of a frame.
+    fn is_doubtful(&self) -> bool {
+        self.source == Source::Camera && self.evidence < ENOUGH
+    }
 }
 
 /// What one scan saw free.
@@ -176,11 +192,12 @@ impl Memory {
         }
         self.look_again(odom_from_robot, beams, depth, handler);
         for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !handler.masks(beam.end)) {
-            self.see(odom_from_robot, beam.end, Source::Lidar);
+            self.see(odom_from_robot, beam.end, Source::Lidar, 0);
         }
+        let frame = depth.map_or(0, DepthView::number);
         for point in depth.map_or(&[][..], DepthView::points) {
             if !handler.masks(*point) && !ends_at(beams, *point) {
-                self.see(odom_from_robot, *point, Source::Camera);
+                self.see(odom_from_robot, *point, Source::Camera, frame);
             }
         }
         self.keep(|spot| spot.sight != Sight::Due);
@@ -204,7 +221,8 @@ impl Memory {
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
-            let old = age_ns > spot.kept_ns && odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M
+            let walked_on = odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
+            let old = age_ns > spot.kept_ns && (walked_on || spot.is_doubtful())
                 || age_ns > STANDING_MAX_NS && spot.source == Source::Lidar;
             !old && place.coords.norm() < REACH_M
         });
@@ -226,16 +244,17 @@ impl Memory {
         }
     }
 
-    fn see(&mut self, odom_from_robot: &Se2, place: Point, source: Source) {
-        if place.coords.norm() >= REACH_M {
+    /// A point that a sensor sees; `frame` is the number of the camera's frame.
+    fn see(&mut self, odom_from_robot: &Se2, place: Point, source: Source, frame: u64) {
+        let distance_m = place.coords.norm();
+        if distance_m >= REACH_M {
             return;
         }
         let odom = odom_from_robot * place;
         let cell = cell_of(odom);
-        let is_exact = source == Source::Camera && place.coords.norm() < EXACT_M;
-        let kept_ns = if is_exact { self.config.kept_off_plane_ns } else { self.config.kept_ns };
-        let (seen_ns, seen_at) = (self.stamp_ns, self.odometer);
-        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns, seen_at, kept_ns };
+        let (seen_ns, seen_at, kept_ns) = (self.stamp_ns, self.odometer, self.config.kept_ns);
+        let evidence = (FOOTPRINT_M / distance_m).powi(2).min(1.0);
+        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns, seen_at, kept_ns, evidence, frame };
         let number = &mut self.numbers[slot_of(cell)];
         match usize::from(*number).checked_sub(1) {
             Some(i) => {
@@ -243,6 +262,10 @@ impl Memory {
                 if old.cell == cell && old.source == source {
                     spot.odom = old.odom + (odom - old.odom) * GAIN;
                     spot.kept_ns = kept_ns.max(old.kept_ns);
+                    spot.evidence = if frame == old.frame { old.evidence } else { old.evidence + evidence };
+                }
+                if source == Source::Camera && distance_m < EXACT_M && !spot.is_doubtful() {
+                    spot.kept_ns = self.config.kept_off_plane_ns;
                 }
                 self.spots[i] = spot;
             }

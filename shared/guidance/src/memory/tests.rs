@@ -140,6 +140,22 @@ fn camera_across(low_at_m: Option<f64>) -> DepthView {
 }
 
 fn view(low_at_m: Option<f64>, columns: std::ops::Range<usize>) -> DepthView {
+    let mut view = DepthView::default();
+    fill(&mut view, low_at_m, columns);
+    view
+}
+
+/// Sees something low straight ahead in so many frames, from where the robot stands at the beginning.
+fn see_often(memory: &mut Memory, frames: u64, beams: &Beams, low_at_m: f64) {
+    let mut view = DepthView::default();
+    for i in 0..frames {
+        fill(&mut view, Some(low_at_m), 20..44);
+        memory.update(i, &Se2::identity(), beams, Some(&view), &handler());
+    }
+}
+
+/// One frame more.
+fn fill(view: &mut DepthView, low_at_m: Option<f64>, columns: std::ops::Range<usize>) {
     let header = DepthHeader {
         width: 64,
         height: 48,
@@ -161,9 +177,7 @@ fn view(low_at_m: Option<f64>, columns: std::ops::Range<usize>) -> DepthView {
             if depth_m < 0.3 { 0 } else { (depth_m * 1000.0) as u16 }
         })
         .collect();
-    let mut view = DepthView::default();
     view.fill(&header, &pixels).expect("usable");
-    view
 }
 
 #[test]
@@ -171,7 +185,7 @@ fn what_was_low_ahead_is_there_when_the_camera_looks_over_it_and_goes_when_it_se
     let mut memory = memory();
     // The lidar looks over it, at a wall behind.
     let open = scan(&[HANDLER, (Point::new(4.0, 0.0), 1.0)]);
-    memory.update(0, &Se2::identity(), &open, Some(&camera(Some(0.6))), &handler());
+    see_often(&mut memory, 2, &open, 0.6);
     // 0.4 m on, the camera is 0.2 m from it and sees nothing there.
     let odom_from_robot = Se2::translation(0.4, 0.0);
     let near = camera(Some(0.2));
@@ -224,7 +238,7 @@ fn what_the_camera_alone_saw_from_near_by_is_kept_longer() {
     // Seen so far ahead, passed, and more than a metre walked since; then too near to something to see the floor.
     let kept = |seen_at_m: f64, after_ns: u64| {
         let mut memory = memory();
-        memory.update(0, &Se2::identity(), &open, Some(&camera(Some(seen_at_m - 0.25))), &handler());
+        see_often(&mut memory, 12, &open, seen_at_m - 0.25);
         for (i, x) in [(0, seen_at_m - 0.4), (1, seen_at_m + 0.8)] {
             memory.update(after_ns + i, &Se2::translation(x, 0.0), &open, Some(&camera(Some(0.2))), &handler());
         }
@@ -233,6 +247,31 @@ fn what_the_camera_alone_saw_from_near_by_is_kept_longer() {
     assert!(kept(1.5, 9_000 * MS) && kept(2.5, 9_000 * MS));
     assert!(kept(1.5, 59_000 * MS) && !kept(2.5, 11_000 * MS));
     assert!(!kept(1.5, 61_000 * MS));
+}
+
+/// A frame's noise is no obstacle for a minute, and the same frame judged twice is no more evidence.
+#[test]
+fn what_one_frame_saw_is_let_go_sooner_even_where_the_robot_stands() {
+    let open = scan(&[HANDLER, (Point::new(4.0, 0.0), 1.0)]);
+    // Seen so many times from 0.85 or 1.45 m, then hidden below a camera that sees nothing near by.
+    let kept = |frames: u64, low_at_m: f64, after_ns: u64| {
+        let mut memory = memory();
+        see_often(&mut memory, frames, &open, low_at_m);
+        let near = Se2::translation(low_at_m - 0.2, 0.0);
+        memory.update(after_ns, &near, &open, Some(&camera(Some(0.2))), &handler());
+        !memory.hidden().is_empty()
+    };
+    assert!(kept(1, 0.6, 9_000 * MS) && !kept(1, 0.6, 11_000 * MS));
+    assert!(kept(2, 0.6, 59_000 * MS));
+    // From farther away a pixel tells less.
+    assert!(!kept(4, 1.2, 11_000 * MS) && kept(5, 1.2, 59_000 * MS));
+    let mut memory = memory();
+    let same = camera(Some(0.6));
+    for i in 0..10 {
+        memory.update(i, &Se2::identity(), &open, Some(&same), &handler());
+    }
+    memory.update(11_000 * MS, &Se2::translation(0.4, 0.0), &open, Some(&camera(Some(0.2))), &handler());
+    assert!(memory.hidden().is_empty(), "{:?}", memory.hidden());
 }
 
 #[test]
@@ -364,10 +403,10 @@ fn a_thing_seen_again_is_averaged_and_one_of_another_kind_takes_its_place() {
     // Another cell: both are there until the scan after.
     memory.update(200 * MS, &Se2::identity(), &one(1.06), None, &handler());
     assert!((memory.spots[0].odom.x - 1.06).abs() < 1e-9 && memory.spots.len() == 1, "{:?}", memory.spots);
-    memory.see(&Se2::identity(), Point::new(1.07, 0.0), super::Source::Camera);
+    memory.see(&Se2::identity(), Point::new(1.07, 0.0), super::Source::Camera, 1);
     assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 1.07), "nothing is averaged between sensors");
     // The same slot eight metres on is another cell.
-    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), super::Source::Camera);
+    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), super::Source::Camera, 2);
     assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 9.09));
 }
 
