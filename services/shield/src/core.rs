@@ -1,5 +1,6 @@
 //! What the shield decides: pure, times come in with the inputs.
 
+mod moving;
 mod plausible;
 mod surroundings;
 
@@ -15,6 +16,7 @@ use messages::{
     DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
     ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
+use moving::Moving;
 use settings::{Settings, Source};
 use surroundings::Surroundings;
 
@@ -104,6 +106,7 @@ pub struct Core {
     scan_period_ns: u64,
     odometry: Option<Odometry>,
     track: PoseTrack,
+    moving: Moving,
     /// Where the robot is now.
     odom_from_robot: Se2,
     jumped_at_ns: Option<u64>,
@@ -131,6 +134,7 @@ impl Core {
             scan_period_ns: config.scan_period_ns,
             odometry: None,
             track: PoseTrack::default(),
+            moving: Moving::default(),
             odom_from_robot: Se2::identity(),
             jumped_at_ns: None,
             jumps: 0,
@@ -329,7 +333,7 @@ impl Core {
             running.drawn = why;
             return running;
         }
-        let evidence = self.surroundings.evidence(now_ns);
+        let evidence = self.surroundings.evidence(now_ns, self.moving.at(now_ns));
         running.unsafe_mask =
             self.shield.judge_actions(&self.config.table, evidence, &self.handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
@@ -402,6 +406,7 @@ impl Core {
     fn verdict(&mut self, now_ns: u64, cause: PermitCause) -> Permit {
         let mut permit = self.blank(cause);
         permit.outcome = self.judge(now_ns, &mut permit);
+        self.moving.permit(now_ns, permit.velocity);
         permit
     }
 
@@ -445,7 +450,8 @@ impl Core {
             }
             let left_s = s_from_ns(end_ns - now_ns);
             let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s);
-            let judgement = self.shield.judge(&motion, self.surroundings.evidence(now_ns), &self.handler);
+            let evidence = self.surroundings.evidence(now_ns, self.moving.at(now_ns));
+            let judgement = self.shield.judge(&motion, evidence, &self.handler);
             explain(&judgement, permit);
             if judgement.safe {
                 permit.velocity = running.velocity;

@@ -398,6 +398,7 @@ impl Episode {
         let Some(scenery) = &mut self.scenery else { unreachable!("an episode has begun") };
         scenery.score.judged(all_unsafe, taken);
         let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
+        self.awareness.command(velocity);
         let world_from_handler = scenery.team.world_from_handler();
         let moved = action != ActionTable::STOP;
         self.begun = self.config.table.actions()[action].start_from_end();

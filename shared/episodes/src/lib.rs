@@ -7,6 +7,7 @@
 pub mod batch;
 pub mod config;
 pub mod episode;
+pub mod excess;
 mod of_settings;
 pub mod score;
 pub mod task;
@@ -15,6 +16,7 @@ pub mod teacher;
 pub use batch::{Batch, Finished};
 pub use config::{Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
+pub use excess::{Excess, OpenFloor};
 pub use score::{Report, Score};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;

@@ -2,7 +2,7 @@
 //! and where the handler is. One sequence of steps, for whoever decides: the policy service and episodes. The shield
 //! service has one of its own from the same parts, for it judges between decisions as well.
 
-use messages::{DepthHeader, ScanHeader};
+use messages::{DepthHeader, ScanHeader, Twist2};
 
 use crate::contact::comes_about;
 use crate::depth::DepthView;
@@ -39,6 +39,7 @@ pub struct Awareness {
     depth_seen: bool,
     memory: Option<Memory>,
     handler: HandlerEstimate,
+    moves: Twist2,
 }
 
 impl Awareness {
@@ -53,11 +54,13 @@ impl Awareness {
             depth_seen: false,
             memory: memory.map(Memory::new),
             handler: HandlerEstimate::new(model, limits),
+            moves: Twist2::ZERO,
         }
     }
 
     /// Robot and handler stand at rest there, however they came there.
     pub fn rest(&mut self, odom_from_robot: &Se2) {
+        self.moves = Twist2::ZERO;
         self.handler.reset(odom_from_robot);
     }
 
@@ -114,6 +117,11 @@ impl Awareness {
         }
     }
 
+    /// From now on the robot moves so, as it is commanded (robot frame).
+    pub fn command(&mut self, moves: Twist2) {
+        self.moves = moves;
+    }
+
     /// A decision begins.
     pub fn begin_step(&mut self, odom_from_robot: &Se2) {
         self.handler.begin_step(odom_from_robot);
@@ -122,7 +130,8 @@ impl Awareness {
     /// What can be judged on.
     #[must_use]
     pub fn evidence(&self) -> Evidence<'_> {
-        Evidence { beams: &self.beams, depth: self.depth_seen.then_some(&self.depth), memory: self.memory.as_ref() }
+        let depth = self.depth_seen.then_some(&self.depth);
+        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref(), moves: self.moves }
     }
 
     /// The ranges of the scan as a lidar over the level floor would have told them, metres; those that it told where

@@ -32,8 +32,8 @@ pub struct Discs {
 }
 
 impl Discs {
-    /// The most that there are: a robot of two and a handler, now and at the end; the handler at rest; one to spare.
-    pub const MAX: usize = 8;
+    /// The most that there are: a robot of two and a handler, now, carried on, at the end and at rest.
+    pub const MAX: usize = 13;
 
     /// No disc yet.
     #[must_use]

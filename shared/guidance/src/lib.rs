@@ -26,7 +26,7 @@ pub use action::{Action, ActionTable};
 pub use awareness::{Awareness, Measured};
 pub use depth::DepthView;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
-pub use hull::{Disc, Hull};
+pub use hull::{Disc, Discs, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
 pub use memory::{Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};

@@ -8,10 +8,11 @@ use messages::{MAX_ACTIONS, Pose2, Twist2, UnsafeCause};
 use crate::action::ActionTable;
 use crate::depth::DepthView;
 use crate::handler::{HandlerBody, HandlerEstimate};
+use crate::hull::Discs;
 use crate::interaction::Interaction;
 use crate::memory::Memory;
 use crate::scan::Beams;
-use crate::se2::{Se2, exp, log, se2};
+use crate::se2::{Se2, exp, se2};
 use crate::seed::mixed;
 use judging::{Present, Sorted};
 
@@ -38,29 +39,21 @@ pub struct ShieldConfig {
 pub struct Reach {
     /// Two discs stand for the body, so far ahead of its middle and behind it, metres; 0 is one disc.
     pub nose_m: f64,
-    /// Overrun after a command of zero at full speed: along the body's axis, and across it, metres.
-    pub overrun_m: [f64; 2],
-    /// Overrun of a turn, radians.
-    pub overrun_rad: f64,
+    /// A robot is carried on by what it moved before, for so long at that velocity: along its axis, across it, and in a
+    /// turn, seconds.
+    pub carried_s: [f64; 3],
     /// Where the handler comes to rest (robot frame). None: the hull ends with the motion.
     pub robot_from_rest: Option<Se2>,
 }
 
 impl Reach {
-    /// Where the robot stands after a motion and a stop at its end.
-    fn stands_at(&self, motion: &Motion) -> Se2 {
-        let share = |goes: f64| (goes / FULL).clamp(-1.0, 1.0);
-        let on = Pose2::new(
-            self.overrun_m[0] * share(motion.goes.vx_mps),
-            self.overrun_m[1] * share(motion.goes.vy_mps),
-            self.overrun_rad * share(motion.goes.wz_radps),
-        );
-        motion.robot * se2(on)
+    /// Where a robot is carried that moves so when the next command comes. It begins that command as much later as it
+    /// overruns the stop after it, so that it comes to rest where the command leads from there.
+    fn carries_to(&self, moves: &Twist2) -> Se2 {
+        let [ahead_s, aside_s, turn_s] = self.carried_s;
+        se2(Pose2::new(moves.vx_mps * ahead_s, moves.vy_mps * aside_s, moves.wz_radps * turn_s))
     }
 }
-
-/// From this speed on the overrun is full: metres and radians, per second or per decision.
-const FULL: f64 = 0.05;
 
 /// What a moment is judged on, all seen from where the robot is now.
 #[derive(Debug, Clone, Copy)]
@@ -71,13 +64,15 @@ pub struct Evidence<'a> {
     pub depth: Option<&'a DepthView>,
     /// What was seen before; none is the paper's algorithm.
     pub memory: Option<&'a Memory>,
+    /// How the robot moves, as it was commanded (robot frame).
+    pub moves: Twist2,
 }
 
 impl<'a> Evidence<'a> {
     /// One scan and nothing else, as in the paper.
     #[must_use]
     pub fn scan(beams: &'a Beams) -> Self {
-        Self { beams, depth: None, memory: None }
+        Self { beams, depth: None, memory: None, moves: Twist2::ZERO }
     }
 }
 
@@ -88,15 +83,13 @@ pub struct Motion {
     pub robot: Se2,
     /// The handler at the end.
     pub handler: Se2,
-    /// Velocity at the end (robot frame), which scales the overrun: it is full from 5 cm/s and 0.05 rad/s on.
-    pub goes: Twist2,
 }
 
 impl Motion {
-    /// A motion at constant velocity to its end.
+    /// A motion to its end.
     #[must_use]
     pub fn new(robot: Se2, handler: Se2) -> Self {
-        Self { goes: log(&robot, 1.0), robot, handler }
+        Self { robot, handler }
     }
 }
 
@@ -232,12 +225,21 @@ impl Shield {
         ordered
     }
 
+    /// The discs whose hull has to be free for a motion of a robot that moves so when it begins, robot frame, the margin
+    /// included: robot and handler as they are, then where they come to rest, and what lies between.
+    #[must_use]
+    pub fn swept(&mut self, motion: &Motion, moves: Twist2, handler: HandlerBody) -> Discs {
+        let nothing = Beams::default();
+        let evidence = Evidence { moves, ..Evidence::scan(&nothing) };
+        Present::prepare(&self.config, evidence, handler, &mut self.sorted).discs(motion)
+    }
+
     /// Where the running action leads to from now: what is left of it, and one scan period more at the same velocity.
     #[must_use]
     pub fn remainder(handler: &HandlerEstimate, odom_from_robot: &Se2, velocity: Twist2, left_s: f64) -> Motion {
         let now_from_end = exp(velocity, left_s);
         let after = handler.ahead(odom_from_robot, &now_from_end, 1.0);
-        Motion { robot: now_from_end, handler: now_from_end * after, goes: velocity }
+        Motion::new(now_from_end, now_from_end * after)
     }
 }
 

@@ -180,10 +180,16 @@ impl Settings {
         let (robot, response) = (&self.robot, &self.robot.response);
         // What is no handler's model is refused where the handler's estimate is made.
         let rest = self.shield.until_rest.then(|| self.interaction().ok()).flatten();
+        let actions = self.policy.actions.table();
+        let dt_s = self.policy.dt.s();
+        let fastest = actions.actions().iter().map(|action| action.velocity(dt_s)).fold([0.0_f64; 3], |most, v| {
+            [most[0].max(v.vx_mps.abs()), most[1].max(v.vy_mps.abs()), most[2].max(v.wz_radps.abs())]
+        });
+        let [ahead_m, aside_m] = response.overrun_m;
+        let carried_s = [ahead_m / fastest[0], aside_m / fastest[1], response.overrun_rad / fastest[2]];
         guidance::Reach {
             nose_m: robot.nose_m,
-            overrun_m: response.overrun_m,
-            overrun_rad: response.overrun_rad,
+            carried_s,
             robot_from_rest: rest.map(|model| model.robot_from_default()),
         }
     }
@@ -242,7 +248,7 @@ pub struct Response {
     pub way_off_m: Positive,
     /// The same of its heading, radians.
     pub turn_off_rad: Positive,
-    /// Overrun after a command of zero: along the body's axis, and across it, metres.
+    /// Overrun after a command of zero at the fastest action: along the body's axis, and across it, metres.
     pub overrun_m: [f64; 2],
     /// Overrun of a turn, radians.
     pub overrun_rad: f64,

@@ -4,7 +4,7 @@
 use super::plausible::{Repeats, Succession};
 use guidance::depth::DepthError;
 use guidance::{Beams, DepthView, Evidence, HandlerBody, Held, Memory, MemoryConfig, PoseTrack, Se2};
-use messages::{DepthHeader, Header, Outcome, ScanHeader, age_ns};
+use messages::{DepthHeader, Header, Outcome, ScanHeader, Twist2, age_ns};
 
 /// See the module.
 #[derive(Debug)]
@@ -135,10 +135,10 @@ impl Surroundings {
         }
     }
 
-    /// What is judged on now.
-    pub fn evidence(&self, now_ns: u64) -> Evidence<'_> {
+    /// What is judged on now, of a robot that moves so.
+    pub fn evidence(&self, now_ns: u64, moves: Twist2) -> Evidence<'_> {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
-        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref() }
+        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref(), moves }
     }
 
     /// The newest scan, from where the robot is now.

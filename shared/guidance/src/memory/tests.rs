@@ -191,7 +191,7 @@ fn what_was_low_ahead_is_there_when_the_camera_looks_over_it_and_goes_when_it_se
     let near = camera(Some(0.2));
     memory.update(1000 * MS, &odom_from_robot, &open, Some(&near), &handler());
     assert!(memory.hidden().iter().any(|spot| (spot.place.x - 0.45).abs() < 0.02), "{:?}", memory.hidden());
-    let evidence = Evidence { beams: &open, depth: Some(&near), memory: Some(&memory) };
+    let evidence = Evidence { depth: Some(&near), memory: Some(&memory), ..Evidence::scan(&open) };
     let forward = Pose2::new(0.25, 0.0, 0.0);
     assert_eq!(judge(evidence, forward).cause, UnsafeCause::Memory);
     assert!(judge(Evidence { memory: None, ..evidence }, forward).safe);

@@ -20,6 +20,8 @@ const BEYOND_M: f64 = 1e-9;
 /// The escape rule allows what comes nearer by less than this, metres: what is abeam, give or take a centimetre, when
 /// the robot goes straight on.
 const CLOSER_M: f64 = 1e-4;
+/// So much less of a way or a turn is none, metres and radians, or of a direction.
+const SLIGHT: f64 = 1e-3;
 /// A motion that turns by less is straight, radians.
 const STRAIGHT_RAD: f64 = 1e-9;
 
@@ -46,6 +48,8 @@ pub(super) struct Present<'a> {
     handler: HandlerBody,
     /// The robot's discs and the handler's, now.
     now: Discs,
+    /// Where the robot is carried by what it moved before.
+    carried: Se2,
     handler_disc: Disc,
     /// The present hull, all at once: only few ask for it.
     hull: OnceCell<Hull>,
@@ -55,7 +59,7 @@ pub(super) struct Present<'a> {
 impl<'a> Present<'a> {
     pub fn prepare(
         config: &'a ShieldConfig,
-        Evidence { beams, depth, memory }: Evidence<'a>,
+        Evidence { beams, depth, memory, moves }: Evidence<'a>,
         handler: HandlerBody,
         sorted: &'a mut Sorted,
     ) -> Self {
@@ -64,7 +68,8 @@ impl<'a> Present<'a> {
         push_robot(&mut now, config, &Se2::identity());
         now.push(handler_disc);
         let hull = OnceCell::new();
-        let mut present = Self { config, beams, depth, memory, handler, now, handler_disc, hull, sorted };
+        let carried = config.reach.carries_to(&moves);
+        let mut present = Self { config, beams, depth, memory, handler, now, carried, handler_disc, hull, sorted };
         present.sort(&Boundary::of(&now));
         present
     }
@@ -125,15 +130,23 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Robot and handler, now and at the end: where they stand after a stop there.
-    fn discs(&self, motion: &Motion) -> Discs {
-        let (mut discs, reach) = (self.now, &self.config.reach);
-        let stands_at = reach.stands_at(motion);
-        push_robot(&mut discs, self.config, &stands_at);
+    /// Robot and handler, now and at the end: where they stand after a stop there, and between.
+    pub fn discs(&self, motion: &Motion) -> Discs {
+        let mut discs = self.now;
         let handler = |center: Point| Disc { center, radius_m: self.handler_disc.radius_m };
-        discs.push(handler(place(&motion.handler)));
-        if let Some(rest) = &reach.robot_from_rest {
+        let stands_at = self.carried * motion.robot;
+        push_robot(&mut discs, self.config, &stands_at);
+        discs.push(handler(place(&(self.carried * motion.handler))));
+        if let Some(rest) = &self.config.reach.robot_from_rest {
             discs.push(handler(place(&(stands_at * rest))));
+        }
+        // Where it is carried another way than it is to go, the hull of beginning and end leaves out the corners.
+        if !is_along(&self.carried, &motion.robot) {
+            push_robot(&mut discs, self.config, &self.carried);
+            push_robot(&mut discs, self.config, &motion.robot);
+            let follows = self.config.reach.robot_from_rest.map_or(self.handler.center, |rest| place(&rest));
+            discs.push(handler(self.carried * follows));
+            discs.push(handler(place(&motion.handler)));
         }
         discs
     }
@@ -301,6 +314,17 @@ impl<'a> Present<'a> {
                 || self.memory.is_some_and(|memory| memory.saw_free(point))
         })
     }
+}
+
+/// Whether a robot is carried the way that it is to go, as far as it is carried at all.
+fn is_along(carried: &Se2, goes: &Se2) -> bool {
+    let (way, on) = (carried.translation.vector, goes.translation.vector);
+    let (turn_rad, turns_rad) = (carried.rotation.angle(), goes.rotation.angle());
+    let (carried_m, goes_m) = (way.norm(), on.norm());
+    let straight = carried_m < SLIGHT || on.dot(&way) > (1.0 - SLIGHT) * carried_m * goes_m && turns_rad.abs() < SLIGHT;
+    let turning = turn_rad.abs() < SLIGHT || turn_rad * turns_rad > 0.0 && goes_m < SLIGHT;
+    // A stop adds nothing to where it is carried.
+    straight && turning || goes_m < SLIGHT && turns_rad.abs() < SLIGHT
 }
 
 /// The robot's discs at a pose.

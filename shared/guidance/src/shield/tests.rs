@@ -379,14 +379,18 @@ fn who_turns_on_the_spot_does_not_swing_the_nose_against_what_stands_beside_it()
 #[test]
 fn the_hull_ends_where_robot_and_handler_come_to_rest() {
     let rest = se2(Pose2::new(-0.75, -0.35, 0.0));
-    let reach = Reach { nose_m: 0.18, overrun_m: [0.07, 0.04], overrun_rad: 0.06, robot_from_rest: Some(rest) };
+    let reach = Reach { nose_m: 0.18, carried_s: [0.14, 0.12, 0.17], robot_from_rest: Some(rest) };
     let stands = ShieldConfig { reach, ..long_body() };
     let (table, beams) = (ActionTable::eight(), scan(&header(), 360, &[]));
     let handler = handler();
     for action in table.actions() {
         let motion = Shield::predict(&handler, &action.start_from_end());
-        let thresholds_m =
-            |config: &ShieldConfig| Shield::new(config.clone()).thresholds_m(&motion, &beams, handler.body(0.0));
+        let moves = action.velocity(0.5);
+        let thresholds_m = |config: &ShieldConfig| {
+            let discs = Shield::new(config.clone()).swept(&motion, moves, handler.body(0.0));
+            let hull = Hull::new(discs);
+            beams.beams().iter().map(|beam| hull.threshold_m(beams.origin(), beam.direction)).collect::<Vec<_>>()
+        };
         let (ends, stands) = (thresholds_m(&long_body()), thresholds_m(&stands));
         // The hull cuts a turn short by what the nose bulges between its ends.
         assert!(ends.iter().zip(&stands).all(|(ends, stands)| *stands >= ends - 2e-3), "{action:?}");
@@ -396,9 +400,9 @@ fn the_hull_ends_where_robot_and_handler_come_to_rest() {
         }
         assert!(more < 0.25, "{action:?}: {more}");
         // Where it comes to rest is within.
-        let on = Se2::new(nalgebra::Vector2::zeros(), 0.06 * moved.yaw_rad.signum() * f64::from(moved.yaw_rad != 0.0));
-        let at_rest = place(&(motion.robot * on * rest));
+        let on = se2(Pose2::new(0.14 * moves.vx_mps, 0.12 * moves.vy_mps, 0.17 * moves.wz_radps));
+        let at_rest = place(&(on * motion.robot * rest));
         let beam = beams.fan().nearest(at_rest).expect("all around");
-        assert!(stands[beams.number_of(beam)] > (at_rest - beams.origin()).norm(), "{action:?}");
+        assert!(stands[beam] > (at_rest - beams.origin()).norm(), "{action:?}");
     }
 }

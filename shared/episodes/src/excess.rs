@@ -1,0 +1,211 @@
+//! Whether robot and handler stay within the hull that was judged: how far they leave it, and by how much it is wider
+//! than what they do. On open floor, over random actions that begin anew every decision, and stops after a few.
+
+use guidance::se2::{Point, Se2, se2};
+use guidance::{ActionTable, Awareness, Hull, Measured, Shield};
+use messages::{Twist2, WorldTruth};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use settings::Settings;
+use world::{LidarConfig, LidarSensor, Scene, TICK_S, World};
+
+/// Actions before a stop, at most, and decisions that the pair then has to come to rest.
+const BURST: usize = 4;
+const REST: usize = 6;
+/// They are looked at every so many ticks.
+const LOOK: usize = 5;
+
+/// What came of a run.
+#[derive(Debug, Clone, Default)]
+pub struct Excess {
+    /// Decisions judged.
+    pub decisions: usize,
+    /// For each decision by how much robot or handler left the hull, metres; 0 or less: they did not.
+    pub robot_beyond_m: Vec<f64>,
+    /// See `robot_beyond_m`.
+    pub handler_beyond_m: Vec<f64>,
+    /// For each action that a stop followed, and each disc in which the hull ends, by how much it reaches beyond what
+    /// that body ever covered, metres; the margin is in it.
+    pub wider_m: Vec<f64>,
+}
+
+impl Excess {
+    /// Decisions in which robot or handler left the hull.
+    #[must_use]
+    pub fn beyond(&self) -> usize {
+        self.robot_beyond_m
+            .iter()
+            .zip(&self.handler_beyond_m)
+            .filter(|(robot, handler)| robot.max(**handler) > 0.0)
+            .count()
+    }
+
+    /// A quantile of some of its figures, 0 to 1, metres; NaN where there are none.
+    #[must_use]
+    pub fn quantile_m(figures: &[f64], share: f64) -> f64 {
+        let mut sorted = figures.to_vec();
+        sorted.sort_by(f64::total_cmp);
+        sorted.get(((sorted.len().max(1) - 1) as f64 * share) as usize).copied().unwrap_or(f64::NAN)
+    }
+}
+
+/// A hull that was judged, and what it has held so far.
+struct Judged {
+    /// Robot of then (world frame).
+    world_from_robot: Se2,
+    hull: Hull,
+    /// Where robot (0) and handler (1) end in it, as discs: body, middle, radius.
+    ends: Vec<(usize, Point, f64)>,
+    /// The distance of each to the nearest disc that robot or handler covered.
+    missed_m: Vec<f64>,
+    beyond_m: [f64; 2],
+}
+
+/// A shield over a pair on open floor.
+pub struct OpenFloor {
+    world: World,
+    lidar: LidarSensor,
+    ranges_m: Vec<f32>,
+    awareness: Awareness,
+    shield: Shield,
+    table: ActionTable,
+    dt_s: f64,
+    nose_m: f64,
+    radii_m: [f64; 2],
+    ticks: u64,
+    /// The command before.
+    moves: Twist2,
+}
+
+impl OpenFloor {
+    /// The robot, handler and shield of these settings.
+    ///
+    /// # Errors
+    /// Where the handler's model or the lidar is out of its bounds.
+    pub fn new(settings: &Settings) -> Result<Self, Box<dyn std::error::Error + Send + Sync>> {
+        let lidar = LidarSensor::new(LidarConfig::from(&settings.lidar), 1, 1)?;
+        let model = settings.interaction()?;
+        Ok(Self {
+            world: World::new(2.6, Vec::new()),
+            ranges_m: vec![0.0; lidar.config().beams],
+            lidar,
+            awareness: Awareness::new(model, settings.handler_limits(), None),
+            shield: Shield::new(settings.shield_config()),
+            table: settings.policy.actions.table(),
+            dt_s: settings.policy.dt.s(),
+            nose_m: settings.robot.nose_m,
+            radii_m: [settings.robot.radius_m.get(), settings.handler.radius_m.get()],
+            ticks: 0,
+            moves: Twist2::ZERO,
+        })
+    }
+
+    /// Lets a pair, which `step` moves by a tick under a command, carry out so many actions.
+    ///
+    /// # Errors
+    /// Of `step`.
+    pub fn measure<E>(
+        &mut self,
+        decisions: usize,
+        seed: u64,
+        mut step: impl FnMut(Twist2) -> Result<WorldTruth, E>,
+    ) -> Result<Excess, E> {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut excess = Excess::default();
+        let mut truth = step(Twist2::ZERO)?;
+        self.awareness.rest(&se2(truth.world_from_robot));
+        while excess.decisions < decisions {
+            let burst = random.random_range(1..=BURST);
+            for n in 1..=burst {
+                let action = random.random_range(1..self.table.len());
+                let velocity = self.table.actions()[action].velocity(self.dt_s);
+                let mut judged = self.judge(&truth, action);
+                self.carry_out(velocity, &mut truth, &mut step, &mut judged)?;
+                if n == burst {
+                    for _ in 0..REST {
+                        self.judge(&truth, ActionTable::STOP);
+                        self.carry_out(Twist2::ZERO, &mut truth, &mut step, &mut judged)?;
+                    }
+                    excess.wider_m.extend(&judged.missed_m);
+                }
+                excess.decisions += 1;
+                excess.robot_beyond_m.push(judged.beyond_m[0]);
+                excess.handler_beyond_m.push(judged.beyond_m[1]);
+            }
+        }
+        Ok(excess)
+    }
+
+    /// The hull of an action that begins now.
+    fn judge(&mut self, truth: &WorldTruth, action: usize) -> Judged {
+        let world_from_robot = se2(truth.world_from_robot);
+        self.look(truth, 1.0);
+        self.awareness.begin_step(&world_from_robot);
+        let handler = self.awareness.handler();
+        let motion = Shield::predict(handler, &self.table.actions()[action].start_from_end());
+        let discs = self.shield.swept(&motion, self.moves, handler.body(self.lidar.config().sigma_m));
+        // Those of now come first.
+        let now = 1 + if self.nose_m > 0.0 { 2 } else { 1 };
+        // The robot's end is next, then the handler's, and where they rest.
+        let body = |i: usize| usize::from(i + 1 >= now);
+        let ends: Vec<_> = discs[now..]
+            .iter()
+            .take(now + 1)
+            .enumerate()
+            .map(|(i, disc)| (body(i), disc.center, disc.radius_m))
+            .collect();
+        let missed_m = vec![f64::INFINITY; ends.len()];
+        Judged { world_from_robot, hull: Hull::new(discs), ends, missed_m, beyond_m: [f64::NEG_INFINITY; 2] }
+    }
+
+    fn carry_out<E>(
+        &mut self,
+        velocity: Twist2,
+        truth: &mut WorldTruth,
+        step: &mut impl FnMut(Twist2) -> Result<WorldTruth, E>,
+        judged: &mut Judged,
+    ) -> Result<(), E> {
+        let ticks = (self.dt_s / TICK_S).round() as usize;
+        self.moves = velocity;
+        for tick in 1..=ticks {
+            *truth = step(velocity)?;
+            if tick % LOOK == 0 {
+                self.hold(truth, judged);
+            }
+            // A lidar of 10 Hz; the decision's own scan is taken where it is judged.
+            if tick % 10 == 0 && tick < ticks {
+                self.look(truth, tick as f64 / ticks as f64);
+            }
+        }
+        Ok(())
+    }
+
+    fn look(&mut self, truth: &WorldTruth, share: f64) {
+        self.ticks += 10;
+        let level = WorldTruth { attitude: messages::Attitude::default(), ..*truth };
+        self.lidar.scan(&Scene::from_truth(&self.world, &level), self.ticks, &mut self.ranges_m);
+        let header = self.lidar.scan_header();
+        let scan = Measured { header: &header, data: &self.ranges_m[..], now_from_then: Se2::identity(), tilt: None };
+        let now_ns = self.ticks * 10_000_000;
+        // On open floor every scan is usable.
+        let _ = self.awareness.observe(now_ns, &se2(truth.world_from_robot), share, scan, None);
+    }
+
+    /// Where robot and handler are now, held against a hull.
+    fn hold(&self, truth: &WorldTruth, judged: &mut Judged) {
+        let then_from_world = judged.world_from_robot.inverse();
+        let robot = then_from_world * se2(truth.world_from_robot);
+        let handler = then_from_world * se2(truth.world_from_handler);
+        let noses = [self.nose_m, -self.nose_m].map(|ahead_m| robot * Point::new(ahead_m, 0.0));
+        let discs = [(0, noses[0]), (0, noses[1]), (1, Point::from(handler.translation.vector))];
+        for (body, at) in discs {
+            let beyond_m = judged.hull.signed_distance_m(at) + self.radii_m[body];
+            judged.beyond_m[body] = judged.beyond_m[body].max(beyond_m);
+            let ends = judged.ends.iter().zip(&mut judged.missed_m);
+            for ((_, end, radius_m), missed_m) in ends.filter(|((of, ..), _)| *of == body) {
+                // So much farther than this disc reaches that of the end.
+                *missed_m = missed_m.min((end - at).norm() + radius_m - self.radii_m[body]);
+            }
+        }
+    }
+}
