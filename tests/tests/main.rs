@@ -29,3 +29,4 @@ mod swaps;
 mod systemd;
 mod voice;
 mod walks;
+mod zero;

@@ -246,7 +246,7 @@ pub struct WorldArgs {
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]
     #[arg(conflicts_with_all = ["speed", "cues"])]
     pub voice: Option<OsString>,
-    /// Real drivers and a real link, to devices emulated in the simulated world; real time only
+    /// Real drivers and a real link, to devices emulated in the simulated world of either physics; real time only
     #[arg(long, conflicts_with = "speed")]
     pub emulated: bool,
     /// Pace and name.

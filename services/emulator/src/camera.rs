@@ -4,17 +4,33 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use emulators::EmulatedCamera;
-use messages::{Fault, WorldTruth};
+use messages::{DepthHeader, Fault, WorldTruth};
 use transport::{Rhythm, TransportError, monotonic_ns};
 use world::{Scene, World};
 
 /// The thread looks up at least so often: frames may be on their way.
 const LOOK_UP: Duration = Duration::from_millis(10);
 
+/// What the camera sees.
+#[derive(Debug)]
+pub enum Seen {
+    /// The flat world, of which it takes a frame where it is time to.
+    Truth(Box<WorldTruth>),
+    /// A frame that was cast for it.
+    Frame {
+        /// The camera's lens.
+        lens: DepthHeader,
+        /// Depths, row by row, millimetres.
+        pixels_mm: Vec<u16>,
+        /// Run time at which it was taken, nanoseconds.
+        stamp_ns: u64,
+    },
+}
+
 /// What the camera is to know.
 #[derive(Debug, Default)]
 struct News {
-    truth: Option<WorldTruth>,
+    seen: Option<Seen>,
     fault: Option<Fault>,
     over: bool,
 }
@@ -24,13 +40,14 @@ struct News {
 pub struct CameraThread(Arc<(Mutex<News>, Condvar)>);
 
 impl CameraThread {
-    /// Begins; `started_ns` is when the run began, on the monotonic clock.
+    /// Begins. Where the camera sees truths of a flat world, `world` is that one. `started_ns` is when the run began,
+    /// on the monotonic clock.
     ///
     /// # Errors
     /// Where there can be no thread.
     pub fn begin(
         mut camera: EmulatedCamera,
-        world: World,
+        world: Option<World>,
         rate_hz: f64,
         started_ns: u64,
     ) -> Result<Self, TransportError> {
@@ -42,16 +59,22 @@ impl CameraThread {
             loop {
                 let waiting = changed.wait_timeout(lock(news), LOOK_UP);
                 let (mut guard, _) = waiting.unwrap_or_else(PoisonError::into_inner);
-                let (truth, fault, over) = (guard.truth.take(), guard.fault, guard.over);
+                let (seen, fault, over) = (guard.seen.take(), guard.fault, guard.over);
                 drop(guard);
                 if over {
                     return;
                 }
                 camera.suffer(fault);
-                if let Some(truth) = truth
-                    && let Some(number) = rhythm.due(truth.header.stamp_ns)
-                {
-                    camera.take(&Scene::from_truth(&world, &truth), number, started_ns + truth.header.stamp_ns);
+                match (seen, &world) {
+                    (Some(Seen::Truth(truth)), Some(world)) => {
+                        if let Some(number) = rhythm.due(truth.header.stamp_ns) {
+                            camera.take(&Scene::from_truth(world, &truth), number, started_ns + truth.header.stamp_ns);
+                        }
+                    }
+                    (Some(Seen::Frame { lens, pixels_mm, stamp_ns }), _) => {
+                        camera.take_seen(&lens, &pixels_mm, started_ns + stamp_ns);
+                    }
+                    _ => {}
                 }
                 camera.serve(monotonic_ns());
             }
@@ -60,9 +83,9 @@ impl CameraThread {
         Ok(thread)
     }
 
-    /// The world has gone on.
-    pub fn sense(&self, truth: &WorldTruth) {
-        lock(&self.0.0).truth = Some(*truth);
+    /// The world has gone on. What it has not come to before is left out.
+    pub fn see(&self, seen: Seen) {
+        lock(&self.0.0).seen = Some(seen);
         self.0.1.notify_one();
     }
 

@@ -1,23 +1,26 @@
 //! Devices that are not there, in the simulated world: an RPLIDAR and an emergency stop at pseudo-terminals, a depth
-//! camera at the frame socket and a Unitree robot at a UDP port, for the drivers and the link that speak to real ones.
+//! camera at the frame socket, and a robot at a UDP port or on a DDS network, for the drivers and the link that speak
+//! to real ones.
 //!
 //! Its robot keeps the last command when the line goes quiet, as a real one may. It stands for what is outside, like
 //! the simulator: nothing restarts it, and its end ends the run.
 
 mod camera;
+mod sight;
 
 use std::path::Path;
 
 use emulators::{EmulatedCamera, EmulatedEstop, EmulatedRobot, EmulatedRplidar, open_robot};
 use messages::fault::Device;
-use messages::{RobotCommand, ServiceId, Twist2, WorldTruth};
+use messages::{Attitude, Pose2, RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
-use settings::{DepthDevice, EstopSource, LidarDevice, Settings, Source};
+use settings::{DepthDevice, EstopSource, LidarDevice, PhysicsKind, Settings, Source};
 use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
 use unitree::State;
-use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor, Scene, World};
+use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor};
 
 use crate::camera::CameraThread;
+use crate::sight::{Sight, load_world};
 
 /// Between two looks at the lines, nanoseconds: a frame of the fastest lidar, half the robot's own period.
 const PERIOD_NS: u64 = 1_000_000;
@@ -29,7 +32,7 @@ const TOKEN_ROBOT: u64 = 1;
 
 /// The service.
 pub struct Emulator {
-    world: World,
+    sight: Sight,
     lidar: EmulatedRplidar,
     robot: Box<dyn EmulatedRobot>,
     estop: EmulatedEstop,
@@ -53,7 +56,6 @@ impl Emulator {
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
         check(&settings).map_err(TransportError::service)?;
-        let world = world::scenario_of(&settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
         let (seed, incarnation) = (settings.simulation.seed, io.identity().incarnation);
         let odometry = OdometrySensor::new(OdometryConfig::from(&settings.odometry), seed, incarnation);
         let robot = robot(&settings)?;
@@ -62,13 +64,13 @@ impl Emulator {
         }
         let started_ns = io.domain.info.started_monotonic_ns;
         Ok(Self {
-            world,
+            sight: Sight::open(&settings, io)?,
             lidar: lidar(&settings)?,
             estop: EmulatedEstop::new(terminal(&settings.estop.serial.port)?),
             camera: camera(&settings, started_ns)?,
             robot,
             odometry: odometry.map_err(TransportError::service)?,
-            measured: State::level([0.0; 3], Twist2::ZERO, Some(CHARGE_PERCENT)),
+            measured: State::held(Pose2::default(), &Attitude::default(), Twist2::ZERO, Some(CHARGE_PERCENT)),
             truths: io.subscriber()?,
             commands: io.publisher()?,
             commanded: Twist2::ZERO,
@@ -81,13 +83,10 @@ impl Emulator {
     fn sense(&mut self, truth: &WorldTruth, newest: bool) {
         let seq = truth.header.seq;
         let reading = self.odometry.update(seq, truth.world_from_robot, truth.robot_twist);
-        let pose = reading.odom_from_robot;
-        self.measured = State::level([pose.x_m, pose.y_m, pose.yaw_rad], reading.twist, Some(CHARGE_PERCENT));
+        let (pose, attitude) = (reading.odom_from_robot, &truth.attitude);
+        self.measured = State::held(pose, attitude, reading.twist, Some(CHARGE_PERCENT));
         if newest {
-            if let Some(camera) = &self.camera {
-                camera.sense(truth);
-            }
-            self.lidar.look(&Scene::from_truth(&self.world, truth), seq);
+            self.sight.look(truth, &mut self.lidar, self.camera.as_ref());
         }
     }
 
@@ -155,7 +154,8 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
     if !has_camera(settings) {
         return Ok(None);
     }
-    let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
+    let is_flat = settings.simulation.physics == PhysicsKind::Flat;
+    let world = if is_flat { Some(load_world(settings)?) } else { None };
     let camera =
         EmulatedCamera::new(depth.socket.path.clone().into(), DepthConfig::from(depth), settings.simulation.seed);
     let camera = camera.map_err(TransportError::service)?;
@@ -180,6 +180,7 @@ impl Service for Emulator {
             self.sense(&truth, next.is_none());
             told = true;
         }
+        self.sight.take(&mut self.lidar, self.camera.as_ref())?;
         let now_ns = io.now_ns();
         self.serve(now_ns)?;
         self.next_ns = now_ns + PERIOD_NS;

@@ -1,7 +1,7 @@
 //! A Go2's side: what it makes of its requests, and what it says of itself.
 
-use messages::{Pose2, Twist2};
-use unitree::{Remote, Silence};
+use messages::Twist2;
+use unitree::{Remote, Silence, State};
 
 use crate::sport::{Api, Imu, LowState, Request, Response, SportModeState, mode};
 
@@ -11,8 +11,6 @@ const KEPT_NS: u64 = 1_000_000_000;
 const NOT_IMPLEMENTED: i32 = 3203;
 /// What it answers to a parameter that is none.
 const BAD_PARAMETER: i32 = 3204;
-/// Of a robot that stands, metres.
-const BODY_HEIGHT_M: f32 = 0.3;
 
 /// An emulated Go2: it takes every velocity at once, and leaves where it gets to whoever moves it.
 #[derive(Debug, Clone)]
@@ -87,16 +85,16 @@ impl EmulatedGo2 {
         }
     }
 
-    /// What it says of itself, where its sensors know that it is there and goes so.
+    /// What it says of itself, of what its sensors have measured.
     #[must_use]
-    pub fn state(&self, own_from_robot: Pose2, velocity: Twist2, now_ns: u64) -> SportModeState {
-        let (sin, cos) = (own_from_robot.yaw_rad / 2.0).sin_cos();
+    pub fn state(&self, measured: &State, now_ns: u64) -> SportModeState {
+        let (velocity, rpy) = (measured.velocity, measured.roll_pitch_yaw_rad().map(|angle_rad| angle_rad as f32));
         SportModeState {
             stamp: ((now_ns / 1_000_000_000) as i32, (now_ns % 1_000_000_000) as u32),
-            imu_state: Imu { quaternion: [cos as f32, 0.0, 0.0, sin as f32], ..Imu::default() },
+            imu_state: Imu { quaternion: measured.quaternion, rpy, ..Imu::default() },
             mode: self.mode(now_ns),
-            position: [own_from_robot.x_m as f32, own_from_robot.y_m as f32, BODY_HEIGHT_M],
-            body_height: BODY_HEIGHT_M,
+            position: measured.position_m,
+            body_height: measured.position_m[2],
             velocity: [velocity.vx_mps as f32, velocity.vy_mps as f32, 0.0],
             yaw_speed: velocity.wz_radps as f32,
             ..SportModeState::default()
@@ -112,8 +110,8 @@ impl EmulatedGo2 {
 
 #[cfg(test)]
 mod tests {
-    use messages::{Pose2, Twist2};
-    use unitree::{Button, Remote, Silence};
+    use messages::{Attitude, Pose2, Twist2};
+    use unitree::{Button, Remote, Silence, State};
 
     use super::EmulatedGo2;
     use crate::Posture;
@@ -131,9 +129,15 @@ mod tests {
             assert_eq!((balanced.identity.id, balanced.code), (2, 0));
             robot.received(&Request::walk(3, AHEAD), 0);
             assert_eq!((robot.velocity(999_000_000), robot.velocity(1_001_000_000)), (AHEAD, after));
-            let state = robot.state(Pose2::new(1.0, 2.0, 0.5), AHEAD, 0).state().expect("a state");
+            let attitude =
+                Attitude { stamp_ns: 1, roll_rad: 0.1, pitch_rad: -0.2, height_m: 0.27, ..Attitude::default() };
+            let told = robot.state(&State::held(Pose2::new(1.0, 2.0, 0.5), &attitude, AHEAD, None), 0);
+            assert_eq!((told.position, told.body_height), ([1.0, 2.0, 0.27], 0.27));
+            let state = told.state().expect("a state");
             assert_eq!((state.velocity, state.posture), (AHEAD, Posture::Ready));
-            assert!((state.own_from_robot.yaw_rad - 0.5).abs() < 1e-6);
+            let [roll_rad, pitch_rad] = state.roll_pitch_rad;
+            let off = [roll_rad - 0.1, pitch_rad + 0.2, state.own_from_robot.yaw_rad - 0.5];
+            assert!(off.iter().all(|off_rad| off_rad.abs() < 1e-6), "{off:?}");
             robot.received(&Request::plain(4, Api::StopMove), 0);
             assert_eq!(robot.velocity(0), Twist2::ZERO);
         }
@@ -153,7 +157,7 @@ mod tests {
         let mut robot = EmulatedGo2::new(Silence::HoldsLast);
         let buttons = 1 << Button::L2 as u16 | 1 << Button::B as u16;
         robot.press(Remote { buttons, ..Remote::default() });
-        let state = robot.state(Pose2::new(0.0, 0.0, 0.0), Twist2::ZERO, 0).state().expect("a state");
+        let state = robot.state(&State::default(), 0).state().expect("a state");
         assert_eq!(state.posture, Posture::Down);
         let low = robot.low_state(61);
         assert!(low.remote().says_stop() && low.bms_state.soc == 61);

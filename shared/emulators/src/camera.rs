@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use camera::Head;
-use messages::Fault;
 use messages::fault::DELAY_NS;
+use messages::{DepthHeader, Fault};
 use world::{ConfigError, DepthConfig, DepthSensor, Scene};
 use zerocopy::IntoBytes;
 
@@ -51,11 +51,18 @@ impl EmulatedCamera {
 
     /// Takes a frame at `taken_ns` of the monotonic clock; `number` numbers them: each has noise of its own.
     pub fn take(&mut self, scene: &Scene<'_>, number: u64, taken_ns: u64) {
+        let mut pixels_mm = std::mem::take(&mut self.pixels_mm);
+        self.sensor.render(scene, number, &mut pixels_mm);
+        self.take_seen(&self.sensor.depth_header(), &pixels_mm, taken_ns);
+        self.pixels_mm = pixels_mm;
+    }
+
+    /// Takes a frame that was seen through that lens at `taken_ns` of the monotonic clock: depths in millimetres, noise
+    /// included, row by row.
+    pub fn take_seen(&mut self, lens: &DepthHeader, pixels_mm: &[u16], taken_ns: u64) {
         if matches!(self.fault, Some(Fault::Unplugged | Fault::Silent)) {
             return;
         }
-        self.sensor.render(scene, number, &mut self.pixels_mm);
-        let lens = self.sensor.depth_header();
         let head = Head {
             taken_ns,
             width: lens.width,
@@ -64,7 +71,7 @@ impl EmulatedCamera {
             axis_px: [lens.cx_px as f32, lens.cy_px as f32],
         };
         let delay_ns = if self.fault == Some(Fault::Delayed) { DELAY_NS } else { 0 };
-        self.on_way.push_back((taken_ns + delay_ns, [&head.bytes()[..], self.pixels_mm.as_bytes()].concat()));
+        self.on_way.push_back((taken_ns + delay_ns, [&head.bytes()[..], pixels_mm.as_bytes()].concat()));
     }
 
     /// Sends what is due. Where nobody listens, it is lost.

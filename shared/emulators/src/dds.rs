@@ -4,7 +4,7 @@ use ::dds::EmulatedGo2;
 use ::dds::bus::{BusError, Ros2Server, SportServer};
 use ::dds::ros2::{Header, Odometry, Twist};
 use ::dds::sport::{LowState, Request, SportModeState};
-use messages::{Fault, NS_PER_S, Pose2, Twist2};
+use messages::{Fault, NS_PER_S, Twist2};
 use settings::{DdsSettings, Ros2Settings};
 use unitree::{Button, Remote, SILENT_NS, Silence, State};
 
@@ -15,12 +15,6 @@ use crate::cable::{Trouble, lost};
 const STATE_NS: u64 = 10_000_000;
 /// Of a robot that does not tell it otherwise, percent.
 const CHARGE_PERCENT: u8 = 80;
-
-fn own_from_robot(measured: &State) -> Pose2 {
-    let [x_m, y_m, _] = measured.position_m.map(f64::from);
-    let [_, _, yaw_rad] = measured.roll_pitch_yaw_rad();
-    Pose2::new(x_m, y_m, yaw_rad)
-}
 
 /// A Go2 or B2.
 pub struct EmulatedSport {
@@ -82,7 +76,7 @@ impl EmulatedRobot for EmulatedSport {
         if now_ns.saturating_sub(self.told_ns) >= STATE_NS {
             self.told_ns = now_ns;
             let charge_percent = self.line.charge_percent(measured.charge_percent).unwrap_or(CHARGE_PERCENT);
-            let state = self.robot.state(own_from_robot(&measured), measured.velocity, now_ns);
+            let state = self.robot.state(&measured, now_ns);
             if self.line.fault != Some(Fault::Silent) {
                 let low = self.robot.low_state(charge_percent);
                 self.line.said.put(now_ns, (state, low), self.line.fault, lost);
@@ -164,15 +158,35 @@ impl EmulatedRobot for EmulatedRos2 {
 }
 
 fn odometry(now_ns: u64, measured: &State) -> Odometry {
-    let pose = own_from_robot(measured);
-    let (sin, cos) = (pose.yaw_rad / 2.0).sin_cos();
+    let [w, x, y, z] = measured.quaternion.map(f64::from);
     let stamp = ((now_ns / NS_PER_S) as i32, (now_ns % NS_PER_S) as u32);
     Odometry {
         header: Header { stamp, frame_id: "odom".to_owned() },
         child_frame_id: "base_link".to_owned(),
-        position: [pose.x_m, pose.y_m, 0.0],
-        orientation: [0.0, 0.0, sin, cos],
+        position: measured.position_m.map(f64::from),
+        orientation: [x, y, z, w],
         twist: Twist::from(measured.velocity),
         ..Odometry::default()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use messages::{Attitude, Pose2, Twist2};
+    use unitree::State;
+
+    use super::odometry;
+
+    #[test]
+    fn odometry_of_ros_2_tells_the_whole_attitude_and_the_height() {
+        let attitude = Attitude { stamp_ns: 1, roll_rad: 0.1, pitch_rad: -0.2, height_m: 0.27, ..Attitude::default() };
+        let walks = Twist2 { vx_mps: 0.5, vy_mps: -0.25, wz_radps: 0.125 };
+        let told = odometry(1, &State::held(Pose2::new(1.0, -2.0, 2.5), &attitude, walks, None));
+        assert!((told.position[2] - 0.27).abs() < 1e-6);
+        let state = told.state().expect("a state");
+        let ([roll_rad, pitch_rad], pose) = (state.roll_pitch_rad, state.own_from_robot);
+        let off = [pose.x_m - 1.0, pose.y_m + 2.0, pose.yaw_rad - 2.5, roll_rad - 0.1, pitch_rad + 0.2].map(f64::abs);
+        assert!(off.iter().all(|off| *off < 1e-6), "{state:?}");
+        assert_eq!(state.velocity, walks);
     }
 }

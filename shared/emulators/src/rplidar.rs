@@ -1,9 +1,9 @@
 //! An RPLIDAR at a pseudo-terminal.
 
-use std::f64::consts::{PI, TAU};
 use std::path::{Path, PathBuf};
 
 use messages::Fault;
+use messages::ScanHeader;
 use messages::fault::Dice;
 use rplidar::{Beams, Emulated, Model};
 use serial::PseudoTerminal;
@@ -11,10 +11,8 @@ use world::{ConfigError, LidarConfig, LidarSensor, Scene};
 
 use crate::cable::flip;
 
-/// Beams of one look at the world: a tenth of a degree apart, far finer than any of these lidars samples.
-const LOOK: Beams = Beams { count: 3600, angle_min_rad: -PI, angle_increment_rad: TAU / 3600.0 };
-/// Farther than any of these lidars sees, metres: how far it does see is its mode's.
-const LOOK_M: f64 = 50.0;
+/// Beams of one look at the world: a tenth of a degree apart, finer than any of these lidars samples.
+const LOOK_BEAMS: usize = 3600;
 /// The most that is read at once, bytes: many requests.
 const READ_BYTES: usize = 512;
 /// What a wrong speed makes of a byte; any other value that is no byte's own would do as well.
@@ -31,7 +29,8 @@ pub struct EmulatedRplidar {
     dice: Dice,
     lidar: Emulated,
     sensor: LidarSensor,
-    /// The last look, counter-clockwise from straight back, metres.
+    /// The last look: how its beams lie, and their ranges, metres.
+    beams: Beams,
     ranges_m: Vec<f32>,
     out: Vec<u8>,
 }
@@ -43,18 +42,11 @@ impl EmulatedRplidar {
     /// # Errors
     /// Where the configuration is out of its bounds.
     pub fn new(terminal: PseudoTerminal, model: Model, config: LidarConfig, seed: u64) -> Result<Self, ConfigError> {
-        let config = LidarConfig {
-            beams: LOOK.count,
-            angle_min_rad: LOOK.angle_min_rad,
-            angle_increment_rad: LOOK.angle_increment_rad,
-            range_max_m: LOOK_M,
-            ..config
-        };
-        let sensor = LidarSensor::new(config, seed, 1)?;
-        let ranges_m = vec![f32::NAN; LOOK.count];
+        let sensor = LidarSensor::new(config.all_round(LOOK_BEAMS), seed, 1)?;
+        let (beams, ranges_m) = (beams(&sensor.scan_header(), LOOK_BEAMS), vec![f32::NAN; LOOK_BEAMS]);
         let (port, lidar) = (terminal.path().to_owned(), Emulated::new(model));
         let (fault, dice, terminal) = (None, Dice::default(), Some(terminal));
-        Ok(Self { terminal, port, model, fault, dice, lidar, sensor, ranges_m, out: Vec::new() })
+        Ok(Self { terminal, port, model, fault, dice, lidar, sensor, beams, ranges_m, out: Vec::new() })
     }
 
     /// Where its port is found.
@@ -91,7 +83,16 @@ impl EmulatedRplidar {
 
     /// From now on the world looks like this. `frame` numbers the looks: each has noise of its own.
     pub fn look(&mut self, scene: &Scene<'_>, frame: u64) {
+        self.beams = beams(&self.sensor.scan_header(), LOOK_BEAMS);
+        self.ranges_m.resize(LOOK_BEAMS, f32::NAN);
         self.sensor.scan(scene, frame, &mut self.ranges_m);
+    }
+
+    /// From now on the world looks as that scan saw it: ranges in metres, noise included.
+    pub fn take_look(&mut self, header: &ScanHeader, ranges_m: &[f32]) {
+        self.beams = beams(header, ranges_m.len());
+        self.ranges_m.clear();
+        self.ranges_m.extend_from_slice(ranges_m);
     }
 
     /// When there is something to send, nanoseconds.
@@ -114,10 +115,10 @@ impl EmulatedRplidar {
         if right_speed {
             self.lidar.received(now_ns, &heard[..count], &mut self.out);
         }
-        let ranges_m = &self.ranges_m;
+        let (beams, ranges_m) = (self.beams, &self.ranges_m);
         // What gave no reading, or is infinitely far, does not come back.
         let measure = |clockwise_deg: f64, _| {
-            LOOK.at(clockwise_deg).map(|beam| ranges_m[beam]).filter(|range_m| *range_m < LOOK_M as f32)
+            beams.at(clockwise_deg).map(|beam| ranges_m[beam]).filter(|range_m| range_m.is_finite())
         };
         self.lidar.advance(now_ns, measure, &mut self.out);
         if !right_speed {
@@ -138,4 +139,8 @@ impl EmulatedRplidar {
         }
         Ok(())
     }
+}
+
+fn beams(header: &ScanHeader, count: usize) -> Beams {
+    Beams { count, angle_min_rad: header.angle_min_rad, angle_increment_rad: header.angle_increment_rad }
 }

@@ -225,8 +225,8 @@ impl Shield {
         ordered
     }
 
-    /// The discs whose hull has to be free for a motion of a robot that moves so when it begins, robot frame, the margin
-    /// included: robot and handler as they are, then where they come to rest, and what lies between.
+    /// The discs whose hull has to be free for a motion of a robot that moves so when it begins, robot frame, the
+    /// margin included: robot and handler as they are, then where they come to rest, and what lies between.
     #[must_use]
     pub fn swept(&mut self, motion: &Motion, moves: Twist2, handler: HandlerBody) -> Discs {
         let nothing = Beams::default();

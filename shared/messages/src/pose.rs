@@ -142,9 +142,16 @@ pub fn roll_pitch_yaw_rad([w, x, y, z]: [f64; 4]) -> [f64; 3] {
     [roll_rad, pitch_rad, yaw_rad]
 }
 
+/// The unit quaternion (w, x, y, z) of roll, pitch and yaw, radians: the inverse of [`roll_pitch_yaw_rad`].
+#[must_use]
+pub fn quaternion(roll_pitch_yaw_rad: [f64; 3]) -> [f64; 4] {
+    let [(sr, cr), (sp, cp), (sy, cy)] = roll_pitch_yaw_rad.map(|angle_rad| (angle_rad / 2.0).sin_cos());
+    [cr * cp * cy + sr * sp * sy, sr * cp * cy - cr * sp * sy, cr * sp * cy + sr * cp * sy, cr * cp * sy - sr * sp * cy]
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Attitude, roll_pitch_yaw_rad};
+    use super::{Attitude, quaternion, roll_pitch_yaw_rad};
 
     #[test]
     fn a_quaternion_is_turned_about_each_axis_by_the_right_hand() {
@@ -154,6 +161,14 @@ mod tests {
             quaternion[axis + 1] = sin;
             let angles = roll_pitch_yaw_rad(quaternion);
             assert!((0..3).all(|i| (angles[i] - if i == axis { 0.2 } else { 0.0 }).abs() < 1e-12), "{angles:?}");
+        }
+    }
+
+    #[test]
+    fn angles_are_those_of_their_quaternion() {
+        for angles in [[0.1, -0.2, 0.3], [-0.4, 0.7, -3.0], [0.0, 0.0, 1.5]] {
+            let found = roll_pitch_yaw_rad(quaternion(angles));
+            assert!((0..3).all(|i| (found[i] - angles[i]).abs() < 1e-12), "{found:?}");
         }
     }
 

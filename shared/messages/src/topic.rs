@@ -473,20 +473,20 @@ topics! {
         name: "world/scan",
         publishers: &[Simulator],
         live_publishers: 1,
-        subscribers: &[Lidar],
+        subscribers: &[Lidar, Emulator],
         buffer: 2,
         borrowed: 2,
         loans: 2,
         wakes: true,
         max_age: AgeLimit::Unlimited,
-        why: "the driver copies the newest one at once",
+        why: "the driver or the emulated lidar copies the newest one at once",
     }
     /// One image of the depth camera in a world whose simulator casts the rays: millimetres.
     WorldFrame = 20, frame WorldFrame WorldFrameHeader {
         name: "world/frame",
         publishers: &[Simulator],
         live_publishers: 1,
-        subscribers: &[Depth],
+        subscribers: &[Depth, Emulator],
         buffer: 2,
         borrowed: 2,
         loans: 2,

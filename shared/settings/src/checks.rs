@@ -6,8 +6,8 @@ use messages::topic::{AgeLimit, TOPICS};
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, PhysicsKind,
-    Robot, Settings, Source, VoiceSource,
+    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Robot,
+    Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -140,11 +140,6 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
     if emulated && (lidar, own, is_device) != (Source::Device, true, true) {
         let needed = "lidar.source and odometry.source \"device\" and a locomotion.link to a robot";
         return Err(format!("simulation.emulated.on needs {needed}"));
-    }
-    if emulated && settings.simulation.physics != PhysicsKind::Flat {
-        return Err(
-            "simulation.emulated.on needs simulation.physics = \"flat\": no device is emulated in MuJoCo".into()
-        );
     }
     if emulated {
         check_emulated(settings)?;
@@ -351,6 +346,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
 #[cfg(test)]
 mod tests {
     use super::{Settings, check};
+    use crate::sections::PhysicsKind;
 
     #[test]
     fn what_would_give_the_stop_away_is_refused_with_its_key() {
@@ -400,9 +396,12 @@ mod tests {
         }
         let settings: Settings = toml::from_str(&emulated).expect("it is right");
         assert_eq!(check(&settings), Ok(()));
-        let mut by_flag = Settings::default();
-        by_flag.emulate();
-        assert_eq!(check(&by_flag), Ok(()));
+        for physics in [PhysicsKind::Flat, PhysicsKind::Mujoco] {
+            let mut by_flag = Settings::default();
+            by_flag.simulation.physics = physics;
+            by_flag.emulate();
+            assert_eq!(check(&by_flag), Ok(()));
+        }
     }
 
     #[test]

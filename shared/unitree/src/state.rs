@@ -1,6 +1,6 @@
 //! What a robot says of itself.
 
-use messages::{Twist2, roll_pitch_yaw_rad};
+use messages::{Attitude, Pose2, Twist2, quaternion, roll_pitch_yaw_rad};
 
 use crate::field::{get_f32, get_f32s, put_f32, put_f32s};
 use crate::{Mode, Profile, Remote, WireError, crc, remote};
@@ -42,15 +42,19 @@ impl Default for State {
 }
 
 impl State {
-    /// The state of a robot that stands or walks on level ground: forward and left, metres, and heading, radians, since
-    /// it was switched on.
+    /// The state of a robot at a pose since it was switched on, whose body is held so; level and at the height of a
+    /// robot that stands where the attitude is not known.
     #[must_use]
-    pub fn level(pose: [f64; 3], velocity: Twist2, charge_percent: Option<u8>) -> Self {
-        let [x_m, y_m, yaw_rad] = pose;
-        let (sin, cos) = (yaw_rad / 2.0).sin_cos();
+    pub fn held(own_from_robot: Pose2, attitude: &Attitude, velocity: Twist2, charge_percent: Option<u8>) -> Self {
+        let Pose2 { x_m, y_m, yaw_rad } = own_from_robot;
+        let (roll_rad, pitch_rad, height_m) = if attitude.is_known() {
+            (attitude.roll_rad, attitude.pitch_rad, attitude.height_m as f32)
+        } else {
+            (0.0, 0.0, BODY_HEIGHT_M)
+        };
         Self {
-            quaternion: [cos as f32, 0.0, 0.0, sin as f32],
-            position_m: [x_m as f32, y_m as f32, BODY_HEIGHT_M],
+            quaternion: quaternion([roll_rad, pitch_rad, yaw_rad]).map(|part| part as f32),
+            position_m: [x_m as f32, y_m as f32, height_m],
             velocity,
             charge_percent,
             ..Self::default()
@@ -119,9 +123,9 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use messages::Twist2;
+    use messages::{Attitude, Pose2, Twist2};
 
-    use super::State;
+    use super::{BODY_HEIGHT_M, State};
     use crate::{Button, Profile, Remote, WireError};
 
     fn state(profile: Profile) -> State {
@@ -133,6 +137,19 @@ mod tests {
             velocity: Twist2 { vx_mps: 0.5, vy_mps: -0.125, wz_radps: 0.25 },
             charge_percent: (profile == Profile::Go138).then_some(61),
             remote: Remote { buttons: 1 << Button::L2 as u16 | 1 << Button::B as u16, sticks: [0.5, -1.0, 0.25, 0.0] },
+        }
+    }
+
+    #[test]
+    fn a_state_tells_how_the_body_is_held() {
+        let attitude = Attitude { stamp_ns: 1, roll_rad: 0.1, pitch_rad: -0.2, height_m: 0.25, ..Attitude::default() };
+        for (attitude, expected, height_m) in
+            [(attitude, [0.1, -0.2, 0.7], 0.25), (Attitude::default(), [0.0, 0.0, 0.7], BODY_HEIGHT_M)]
+        {
+            let held = State::held(Pose2::new(1.0, 2.0, 0.7), &attitude, Twist2::ZERO, None);
+            let found = held.roll_pitch_yaw_rad();
+            assert!((0..3).all(|i| (found[i] - expected[i]).abs() < 1e-6), "{found:?}");
+            assert_eq!(held.position_m, [1.0, 2.0, height_m]);
         }
     }
 

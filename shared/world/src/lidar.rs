@@ -40,6 +40,9 @@ pub struct LidarConfig {
     pub height_m: f64,
 }
 
+/// Farther than any lidar that is emulated sees, metres.
+const ALL_ROUND_M: f64 = 50.0;
+
 impl Default for LidarConfig {
     fn default() -> Self {
         Self {
@@ -57,6 +60,20 @@ impl Default for LidarConfig {
 }
 
 impl LidarConfig {
+    /// The same lidar with so many beams all round, counter-clockwise from straight back, which sees as far as any:
+    /// what an emulated lidar takes its samples from, each at its own angle and up to its own range.
+    #[must_use]
+    pub fn all_round(self, beams: usize) -> Self {
+        let turn = std::f64::consts::TAU;
+        Self {
+            beams,
+            angle_min_rad: -turn / 2.0,
+            angle_increment_rad: turn / beams as f64,
+            range_max_m: ALL_ROUND_M,
+            ..self
+        }
+    }
+
     /// What stands beside the ranges; the header is left for the publisher.
     #[must_use]
     pub fn scan_header(&self) -> ScanHeader {
