@@ -7,10 +7,10 @@ use guidedog_tests::Place;
 /// Three rounds of the course.
 const ROUNDS: &str = "135s";
 
-/// A recorded walk without its depth frames; its name.
+/// A recorded walk with small depth frames; the recording's path.
 fn recorded(place: &Place, args: &[&str]) -> String {
     let config = place.path().join("small.toml");
-    fs::write(&config, "[depth]\nwidth = 64\nheight = 48\n[record]\ndepth = false\n").expect("written");
+    fs::write(&config, "[depth]\nwidth = 64\nheight = 48\n").expect("written");
     let recording = place.path().join(format!("{}.mcap", args[1])).to_string_lossy().into_owned();
     let rest = ["--config", &config.to_string_lossy(), "--speed", "0", "--record", &recording, "--json"];
     let (report, _) = place.json(&[&["walk"], args, &rest].concat());
