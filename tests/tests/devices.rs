@@ -225,7 +225,15 @@ fn a_robot_that_is_there_needs_no_scenario_and_takes_none() {
     let depth = format!("[depth]\nsource = \"device\"\nsocket = {{ path = \"{}/depth\" }}", place.path().display());
     let robot = "unitree = { robot = \"127.9.8.7:8082\", local = \"127.9.8.7:8081\" }";
     let rest = format!("{depth}\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"unitree\"\n{robot}\n");
-    let config = config(&place, &port(&place), &rest);
+    let unmeasured = config(&place, &port(&place), &rest);
+    let refused = place.guidedog(&["up", "--config", &unmeasured]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(2), "{said}");
+    for what in ["robot.response.origin = \"assumed\"", "\"unitree\"", "guidedog fit-robot", "robot.profile_unmeasured"]
+    {
+        assert!(said.contains(what), "{what}: {said}");
+    }
+    let config = config(&place, &port(&place), &format!("{rest}[robot]\nprofile_unmeasured = true\n"));
     let mut run = Live::up(&place, "device", &["--config", &config]);
     for text in ["is the device plugged in", "does not answer: is it on"] {
         run.wait(text, |status| told(status, text));

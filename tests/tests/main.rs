@@ -20,6 +20,7 @@ mod planned;
 mod record;
 mod recordings;
 mod replays;
+mod response;
 mod shared_memory;
 mod sound;
 mod sources;

@@ -5,6 +5,7 @@ pub mod cues;
 mod emulate;
 pub mod evaluate;
 mod policy;
+mod robot;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -18,6 +19,7 @@ use crate::exit::EXIT_CODES_HELP;
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
 pub use emulate::{DdsArgs, Device, EmulateArgs};
 pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
+pub use robot::FitRobotArgs;
 
 /// Runs and operates the guide robot's stack of processes.
 #[derive(Debug, Parser)]
@@ -72,6 +74,9 @@ pub enum Verb {
     /// Fit interaction models to recorded walks of handlers, and set them beside the paper's
     #[command(after_help = FIT_HELP)]
     Fit(FitArgs),
+    /// Identify how a robot answers commands (delay, overrun, sway) from recordings of single motions
+    #[command(name = "fit-robot", after_help = robot::HELP)]
+    FitRobot(FitRobotArgs),
     /// Run episodes of the wayfinding task with a policy, and tell how it fares
     #[command(after_help = evaluate::HELP)]
     Evaluate(evaluate::EvaluateArgs),
@@ -240,7 +245,7 @@ pub struct WorldArgs {
     #[arg(long, value_name = "FILE")]
     pub cues: Option<PathBuf>,
     /// What decides, in place of the configuration's
-    #[arg(long, value_name = "guide|geometric|FILE", value_parser = policy::policy_model())]
+    #[arg(long, value_name = "guide|geometric|steps|FILE", value_parser = policy::policy_model())]
     pub policy: Option<PolicyModel>,
     /// Cues are spoken, and heard by the microphone, a WAV file or a pipe; the robot answers; real time only
     #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "")]

@@ -13,6 +13,7 @@ mod evaluate;
 mod exit;
 mod find;
 mod fit;
+mod fit_robot;
 mod import;
 mod launch;
 mod live;
@@ -111,6 +112,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Idle { seconds } => done(bench::idle::bench(seconds, json)),
         },
         Verb::Fit(args) => done(fit::fit(&args, json)),
+        Verb::FitRobot(args) => done(fit_robot::fit_robot(&args, json)),
         Verb::Evaluate(args) => done(evaluate::evaluate(&args, json)),
         Verb::EvaluateCues(args) => done(cues::evaluate(&args, json)),
         Verb::Emulate(args) => done(emulate::emulate(&args)),

@@ -60,7 +60,8 @@ pub fn walk(args: &WalkArgs) -> Result<Prepared, Failure> {
 /// said, that is the default scenario's with its start, and nobody but the operator gives cues.
 ///
 /// # Errors
-/// As [`walk`], and where a world is named beside devices that all are real.
+/// As [`walk`], where a world is named beside devices that all are real, and where a real robot's response was not
+/// measured.
 pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
     let settings = walk_settings(args, true)?;
     if settings.has_world() {
@@ -69,6 +70,7 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
     if settings.walk.scenario.is_some() || settings.walk.map.is_some() {
         return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
     }
+    settings::check_origin(&settings).map_err(Failure::input)?;
     check_policy_and_script(&settings)?;
     speech(&settings)?;
     Ok(settings)

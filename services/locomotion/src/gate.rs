@@ -1,12 +1,12 @@
 //! The gate itself: pure, without clock and I/O. What it does not know to be allowed is zero.
 
+use guidance::accord::{Accord, Response};
 use messages::{
     Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopClass, StopInput, StopKind,
     StopReason, TopicId, Twist2, age_ns,
 };
 use settings::{EstopSource, Settings};
 
-use crate::accord::{Accord, Response};
 use crate::fall::Fall;
 
 /// What the gate holds a permit against.
@@ -45,7 +45,7 @@ impl GateLimits {
         Self {
             actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
             obeyed: settings.locomotion.link.is_obeyed(),
-            response: Response::of(&settings.robot.response),
+            response: settings.robot.response.accord(),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
             estop_max_age_ns: (settings.estop.source != EstopSource::Absent)

@@ -4,7 +4,6 @@
 //! stands at once when a lifeline closes, a stop cue comes or the supervisor says so. It must never wait or
 //! log on the way to zero, nor allocate but to read the supervisor's word, and never start motion by itself.
 
-mod accord;
 mod fall;
 mod gate;
 mod lines;

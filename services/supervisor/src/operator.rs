@@ -196,6 +196,9 @@ fn checked(spec: PolicySpec) -> Result<PolicySpec, String> {
         return Err("neither an executable nor a model is named".to_owned());
     }
     let model = spec.model.clone().map(PolicyModel::from);
+    if model == Some(PolicyModel::Steps) {
+        return Err("the policy steps guides no one: a run begins with it, or never has it".to_owned());
+    }
     let paths = [spec.exe.as_deref(), model.as_ref().and_then(PolicyModel::file)];
     if let Some(path) = paths.into_iter().flatten().find(|path| !path.is_absolute()) {
         return Err(format!("{}: the path is not absolute", path.display()));

@@ -2,6 +2,7 @@
 //!
 //! No I/O, no clock, no thread, no randomness of its own: same input, same output, to the bit.
 
+pub mod accord;
 pub mod action;
 pub mod awareness;
 pub mod boundary;

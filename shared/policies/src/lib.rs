@@ -5,6 +5,7 @@
 pub mod geometric;
 mod learnt;
 mod model;
+mod steps;
 
 use std::path::Path;
 
@@ -12,11 +13,13 @@ use guidance::cue::CueTrack;
 use guidance::se2::pose2;
 use guidance::{ActionTable, Evidence, HandlerBody, Se2};
 use messages::{CueKind, MAX_ACTIONS, ScanHeader};
+use settings::PolicyModel;
 
 pub use geometric::{GeometricConfig, GeometricEngine};
 pub use inference::RuntimeError;
 pub use learnt::LearntEngine;
 pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, ModelKind, OBSERVATION, Trained};
+pub use steps::StepsEngine;
 
 /// Probabilities over the action table; those beyond it are 0.
 pub type Probabilities = [f32; MAX_ACTIONS];
@@ -117,6 +120,23 @@ pub fn stand() -> Probabilities {
     let mut probabilities = [0.0; MAX_ACTIONS];
     probabilities[ActionTable::STOP] = 1.0;
     probabilities
+}
+
+/// The engine of that name, with its model where it has one ([`Model::named`]).
+///
+/// # Errors
+/// As [`engine`].
+pub fn named_engine(
+    name: &PolicyModel,
+    model: Option<&Model>,
+    config: GeometricConfig,
+    table: &ActionTable,
+    library: Option<&Path>,
+) -> Result<Box<dyn Engine>, ModelError> {
+    match name {
+        PolicyModel::Steps => Ok(Box::new(StepsEngine::new(table, config.dt_s))),
+        PolicyModel::Guide | PolicyModel::Geometric | PolicyModel::File(_) => engine(model, config, table, library),
+    }
 }
 
 /// The engine of a model; without one the geometric engine as it is built, for that team and table.

@@ -240,13 +240,13 @@ const GUIDE: (&[u8], &[u8]) =
     (include_bytes!("../../../config/policies/guide.onnx"), include_bytes!("../../../config/policies/guide.toml"));
 
 impl Model {
-    /// The model of that name; none for the geometric engine as it is built.
+    /// The model of that name; none for an engine that is built in and needs none.
     ///
     /// # Errors
     /// As [`Model::load`].
     pub fn named(name: &PolicyModel, expected: &Expected) -> Result<Option<Self>, ModelError> {
         match name {
-            PolicyModel::Geometric => Ok(None),
+            PolicyModel::Geometric | PolicyModel::Steps => Ok(None),
             PolicyModel::Guide => {
                 let (bytes, manifest) = GUIDE;
                 Self::verified(&PathBuf::from(name.clone()), true, bytes.to_vec(), manifest, expected).map(Some)

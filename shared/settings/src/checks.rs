@@ -6,8 +6,8 @@ use messages::topic::{AgeLimit, TOPICS};
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Robot,
-    Settings, Source, VoiceSource,
+    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Origin,
+    Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -97,6 +97,24 @@ pub fn check_tone(settings: &Settings) -> Result<(), String> {
             .to_owned());
     }
     Ok(())
+}
+
+/// A real robot walks by a response that was measured on it. A configuration alone may leave that open: `--emulated`
+/// puts an emulated robot in its place, and `guidedog doctor` tells what is missing.
+///
+/// # Errors
+/// Where it was not measured, and `robot.profile_unmeasured` is not set; the reason begins with the key.
+pub fn check_origin(settings: &Settings) -> Result<(), String> {
+    let (robot, link) = (&settings.robot, settings.locomotion.link.row().name);
+    let origin = robot.response.origin;
+    if !settings.commands_robot() || origin == Origin::Measured || robot.profile_unmeasured {
+        return Ok(());
+    }
+    Err(format!(
+        "robot.response.origin = \"{}\", and locomotion.link = \"{link}\" commands a real robot: measure how it \
+         answers (guidedog fit-robot RECORDING), or, to walk without that, write robot.profile_unmeasured = true",
+        origin.name()
+    ))
 }
 
 /// The settings of each device and link, also where it is not in use.
@@ -345,7 +363,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Settings, check};
+    use super::{Settings, check, check_origin};
     use crate::sections::PhysicsKind;
 
     #[test]
@@ -402,6 +420,36 @@ mod tests {
             by_flag.emulate();
             assert_eq!(check(&by_flag), Ok(()));
         }
+    }
+
+    #[test]
+    fn a_real_robot_walks_by_a_measured_response_or_by_a_word_of_its_own() {
+        let real = "[lidar]\nsource = \"device\"\n[depth]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n";
+        let origin = |link: &str, robot: &str, more: &str| {
+            let text = format!("{real}[locomotion]\nlink = \"{link}\"\n{more}{robot}");
+            let settings: Settings = toml::from_str(&text).expect("each key by itself is right");
+            assert_eq!(check(&settings), Ok(()), "a configuration may leave it open: {text}");
+            check_origin(&settings)
+        };
+        let of = |name: &str| format!("[robot.response]\norigin = \"{name}\"\n");
+        for link in ["unitree", "go2", "ros2"] {
+            for (robot, name) in
+                [(String::new(), "assumed"), (of("assumed"), "assumed"), (of("simulated"), "simulated")]
+            {
+                let why = origin(link, &robot, "").expect_err(link);
+                assert!(why.starts_with(&format!("robot.response.origin = \"{name}\"")), "{why}");
+                for what in [link, "guidedog fit-robot RECORDING", "robot.profile_unmeasured = true"] {
+                    assert!(why.contains(what), "{why}");
+                }
+                let by_hand = format!("[robot]\nprofile_unmeasured = true\n{robot}");
+                assert_eq!(origin(link, &by_hand, ""), Ok(()));
+                assert!(origin(link, &by_hand.replace("true", "false"), "").is_err());
+                assert_eq!(origin(link, &robot, "[simulation.emulated]\non = true\n"), Ok(()), "it is emulated");
+            }
+            assert_eq!(origin(link, &of("measured"), ""), Ok(()));
+        }
+        assert_eq!(check_origin(&Settings::default()), Ok(()), "the simulated robot");
+        assert!(toml::from_str::<Settings>(&of("guessed")).is_err_and(|error| error.to_string().contains("line 2")));
     }
 
     #[test]

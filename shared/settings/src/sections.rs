@@ -8,6 +8,7 @@ mod locomotion;
 mod max_age;
 mod odometry;
 mod policy;
+mod robot;
 mod shield;
 mod speak;
 
@@ -35,6 +36,7 @@ pub use locomotion::*;
 pub use max_age::MaxAge;
 pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
+pub use robot::{Origin, Response, Robot};
 pub use shield::{Choice, MemorySettings, ShieldSettings};
 pub(crate) use speak::check as check_speak;
 pub use speak::{Speak, SpokenLanguage, Verbosity};
@@ -110,6 +112,20 @@ impl Settings {
     #[must_use]
     pub fn commands_robot(&self) -> bool {
         self.locomotion.link.is_device() && !self.simulation.emulated.on
+    }
+
+    /// Whether the link leads to this very machine, where only an emulated robot can be.
+    #[must_use]
+    pub fn robot_is_here(&self) -> bool {
+        let locomotion = &self.locomotion;
+        match locomotion.link.row().far_end {
+            FarEnd::Nothing | FarEnd::SimulatedRobot => false,
+            FarEnd::Robot => locomotion.unitree.robot().ip().is_loopback(),
+            FarEnd::DdsRobot(_) => {
+                let networks = &locomotion.dds.networks;
+                !networks.is_empty() && networks.iter().all(std::net::Ipv4Addr::is_loopback)
+            }
+        }
     }
 
     /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
@@ -218,106 +234,6 @@ impl Settings {
                 InteractionModel::Rod(RotatingRod::new(x_m, y_m, handler.rod_length_m.get())?)
             }
         })
-    }
-}
-
-/// The robot's body.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Robot {
-    /// Radius of the disc that stands for the robot, metres.
-    pub radius_m: Positive,
-    /// Two such discs stand for a long body, so far ahead of its middle and behind it, metres; 0 is one disc.
-    pub nose_m: f64,
-    /// Height of the body's origin (`base_link`) above the floor while the robot stands, metres: heights of sensors
-    /// are told for it.
-    pub body_height_m: Positive,
-    /// How it answers a command when all is well.
-    pub response: Response,
-    /// How its body sways.
-    pub gait: Gait,
-}
-
-/// How a healthy robot answers a command. A larger error stops it (`odometry_contradicts`).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Response {
-    /// Until it does what is commanded, its odometry's own age included.
-    pub lag: Millis,
-    /// Largest error of its way in half a second, metres. The limit is 1.4 times as large for 1 s, 1.75 times for 2 s.
-    pub way_off_m: Positive,
-    /// The same of its heading, radians.
-    pub turn_off_rad: Positive,
-    /// Overrun after a command of zero at the fastest action: along the body's axis, and across it, metres.
-    pub overrun_m: [f64; 2],
-    /// Overrun of a turn, radians.
-    pub overrun_rad: f64,
-    /// A command takes effect after this; read where the simulated robot walks on legs.
-    pub delay: Millis,
-    /// Time constants of its velocity ahead, aside and of turns, seconds; likewise.
-    pub time_constant_s: [f64; 3],
-}
-
-/// How the body of a legged robot sways: `simulation.noise = "legged"` simulates it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub struct Gait {
-    /// Period of a stride.
-    pub stride: Millis,
-    /// Sway while it walks, one standard deviation: roll, radians,
-    pub roll_rad: f64,
-    /// pitch, radians,
-    pub pitch_rad: f64,
-    /// height, metres,
-    pub rise_m: f64,
-    /// its place to either side, metres,
-    pub sway_m: f64,
-    /// and its heading, radians.
-    pub sway_rad: f64,
-    /// Roll of a sidestep, radians for 1 m/s.
-    pub lean_rad_per_mps: f64,
-    /// Slip, one standard deviation, as a share of the speed.
-    pub slip: f64,
-}
-
-impl Default for Gait {
-    fn default() -> Self {
-        Self {
-            stride: Millis::of_ms(500),
-            roll_rad: 0.0,
-            pitch_rad: 0.0,
-            rise_m: 0.0,
-            sway_m: 0.0,
-            sway_rad: 0.0,
-            lean_rad_per_mps: 0.0,
-            slip: 0.0,
-        }
-    }
-}
-
-impl Default for Response {
-    fn default() -> Self {
-        Self {
-            lag: Millis::of_ms(150),
-            way_off_m: Positive::of(0.05),
-            turn_off_rad: Positive::of(0.10),
-            overrun_m: [0.0; 2],
-            overrun_rad: 0.0,
-            delay: Millis::of_ms(10),
-            time_constant_s: [0.0; 3],
-        }
-    }
-}
-
-impl Default for Robot {
-    fn default() -> Self {
-        Self {
-            radius_m: Positive::of(0.30),
-            nose_m: 0.0,
-            body_height_m: Positive::of(0.30),
-            response: Response::default(),
-            gait: Gait::default(),
-        }
     }
 }
 

@@ -5,7 +5,7 @@
 //! ```toml
 //! world = "../worlds/corridor.toml"  # from this file's folder; or a ROS map's .yaml
 //! start = { at = [0, 0], yaw_deg = 0 }
-//! goal = { at = [33, 0], within_m = 1.5 }
+//! goal = { at = [33, 0], within_m = 1.5 }  # at will: without it the walk lasts until its time limit
 //! time_limit_s = 180
 //!
 //! [[cue]]                            # cues come in this order, one after the other
@@ -18,7 +18,7 @@
 //! within_m = 1.2                     # default 1.0
 //! ```
 //!
-//! A route is the same without `world` and `start`, and with `goal` and `time_limit_s` at will.
+//! A route is the same without `world` and `start`, and with `time_limit_s` at will.
 
 use std::path::{Path, PathBuf};
 
@@ -84,7 +84,7 @@ pub struct Scenario {
     pub world: PathBuf,
     /// Where the robot starts, world frame.
     pub start: Pose2,
-    /// Cues, goal and time limit; a scenario has both of the latter.
+    /// Cues, goal and time limit; a scenario has the latter.
     pub route: Route,
 }
 
@@ -140,7 +140,7 @@ fn is_within(world_from_robot: Pose2, at: Point, within_m: f64) -> bool {
 struct ScenarioFile {
     world: PathBuf,
     start: Spanned<StartEntry>,
-    goal: Spanned<GoalEntry>,
+    goal: Option<Spanned<GoalEntry>>,
     time_limit_s: Spanned<f64>,
     #[serde(default)]
     cue: Vec<Spanned<CueEntry>>,
@@ -215,7 +215,7 @@ impl Scenario {
         let at = place(&toml, &span, "start.at", start.at)?;
         toml.check(&span, "start.yaw_deg", start.yaw_deg, (-720.0, 720.0))?;
         let yaw_rad = guidance::se2::wrap_angle(start.yaw_deg.to_radians());
-        let route = RouteFile { goal: Some(entry.goal), time_limit_s: Some(entry.time_limit_s), cue: entry.cue };
+        let route = RouteFile { goal: entry.goal, time_limit_s: Some(entry.time_limit_s), cue: entry.cue };
         Ok(Self {
             world: folder.join(&entry.world),
             start: Pose2::new(at.x, at.y, yaw_rad),

@@ -65,7 +65,10 @@ fn every_scenario_starts_free_and_its_goal_can_be_reached() {
         let world = Arc::new(scenario.load_world().unwrap());
         Physics::new(world.clone(), PhysicsConfig::default(), scenario.start).unwrap();
         let start = Point::new(scenario.start.x_m, scenario.start.y_m);
-        let goal = scenario.route.goal.unwrap();
+        let Some(goal) = scenario.route.goal else {
+            assert!(file.ends_with("steps.toml"), "{}: no goal", file.display());
+            continue;
+        };
         let way = way_m(&world, start, goal.at, 0.35).unwrap_or_else(|| panic!("{}: no way", file.display()));
         assert!(way - goal.within_m > 30.0, "{}: {way} m", file.display());
         assert!(way_m(&world, start, goal.at, 0.7).is_some(), "{}: no way for two", file.display());

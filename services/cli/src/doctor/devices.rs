@@ -41,11 +41,27 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     if let Err(found) = settings::check_tone(settings) {
         checks.push(Check { name: "tone", ok: false, found, fix: "[speak] on = true".to_owned() });
     }
+    checks.extend(response(settings));
     if settings.simulation.emulated.on {
         return checks;
     }
     checks.extend(settings.devices().into_iter().filter_map(|(name, reach)| look(name, reach)));
     checks
+}
+
+/// Whether a real robot's response was measured.
+fn response(settings: &Settings) -> Option<Check> {
+    let origin = settings.robot.response.origin.name();
+    let (ok, found) = match settings::check_origin(settings) {
+        Err(found) => (false, found),
+        Ok(()) if !settings.commands_robot() => return None,
+        Ok(()) if settings.robot.profile_unmeasured => {
+            (true, format!("origin = \"{origin}\"; robot.profile_unmeasured = true lets the robot walk by it"))
+        }
+        Ok(()) => (true, format!("origin = \"{origin}\"")),
+    };
+    let fix = "record the steps of `--policy steps`, then guidedog fit-robot RECORDING (docs/response.md)".to_owned();
+    Some(Check { name: "response", ok, found, fix })
 }
 
 /// Looks at what a device is reached by, where there is anything to look at.
@@ -213,15 +229,18 @@ mod tests {
             let settings: Settings = toml::from_str(&text).expect("right");
             checks(&settings).iter().map(|check| (check.name, check.ok)).collect::<Vec<_>>()
         };
-        let names = ["lidar", "depth socket", "emergency stop", "robot"];
-        let expected = |oks: [bool; 4]| names.into_iter().zip(oks).collect::<Vec<_>>();
-        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, false, true]));
+        let names = ["response", "lidar", "depth socket", "emergency stop", "robot"];
+        let expected = |oks: [bool; 5]| names.into_iter().zip(oks).collect::<Vec<_>>();
+        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, false, true, false, true]));
         // From the loopback no other network is reached, whatever this machine's is.
-        assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false; 4]));
-        assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, true, false, true]));
+        assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false; 5]));
+        assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, false, true, false, true]));
         assert_eq!(ok(String::new()), []);
         let go2 = |network: &str| format!("[locomotion]\nlink = \"go2\"\ndds = {{ networks = [\"{network}\"] }}\n");
-        assert_eq!(ok(go2("127.0.0.1")), [("robot", true)]);
-        assert_eq!(ok(go2("198.51.100.1")), [("robot", false)]);
+        assert_eq!(ok(go2("127.0.0.1")), [("response", false), ("robot", true)]);
+        assert_eq!(ok(go2("198.51.100.1")), [("response", false), ("robot", false)]);
+        for robot in ["profile_unmeasured = true", "response = { origin = \"measured\" }"] {
+            assert_eq!(ok(format!("[robot]\n{robot}\n{}", go2("127.0.0.1"))), [("response", true), ("robot", true)]);
+        }
     }
 }

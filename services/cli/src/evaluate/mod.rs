@@ -14,7 +14,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
-use settings::{Choice, HandlerModel, Profile, Settings};
+use settings::{Choice, HandlerModel, PolicyModel, Profile, Settings};
 use world::{FloorPlan, GeneratorConfig};
 
 use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
@@ -127,6 +127,9 @@ struct Evaluation {
 
 impl Evaluation {
     fn of(args: &EvaluateArgs, settings: Settings) -> Result<Self, Failure> {
+        if args.policy == PolicyModel::Steps {
+            return Err(Failure::input("the policy steps guides no one: there is nothing to evaluate"));
+        }
         let model = crate::prepare::model(&args.policy, &settings)?;
         let config = Arc::new(config(args, &settings)?);
         let choice = args.choice.map_or(settings.shield.choice, Into::into);

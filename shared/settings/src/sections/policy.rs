@@ -16,12 +16,16 @@ pub enum PolicyModel {
     Guide,
     /// `geometric`: the engine that follows the travel line by geometry, as it is built.
     Geometric,
+    /// `steps`: a fixed course of single motions in an empty room, from whose recording `guidedog fit-robot` tells how
+    /// the robot answers a command. It guides no one.
+    Steps,
     /// A model file, its manifest beside it.
     File(ConfigPath),
 }
 
 const GUIDE: &str = "guide";
 const GEOMETRIC: &str = "geometric";
+const STEPS: &str = "steps";
 
 impl From<PathBuf> for PolicyModel {
     fn from(path: PathBuf) -> Self {
@@ -40,6 +44,7 @@ impl From<PolicyModel> for PathBuf {
         match model {
             PolicyModel::Guide => GUIDE.into(),
             PolicyModel::Geometric => GEOMETRIC.into(),
+            PolicyModel::Steps => STEPS.into(),
             PolicyModel::File(path) => path.into(),
         }
     }
@@ -51,6 +56,7 @@ impl PolicyModel {
         match name {
             GUIDE => Some(Self::Guide),
             GEOMETRIC => Some(Self::Geometric),
+            STEPS => Some(Self::Steps),
             _ => None,
         }
     }
@@ -60,7 +66,7 @@ impl PolicyModel {
     pub fn file(&self) -> Option<&Path> {
         match self {
             Self::File(path) => Some(path),
-            Self::Guide | Self::Geometric => None,
+            Self::Guide | Self::Geometric | Self::Steps => None,
         }
     }
 
@@ -68,7 +74,7 @@ impl PolicyModel {
     pub fn file_mut(&mut self) -> Option<&mut ConfigPath> {
         match self {
             Self::File(path) => Some(path),
-            Self::Guide | Self::Geometric => None,
+            Self::Guide | Self::Geometric | Self::Steps => None,
         }
     }
 }
@@ -149,6 +155,7 @@ mod tests {
         for (word, model) in [
             ("guide", PolicyModel::Guide),
             ("geometric", PolicyModel::Geometric),
+            ("steps", PolicyModel::Steps),
             ("models/guide.onnx", PolicyModel::File("models/guide.onnx".into())),
         ] {
             let read: PolicySettings = toml::from_str(&format!("model = \"{word}\"")).expect("a model");

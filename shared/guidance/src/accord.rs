@@ -19,8 +19,8 @@ const OWN_WAY_M: f64 = 0.05;
 const OWN_TURN_RAD: f64 = 0.10;
 /// and as a share of the motion.
 const OWN_SHARE: f64 = 0.25;
-/// Poses further apart than this tell of no window between them.
-const GAP_NS: u64 = 100_000_000;
+/// Poses further apart than this tell of no window between them, nanoseconds.
+pub const GAP_NS: u64 = 100_000_000;
 /// No robot walks so far, metres,
 const REACH_M: f64 = 1e6;
 /// or turns so often, radians.
@@ -31,7 +31,7 @@ const REACH_PER_S: f64 = 100.0;
 /// wakes.
 const KEPT: usize = 1024;
 
-/// How a healthy robot answers a command, `[robot.response]`.
+/// How a healthy robot answers a command, `[robot.response]` of the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Response {
     /// It answers within this, its odometry's own age included, nanoseconds.
@@ -42,19 +42,8 @@ pub struct Response {
     pub turn_off_rad: f64,
 }
 
-type Track = VecDeque<(u64, Pose2)>;
-
-impl Response {
-    /// That of a configuration.
-    #[must_use]
-    pub fn of(response: &settings::Response) -> Self {
-        Self {
-            lag_ns: response.lag.ns(),
-            way_off_m: response.way_off_m.get(),
-            turn_off_rad: response.turn_off_rad.get(),
-        }
-    }
-}
+/// Poses by their stamps, nanoseconds, the oldest first. Yaws go on over half a turn.
+pub type Track = VecDeque<(u64, Pose2)>;
 
 /// The last commands, added up to where they would have brought the robot, and where odometry says it came, by its
 /// poses and by its velocities.
@@ -116,12 +105,23 @@ fn pose_at(track: &Track, at_ns: u64) -> Option<Pose2> {
 }
 
 /// Motion of a track from one time to another, in the robot's frame at the first: ahead and to the left, metres, and
-/// the turn, radians.
-fn motion(track: &Track, from_ns: u64, to_ns: u64) -> Option<[f64; 3]> {
+/// the turn, radians. `None` where it does not reach over both times.
+#[must_use]
+pub fn motion(track: &Track, from_ns: u64, to_ns: u64) -> Option<[f64; 3]> {
     let (from, to) = (pose_at(track, from_ns)?, pose_at(track, to_ns)?);
     let (sin, cos) = from.yaw_rad.sin_cos();
     let (dx_m, dy_m) = (to.x_m - from.x_m, to.y_m - from.y_m);
     Some([cos * dx_m + sin * dy_m, cos * dy_m - sin * dx_m, to.yaw_rad - from.yaw_rad])
+}
+
+/// What became of a pose.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Taken {
+    New,
+    /// It is no newer than the last one.
+    Old,
+    /// No robot can have it.
+    Unbelievable,
 }
 
 /// Between which motions one must lie.
@@ -143,12 +143,28 @@ impl Bounds {
         }
     }
 
-    /// Whether a motion lies between them, within a tolerance and a share of the motion. NaN never does.
-    fn hold(&self, motion: [f64; 3], (way_m, turn_rad): (f64, f64), share: f64) -> bool {
+    /// How far a motion may be beyond them: a tolerance, metres and radians, and a share of the motion.
+    fn tolerance(&self, (way_m, turn_rad): (f64, f64), share: f64) -> [f64; 3] {
         let greatest = |i: usize| self.least[i].abs().max(self.most[i].abs());
         let way_m = way_m + share * greatest(0).hypot(greatest(1));
-        let off = [way_m, way_m, turn_rad + share * greatest(2)];
+        [way_m, way_m, turn_rad + share * greatest(2)]
+    }
+
+    /// Whether a motion lies between them, within a tolerance and a share of the motion. NaN never does.
+    fn hold(&self, motion: [f64; 3], tolerance: (f64, f64), share: f64) -> bool {
+        let off = self.tolerance(tolerance, share);
         (0..3).all(|i| (self.least[i] - off[i]..=self.most[i] + off[i]).contains(&motion[i]))
+    }
+
+    /// The tolerance with which they would just hold a motion, metres and radians; not finite where none would.
+    fn least_tolerance(&self, motion: [f64; 3], share: f64) -> (f64, f64) {
+        let off = self.tolerance((0.0, 0.0), share);
+        let beyond: [f64; 3] = std::array::from_fn(|i| {
+            let beyond = (self.least[i] - motion[i]).max(motion[i] - self.most[i]) - off[i];
+            // A maximum would pass over what is no number.
+            if beyond.is_finite() { beyond.max(0.0) } else { f64::INFINITY }
+        });
+        (beyond[0].max(beyond[1]), beyond[2])
     }
 }
 
@@ -177,14 +193,48 @@ impl Accord {
     /// A pose has come: whether it contradicts what was commanded. One that no robot can have does, and nothing is
     /// held against it afterwards.
     pub fn contradicts(&mut self, odometry: &Odometry) -> bool {
+        let stamp_ns = odometry.header.stamp_ns;
+        match self.take(odometry) {
+            Taken::New => {}
+            Taken::Old => return false,
+            Taken::Unbelievable => return true,
+        }
+        let Response { way_off_m, turn_off_rad, .. } = self.response;
+        let disobeys = WINDOWS.into_iter().any(|(window_ns, off)| {
+            let held = self.bounds(stamp_ns, window_ns);
+            held.is_some_and(|(bounds, seen)| !bounds.hold(seen, (off * way_off_m, off * turn_off_rad), SHARE))
+        });
+        disobeys || self.is_one(stamp_ns) == Some(false)
+    }
+
+    /// A pose has come: the least [`Response::way_off_m`], metres, and [`Response::turn_off_rad`], radians, with which
+    /// it would not contradict what was commanded, over every window. `None` while less than a window is known. Not
+    /// finite for a pose that no robot can have.
+    pub fn off(&mut self, odometry: &Odometry) -> Option<(f64, f64)> {
+        let stamp_ns = odometry.header.stamp_ns;
+        match self.take(odometry) {
+            Taken::New => {}
+            Taken::Old => return None,
+            Taken::Unbelievable => return Some((f64::INFINITY, f64::INFINITY)),
+        }
+        let offs = WINDOWS.into_iter().filter_map(|(window_ns, off)| {
+            let (bounds, seen) = self.bounds(stamp_ns, window_ns)?;
+            let (way_m, turn_rad) = bounds.least_tolerance(seen, SHARE);
+            Some((way_m / off, turn_rad / off))
+        });
+        offs.reduce(|a, b| (a.0.max(b.0), a.1.max(b.1)))
+    }
+
+    /// Keeps a pose.
+    fn take(&mut self, odometry: &Odometry) -> Taken {
         if !is_believable(odometry) {
             self.forget_seen();
-            return true;
+            return Taken::Unbelievable;
         }
         let (stamp_ns, incarnation) = (odometry.header.stamp_ns, odometry.header.incarnation);
         let last_ns = self.seen.back().map(|(last_ns, _)| *last_ns);
         if last_ns.is_some_and(|last_ns| stamp_ns <= last_ns) && incarnation == self.incarnation {
-            return false;
+            return Taken::Old;
         }
         if incarnation != self.incarnation || last_ns.is_some_and(|last_ns| stamp_ns > last_ns + GAP_NS) {
             self.forget_seen();
@@ -198,8 +248,7 @@ impl Accord {
         // On the way from the last pose it moved as the two velocities say.
         go_on(&mut self.told, stamp_ns, halfway(self.told_velocity, odometry.twist));
         self.told_velocity = odometry.twist;
-        let disobeys = WINDOWS.into_iter().any(|(window_ns, off)| self.obeys(stamp_ns, window_ns, off) == Some(false));
-        disobeys || self.is_one(stamp_ns) == Some(false)
+        Taken::New
     }
 
     fn forget_seen(&mut self) {
@@ -208,16 +257,16 @@ impl Accord {
         self.told_velocity = Twist2::ZERO;
     }
 
-    /// Whether it came where it was commanded; `None` while less than a window is known.
-    fn obeys(&self, stamp_ns: u64, window_ns: u64, off: f64) -> Option<bool> {
+    /// Between which motions it was commanded in a window, and the motion that was seen; `None` while less is known.
+    fn bounds(&self, stamp_ns: u64, window_ns: u64) -> Option<(Bounds, [f64; 3])> {
         let from_ns = stamp_ns.checked_sub(window_ns)?;
         let seen = motion(&self.seen, from_ns, stamp_ns)?;
-        let Response { lag_ns, way_off_m, turn_off_rad } = self.response;
+        let lag_ns = self.response.lag_ns;
         let mut lags_ns = (0..).map(|i| i * LAG_STEP_NS).take_while(|lag| *lag < lag_ns).chain([lag_ns]);
         let lagged = |lag_ns: u64| motion(&self.commanded, from_ns.checked_sub(lag_ns)?, stamp_ns - lag_ns);
         let first = Bounds::of(lagged(lags_ns.next()?)?);
         let bounds = lags_ns.try_fold(first, |bounds, lag_ns| Some(bounds.or(lagged(lag_ns)?)))?;
-        Some(bounds.hold(seen, (off * way_off_m, off * turn_off_rad), SHARE))
+        Some((bounds, seen))
     }
 
     /// Whether its poses agree with its velocities. This finds a freeze or a drift in one of them, however the legs
@@ -312,6 +361,47 @@ mod tests {
         assert!(first(|_| FORWARD, |_, truth| Pose2 { x_m: f64::NAN, ..truth }).is_some());
     }
 
+    /// The least tolerance of a course is the least with which nothing in it contradicts.
+    #[test]
+    fn the_least_tolerance_is_where_a_contradiction_begins() {
+        let course = |each: &mut dyn FnMut(u64, Twist2, &Odometry)| {
+            let (mut truth, mut velocity) = (Pose2::default(), Twist2::ZERO);
+            for ms in (0..6000_u64).step_by(20) {
+                truth = super::moved(truth, velocity, 0.02);
+                velocity = if (ms / 1500).is_multiple_of(2) { FORWARD } else { Twist2::ZERO };
+                // It goes half as far again as it is told, and turns a little.
+                let pose = Pose2::new(1.5 * truth.x_m, 0.0, 0.1 * truth.x_m);
+                let header = Header { stamp_ns: ms * MS, incarnation: 1, ..Header::default() };
+                let twist = Twist2 { vx_mps: 1.5 * velocity.vx_mps, wz_radps: 0.1 * velocity.vx_mps, ..velocity };
+                each(ms, velocity, &Odometry { header, odom_from_robot: pose, twist, ..Odometry::default() });
+            }
+        };
+        let (mut accord, mut off) =
+            (Accord::new(Response { way_off_m: 1.0, turn_off_rad: 1.0, ..RESPONSE }), (0.0, 0.0));
+        course(&mut |ms, velocity, odometry| {
+            accord.commanded(ms * MS, velocity);
+            if let Some(found) = accord.off(odometry) {
+                off = (found.0.max(off.0), found.1.max(off.1));
+            }
+        });
+        assert!(off.0 > 0.05 && off.1 > 0.02, "{off:?}");
+        for (way_off_m, turn_off_rad, contradicts) in [
+            (off.0 + 1e-6, off.1 + 1e-6, false),
+            (off.0 - 1e-6, off.1 + 1e-6, true),
+            (off.0 + 1e-6, off.1 - 1e-6, true),
+        ] {
+            let mut accord = Accord::new(Response { way_off_m, turn_off_rad, ..RESPONSE });
+            let mut found = false;
+            course(&mut |ms, velocity, odometry| {
+                accord.commanded(ms * MS, velocity);
+                found |= accord.contradicts(odometry);
+            });
+            assert_eq!(found, contradicts, "{way_off_m} m, {turn_off_rad} rad");
+        }
+        let garbage = Odometry { odom_from_robot: Pose2::new(f64::NAN, 0.0, 0.0), ..Odometry::default() };
+        assert!(Accord::new(RESPONSE).off(&garbage).is_some_and(|(way_m, _)| way_m.is_infinite()));
+    }
+
     #[test]
     fn a_gap_and_a_new_frame_begin_anew() {
         let mut accord = Accord::new(RESPONSE);
@@ -348,7 +438,7 @@ mod tests {
 
     /// As [`first`], of a robot on legs, whose odometry tells velocities.
     fn first_on_legs(pose: impl Fn(u64, Pose2) -> Pose2, twist: impl Fn(u64, Twist2) -> Twist2) -> Option<u64> {
-        // Those of config/profiles/mujoco.toml.
+        // Those of config/profiles/go2.toml.
         let legs = Response { lag_ns: 300 * MS, way_off_m: 0.20, turn_off_rad: 0.45 };
         let (mut accord, mut truth) = (Accord::new(legs), Pose2::default());
         for ms in (0..6000).step_by(20) {
