@@ -36,7 +36,7 @@ fn shield_world_and_decoders_measure_every_row() {
     assert_eq!(shield.len(), 6, "two tables with three scans");
     assert_each(&shield, &["/ours_us/p50", "/pseudo_code_us/p50", "/ratio"]);
     let world = rows(&["world", "--times", "1"]);
-    assert_eq!(world.len(), 3);
+    assert_eq!(world.len(), 5);
     assert_each(&world, &["/decisions_per_s/p50", "/decisions_per_s/n"]);
     assert_each(&rows(&["decoders", "--times", "1"]), &["/bytes_per_s/p50", "/samples_per_s"]);
 }
