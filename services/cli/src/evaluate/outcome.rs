@@ -15,13 +15,16 @@ use crate::exit::Failure;
 
 /// Metres and radians; poses are normalised, and may be off by rounding.
 const STILL: f64 = 1e-9;
+/// The same on legs.
+const STILL_ON_LEGS: f64 = 0.02;
 
 /// What became of an episode.
 #[derive(Debug, Clone)]
 pub struct Outcome {
     /// Its figures.
     pub report: Report,
-    /// After its end stop was asked for: stop was all that the pilot left, and the robot did not move any more.
+    /// After its end stop was asked for: stop was all that the pilot left, and the robot did not move any more; on legs
+    /// from the decision after it on.
     pub stopped: bool,
     /// From what is seen to what is decided, microseconds, for each decision.
     pub latency_us: Vec<f32>,
@@ -117,13 +120,22 @@ pub fn walk(
             break;
         }
     }
-    let (report, there) = (episode.report(), *episode.team().world_from_robot());
+    let report = episode.report();
     episode.give(CueKind::Stop);
     let decided = decide(episode, pilot)?;
     let leaves_stop = decided[..count].iter().enumerate().all(|(action, p)| action == ActionTable::STOP || *p == 0.0);
-    episode.step(choose(episode, decided, u64::from(report.decisions)));
+    let action = choose(episode, decided, u64::from(report.decisions));
+    // A robot on legs overruns in the decision in which it is to stop, and sways after it.
+    let still = if episode.team().attitude().is_known() {
+        episode.step(action);
+        STILL_ON_LEGS
+    } else {
+        STILL
+    };
+    let there = *episode.team().world_from_robot();
+    episode.step(action);
     let moved = there.inverse() * episode.team().world_from_robot();
-    let stood = moved.translation.vector.norm() < STILL && moved.rotation.angle().abs() < STILL;
+    let stood = moved.translation.vector.norm() < still && moved.rotation.angle().abs() < still;
     Ok(Outcome { report, stopped: leaves_stop && stood, latency_us, trace })
 }
 
