@@ -133,4 +133,5 @@ handler is 2 m inside the opening asked for and within 20 degrees of its axis, o
 where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or
 what comes next); stop, the robot does not move any more (on legs: half a second later). An error of
 orientation is corrected where the handler's third metre of way leads within 10 degrees of the corridor;
-orientation_faced counts who faces so at its end. Judged where the corridor goes on for 5 m; who never comes so far has corrected nothing.";
+orientation_faced counts who faces so at its end. Judged where the corridor goes on for 5 m; who never comes so
+far has corrected nothing.";
