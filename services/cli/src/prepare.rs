@@ -216,6 +216,11 @@ pub fn walk_settings(args: &WorldArgs, operator_only: bool) -> Result<Settings, 
     settings.faults.allowed |= args.pace.faults;
     allow_planned(&settings)?;
     let simulated = settings.has_world();
+    if !simulated && settings.simulation.noise == SimulatedNoise::Legged {
+        return Err(Failure::input(
+            "simulation.noise is \"legged\", and no sensor is simulated: it is a Go2's profile",
+        ));
+    }
     if !simulated && !operator_only {
         return Err(Failure::input(
             "no sensor is simulated, and a walk is a simulated one: `guidedog up` runs devices",

@@ -83,8 +83,8 @@ impl Emulator {
     fn sense(&mut self, truth: &WorldTruth, newest: bool) {
         let seq = truth.header.seq;
         let reading = self.odometry.update(seq, truth.world_from_robot, truth.robot_twist);
-        let (pose, attitude) = (reading.odom_from_robot, &truth.attitude);
-        self.measured = State::held(pose, attitude, reading.twist, Some(CHARGE_PERCENT));
+        let (pose, attitude) = (reading.odom_from_robot, self.odometry.attitude(seq, &truth.attitude));
+        self.measured = State::held(pose, &attitude, reading.twist, Some(CHARGE_PERCENT));
         if newest {
             self.sight.look(truth, &mut self.lidar, self.camera.as_ref());
         }

@@ -333,7 +333,7 @@ impl Core {
             running.drawn = why;
             return running;
         }
-        let evidence = self.surroundings.evidence(now_ns, self.moving.at(now_ns));
+        let evidence = self.surroundings.evidence(now_ns, self.moves(now_ns));
         running.unsafe_mask =
             self.shield.judge_actions(&self.config.table, evidence, &self.handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
@@ -441,6 +441,19 @@ impl Core {
         }
     }
 
+    /// How the robot moves, by its permits or by its odometry: on each axis whichever is faster. A robot may be slow to
+    /// stop, or be pushed.
+    fn moves(&self, now_ns: u64) -> Twist2 {
+        let permitted = self.moving.at(now_ns);
+        let told = self.odometry.map_or(Twist2::ZERO, |odometry| odometry.twist);
+        let faster = |a: f64, b: f64| if b.abs() > a.abs() { b } else { a };
+        Twist2 {
+            vx_mps: faster(permitted.vx_mps, told.vx_mps),
+            vy_mps: faster(permitted.vy_mps, told.vy_mps),
+            wz_radps: faster(permitted.wz_radps, told.wz_radps),
+        }
+    }
+
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
     /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
@@ -450,7 +463,7 @@ impl Core {
             }
             let left_s = s_from_ns(end_ns - now_ns);
             let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s);
-            let evidence = self.surroundings.evidence(now_ns, self.moving.at(now_ns));
+            let evidence = self.surroundings.evidence(now_ns, self.moves(now_ns));
             let judgement = self.shield.judge(&motion, evidence, &self.handler);
             explain(&judgement, permit);
             if judgement.safe {

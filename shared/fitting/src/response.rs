@@ -352,7 +352,8 @@ impl Profile {
             }
             Ok(up((figure.max * OFF_RESERVE).max(least)).min(most))
         };
-        let all = || overrun.values().map(|overrun| &overrun.until_standing);
+        // Where the handler pushes it on, that is way as well.
+        let all = || overrun.values().map(|overrun| &overrun.farthest);
         let largest = |of: fn(&Excursion) -> &Figure| all().map(|it| of(it).max).fold(0.0, f64::max);
         let over = |what: &str, found: f64| {
             if found > OVERRUN_MAX {

@@ -259,9 +259,13 @@ impl Memory {
         match usize::from(*number).checked_sub(1) {
             Some(i) => {
                 let old = self.spots[i];
+                if old.cell == cell {
+                    // The lidar that meets its edge takes nothing from what the camera knows of it.
+                    spot.evidence = spot.evidence.max(old.evidence);
+                    spot.kept_ns = kept_ns.max(old.kept_ns);
+                }
                 if old.cell == cell && old.source == source {
                     spot.odom = old.odom + (odom - old.odom) * GAIN;
-                    spot.kept_ns = kept_ns.max(old.kept_ns);
                     spot.evidence = if frame == old.frame { old.evidence } else { old.evidence + evidence };
                 }
                 if source == Source::Camera && distance_m < EXACT_M && !spot.is_doubtful() {
