@@ -57,7 +57,10 @@ fn zero_is_walk_mode_without_a_velocity_for_half_a_second_and_then_a_stand() {
         let (ear, settings) = Ear::new(profile);
         let mut link = UnitreeLink::open(&settings).expect("a link");
         let before = said(&mut link, &ear, Twist2::ZERO, NS_PER_S / 10);
-        assert!(before.iter().all(|(_, command)| command.mode == Mode::Idle), "a robot that nobody moved may lie");
+        assert!(
+            before.iter().all(|(_, command)| command.mode == Mode::Idle),
+            "a robot that has not been moved may lie"
+        );
         let walks = said(&mut link, &ear, AHEAD, NS_PER_S / 5);
         let heard = said(&mut link, &ear, Twist2::ZERO, NS_PER_S);
         let is_moved = |(_, command): &(u64, Command)| !command.velocity.is_zero();

@@ -6,6 +6,7 @@ mod emulate;
 pub mod evaluate;
 mod policy;
 mod robot;
+mod values;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -15,6 +16,7 @@ use messages::Pose2;
 use settings::{Millis, PhysicsKind, PolicyModel, SimulatedNoise};
 
 use crate::exit::EXIT_CODES_HELP;
+use values::{duration, field_of_view, noise, physics, run_name, speed, start, times};
 
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
 pub use emulate::{DdsArgs, Device, EmulateArgs};
@@ -483,71 +485,9 @@ pub struct ShieldArgs {
     pub config: Option<PathBuf>,
 }
 
-fn field_of_view(text: &str) -> Result<f64, String> {
-    let degrees = text.parse::<f64>().ok().filter(|degrees| (10.0..=360.0).contains(degrees));
-    degrees.ok_or_else(|| "a field of view is 10 to 360 degrees".to_owned())
-}
-
-fn speed(text: &str) -> Result<f64, String> {
-    let speed: f64 = text.parse().map_err(|_| "not a number".to_owned())?;
-    if speed == 0.0 || (0.01..=1e6).contains(&speed) {
-        return Ok(speed);
-    }
-    Err("not 0 (as fast as it goes) or 0.01 and more".to_owned())
-}
-
-fn run_name(text: &str) -> Result<String, String> {
-    transport::check_run_name(text).map(|()| text.to_owned())
-}
-
-fn times(text: &str) -> Result<u32, String> {
-    text.parse().map_err(|_| "it is no number of times; the recording stands before --loop".to_owned())
-}
-
-fn duration(text: &str) -> Result<Millis, String> {
-    Millis::try_from(text.to_owned())
-}
-
-fn physics(text: &str) -> Result<PhysicsKind, String> {
-    match text {
-        "flat" => Ok(PhysicsKind::Flat),
-        "mujoco" => Ok(PhysicsKind::Mujoco),
-        _ => Err("known: flat, mujoco".to_owned()),
-    }
-}
-
-fn noise(text: &str) -> Result<SimulatedNoise, String> {
-    match text {
-        "noisy" => Ok(SimulatedNoise::Noisy),
-        "legged" => Ok(SimulatedNoise::Legged),
-        _ => Err("known: noisy, legged".to_owned()),
-    }
-}
-
-/// `x,y,yaw`: metres, metres, and radians or, with "deg" behind it, degrees.
-fn start(text: &str) -> Result<Pose2, String> {
-    let parts: Vec<&str> = text.split(',').map(str::trim).collect();
-    let [x, y, yaw] = parts[..] else { return Err("a start is x,y,yaw, such as 3,1.5,0".to_owned()) };
-    let number = |what: &str, text: &str| -> Result<f64, String> {
-        text.parse().ok().filter(|n: &f64| n.is_finite()).ok_or_else(|| format!("{what} \"{text}\" is not a number"))
-    };
-    let yaw_rad = match yaw.strip_suffix("deg") {
-        Some(degrees) => number("yaw", degrees.trim_end())?.to_radians(),
-        None => number("yaw", yaw)?,
-    };
-    if yaw_rad.abs() > std::f64::consts::TAU {
-        return Err(format!("yaw {yaw} is over a whole turn; it is in radians, or say {yaw}deg"));
-    }
-    let place = |what: &str, text: &str| {
-        number(what, text)
-            .and_then(|n| if n.abs() <= 1e6 { Ok(n) } else { Err(format!("{what} {text} is over 1e6 m")) })
-    };
-    Ok(Pose2::new(place("x", x)?, place("y", y)?, guidance::se2::wrap_angle(yaw_rad)))
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Cli, Verb, start};
+    use super::{Cli, Verb};
     use clap::{CommandFactory, Parser};
 
     fn parse(line: &str) -> Result<Cli, clap::Error> {
@@ -594,19 +534,5 @@ mod tests {
         let pose = walk.world.start.expect("it was given");
         assert_eq!((pose.x_m, pose.y_m), (-3.0, -1.5));
         assert!((pose.yaw_rad + std::f64::consts::FRAC_PI_2).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_wrong_start_says_what_is_wrong() {
-        for (text, what) in [
-            ("1,2", "x,y,yaw"),
-            ("1,2,3,4", "x,y,yaw"),
-            ("a,2,0", "x \"a\""),
-            ("1,inf,0", "y \"inf\""),
-            ("1e30,0,0", "over 1e6 m"),
-        ] {
-            assert!(start(text).expect_err(text).contains(what), "{text}");
-        }
-        assert!(start("1,2,90").expect_err("over a turn").contains("90deg"));
     }
 }

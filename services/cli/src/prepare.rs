@@ -377,7 +377,7 @@ pub fn find_speech_file(name: &str) -> Result<PathBuf, Failure> {
     find_config_file(&Path::new("cues").join(name))
 }
 
-/// Finds a configuration file. If there is none, returns the first place that was searched, for the error message.
+/// The place of a configuration file; where it is missing, the first place that was searched.
 fn find_config_file(name: &Path) -> Result<PathBuf, Failure> {
     let places: Vec<PathBuf> = config_folders().iter().map(|folder| folder.join(name)).collect();
     absolute(places.iter().find(|path| path.is_file()).or(places.first()).map_or(Path::new(""), PathBuf::as_path))

@@ -9,10 +9,10 @@ use rand_chacha::ChaCha8Rng;
 use settings::Settings;
 use world::{LidarConfig, LidarSensor, Scene, TICK_S, World};
 
-/// Actions before a stop, at most, and decisions that the pair then has to come to rest.
+/// The most actions before a stop, and the decisions in which robot and handler then come to rest.
 const BURST: usize = 4;
 const REST: usize = 6;
-/// They are looked at every so many ticks.
+/// Ticks between two checks of where robot and handler are.
 const LOOK: usize = 5;
 
 /// What came of a run.
@@ -100,7 +100,7 @@ impl OpenFloor {
         })
     }
 
-    /// Lets a pair, which `step` moves by a tick under a command, carry out so many actions.
+    /// Carries out random actions. `step` moves robot and handler by one tick under a command.
     ///
     /// # Errors
     /// Of `step`.
@@ -203,7 +203,7 @@ impl OpenFloor {
             judged.beyond_m[body] = judged.beyond_m[body].max(beyond_m);
             let ends = judged.ends.iter().zip(&mut judged.missed_m);
             for ((_, end, radius_m), missed_m) in ends.filter(|((of, ..), _)| *of == body) {
-                // So much farther than this disc reaches that of the end.
+                // By how much the disc of the end reaches beyond this one.
                 *missed_m = missed_m.min((end - at).norm() + radius_m - self.radii_m[body]);
             }
         }

@@ -7,8 +7,8 @@ use world::{Bodies, DepthConfig, GeneratorConfig, LegsConfig, LidarConfig, Odome
 
 use crate::config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
 
-/// The camera has its place and field of view, and so many pixels only: enough to learn from, and to tell a thing of
-/// 8 cm from the floor.
+/// Pixels of the camera of episodes: enough to learn from, and to tell a thing of 8 cm from the floor. Its place and
+/// field of view are those of the settings.
 const DEPTH_WIDTH: usize = 128;
 const DEPTH_HEIGHT: usize = 64;
 /// What costs what is taught by: a metre is worth 1.

@@ -21,14 +21,14 @@ pub use figure::Figure;
 pub use motion::{Excursion, Overrun, Sway};
 use steps::{Step, StepKind};
 
-/// So many motions of a kind are needed.
+/// The least number of motions of a kind.
 const STEPS_MIN: usize = 3;
 /// A healthy robot does this share of what is commanded, in the middle of all motions of a kind,
 const OBEYED: std::ops::RangeInclusive<f64> = 0.5..=1.6;
 /// and this in each of them.
 const EACH_OBEYED: std::ops::RangeInclusive<f64> = 0.25..=2.5;
-/// What is written for the errors of way and heading is so much larger than the largest that was seen: other floors,
-/// other loads and longer walks have larger ones.
+/// The written errors of way and heading are the largest that were seen times this: other floors, other loads and
+/// longer walks have larger ones.
 const OFF_RESERVE: f64 = 1.25;
 /// The same of overruns.
 const OVERRUN_RESERVE: f64 = 1.1;

@@ -99,7 +99,7 @@ pub struct Legs {
     config: LegsConfig,
     seed: u64,
     steps: u64,
-    /// The command in effect, and the one that takes effect after so many seconds.
+    /// The command in effect, and the next one with the seconds until it takes effect.
     command: Vector3<f64>,
     coming: Option<(f64, Vector3<f64>)>,
     /// Velocity ahead, to the left and of the turn, without sway and slip.

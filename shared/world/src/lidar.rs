@@ -60,8 +60,8 @@ impl Default for LidarConfig {
 }
 
 impl LidarConfig {
-    /// The same lidar with so many beams all round, counter-clockwise from straight back, which sees as far as any:
-    /// what an emulated lidar takes its samples from, each at its own angle and up to its own range.
+    /// The same lidar with this number of beams all round, counter-clockwise from straight back, and the greatest range
+    /// of any lidar. An emulated lidar takes its samples from it, each at its own angle and up to its own range.
     #[must_use]
     pub fn all_round(self, beams: usize) -> Self {
         let turn = std::f64::consts::TAU;
@@ -123,9 +123,9 @@ pub struct LidarSensor {
 /// How a beam leads over the floor.
 #[derive(Debug, Clone, Copy)]
 struct Rise {
-    /// It rises by so much for each metre over the floor,
+    /// Its rise for each metre over the floor.
     slope: f64,
-    /// and is so much longer than its way over the floor.
+    /// Its length for each metre over the floor.
     stretch: f64,
 }
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use settings::{LinkKind, Millis};
 
-use super::duration;
+use super::values::duration;
 
 /// `guidedog bench`.
 #[derive(Debug, Args)]

@@ -42,7 +42,7 @@ pub enum Device {
         #[arg(long, value_name = "NAME|FILE.toml", default_value = crate::prepare::DEFAULT_SCENARIO)]
         scenario: String,
         /// End after so long
-        #[arg(long, value_name = "TIME", value_parser = super::duration)]
+        #[arg(long, value_name = "TIME", value_parser = super::values::duration)]
         duration: Option<Millis>,
     },
     /// A Unitree robot at a UDP port, on a floor without walls; tells when it begins or ends to walk
@@ -57,7 +57,7 @@ pub enum Device {
         #[arg(long, default_value = Silence::HoldsLast.name(), value_parser = named(Silence::ALL, Silence::name))]
         silence: Silence,
         /// End after so long
-        #[arg(long, value_name = "TIME", value_parser = super::duration)]
+        #[arg(long, value_name = "TIME", value_parser = super::values::duration)]
         duration: Option<Millis>,
     },
     /// A Unitree Go2 or B2 on DDS, on a floor without walls; tells when it begins or ends to walk
@@ -91,7 +91,7 @@ pub struct DdsArgs {
     #[arg(long, default_value = Silence::HoldsLast.name(), value_parser = named(Silence::ALL, Silence::name))]
     pub silence: Silence,
     /// End after so long
-    #[arg(long, value_name = "TIME", value_parser = super::duration)]
+    #[arg(long, value_name = "TIME", value_parser = super::values::duration)]
     pub duration: Option<Millis>,
 }
 

@@ -26,7 +26,7 @@ pub struct Figure {
 }
 
 impl Figure {
-    /// The mean of values, one for each motion; all zero where there is none.
+    /// The mean of one value for each motion. Without motions all is zero.
     #[must_use]
     pub fn mean(values: &[f64]) -> Self {
         let n = values.len();
@@ -50,7 +50,7 @@ impl Figure {
     }
 }
 
-/// So many draws of `n` indices under `n`, each with replacement.
+/// Draws of `n` indices below `n`, with replacement.
 pub(super) fn resamples(n: usize, count: usize) -> impl Iterator<Item = Vec<usize>> {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     (0..count).map(move |_| (0..n).map(|_| random.random_range(0..n)).collect())

@@ -14,7 +14,7 @@ pub(super) const BEFORE_NS: u64 = NS_PER_S / 2;
 pub(super) const NEEDED: &str = "at least 1 s followed by a zero of at least 1.5 s";
 /// By then it has its velocity, nanoseconds.
 const RAMP_NS: u64 = NS_PER_S * 3 / 10;
-/// A component under this is none, metres and radians per second.
+/// A slower component counts as zero, metres and radians per second.
 const NONE_PER_S: f64 = 0.03;
 /// A command differs from another where it is off by more, metres and radians per second.
 const SAME_PER_S: f64 = 0.01;

@@ -145,7 +145,7 @@ fn view(low_at_m: Option<f64>, columns: std::ops::Range<usize>) -> DepthView {
     view
 }
 
-/// Sees something low straight ahead in so many frames, from where the robot stands at the beginning.
+/// Sees something low straight ahead in several frames, from where the robot stands at the beginning.
 fn see_often(memory: &mut Memory, frames: u64, beams: &Beams, low_at_m: f64) {
     let mut view = DepthView::default();
     for i in 0..frames {
@@ -253,7 +253,7 @@ fn what_the_camera_alone_saw_from_near_by_is_kept_longer() {
 #[test]
 fn what_one_frame_saw_is_let_go_sooner_even_where_the_robot_stands() {
     let open = scan(&[HANDLER, (Point::new(4.0, 0.0), 1.0)]);
-    // Seen so many times from 0.85 or 1.45 m, then hidden below a camera that sees nothing near by.
+    // Seen in a number of frames from 0.85 or 1.45 m away; then too near for the camera.
     let kept = |frames: u64, low_at_m: f64, after_ns: u64| {
         let mut memory = memory();
         see_often(&mut memory, frames, &open, low_at_m);

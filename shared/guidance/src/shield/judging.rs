@@ -20,7 +20,7 @@ const BEYOND_M: f64 = 1e-9;
 /// The escape rule allows what comes nearer by less than this, metres: what is abeam, give or take a centimetre, when
 /// the robot goes straight on.
 const CLOSER_M: f64 = 1e-4;
-/// So much less of a way or a turn is none, metres and radians, or of a direction.
+/// A shorter way, a smaller turn or a smaller difference of direction counts as none: metres, radians, share.
 const SLIGHT: f64 = 1e-3;
 /// A motion that turns by less is straight, radians.
 const STRAIGHT_RAD: f64 = 1e-9;
