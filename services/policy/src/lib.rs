@@ -4,10 +4,10 @@
 use std::path::PathBuf;
 
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, Awareness, Measured, Pace, PoseTrack};
+use guidance::{ActionTable, Awareness};
 use messages::{
     Cue, CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
-    PolicyAction, TopicId, age_ns,
+    PolicyAction,
 };
 use policies::{Engine, Expected, GeometricConfig, Model, Pilot, Probabilities, Situation, stand};
 use settings::{PolicyModel, Settings, Source};
@@ -27,10 +27,10 @@ pub struct PolicyService {
     modes: Subscriber<Mode>,
     actions: Publisher<PolicyAction>,
     scan: Option<FrameSample<LidarScan>>,
+    /// It has come since the last decision.
+    scan_is_new: bool,
+    /// The depth frame that has come since the last decision.
     frame: Option<FrameSample<DepthFrame>>,
-    pose: Option<Odometry>,
-    track: PoseTrack,
-    pace: Pace,
     mode: Option<Mode>,
     /// Why the engine could not decide the last time; told once.
     undecided: Option<String>,
@@ -38,8 +38,6 @@ pub struct PolicyService {
     /// The cue of the last decision.
     last_cue: (u32, u64),
     dt_ns: u64,
-    scan_max_age_ns: u64,
-    depth_max_age_ns: u64,
     next_decision: u64,
     decisions: u64,
     latency: LatencyHistogram,
@@ -78,11 +76,11 @@ impl PolicyService {
         engine: Box<dyn Engine>,
     ) -> Result<Self, TransportError> {
         let has_depth = settings.depth.source != Source::Absent;
-        let (dt_ns, limits) = (settings.policy.dt.ns(), &settings.locomotion.limits);
+        let dt_ns = settings.policy.dt.ns();
         let interaction = settings.interaction().map_err(TransportError::service)?;
         Ok(Self {
             pilot: Pilot::new(engine),
-            awareness: Awareness::new(interaction, settings.handler_limits(), settings.memory_config()),
+            awareness: Awareness::new(interaction, settings.awareness_config()),
             action_table_id: table.id(),
             action_count: table.len() as u32,
             scans: io.frame_subscriber()?,
@@ -91,17 +89,13 @@ impl PolicyService {
             modes: io.subscriber()?,
             actions: io.publisher()?,
             scan: None,
+            scan_is_new: false,
             frame: None,
-            pose: None,
-            track: PoseTrack::default(),
-            pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
             mode: None,
             undecided: None,
             is_told: false,
             last_cue: (0, 0),
             dt_ns,
-            scan_max_age_ns: settings.max_age_ns(TopicId::LidarScan),
-            depth_max_age_ns: settings.max_age_ns(TopicId::DepthFrame),
             next_decision: io.now_ns() / dt_ns + 1,
             decisions: 0,
             latency: LatencyHistogram { what: Latency::Decision, ..LatencyHistogram::default() },
@@ -111,7 +105,7 @@ impl PolicyService {
 
     fn take_inputs(&mut self, io: &Io) -> Result<(), TransportError> {
         while let Some(scan) = self.scans.take()? {
-            self.scan = Some(scan);
+            (self.scan, self.scan_is_new) = (Some(scan), true);
         }
         if let Some(frames) = &mut self.depth {
             while let Some(frame) = frames.take()? {
@@ -120,7 +114,7 @@ impl PolicyService {
             }
         }
         while let Some(pose) = self.odometry.take()? {
-            self.take_pose(&pose);
+            self.awareness.take_odometry(&pose);
         }
         if let Some(mode) = self.modes.take_newest()? {
             self.mode = Some(mode);
@@ -128,19 +122,19 @@ impl PolicyService {
         Ok(())
     }
 
-    /// A new odometry frame, and a jump within one, void all that was placed before.
-    fn take_pose(&mut self, pose: &Odometry) {
-        if !pose.is_usable() {
-            return;
+    /// Takes in the newest measurements. Between decisions no one asks for them.
+    fn look(&mut self, now_ns: u64) {
+        if let Some(frame) = self.frame.take() {
+            self.awareness.take_depth(frame.meta(), frame.data());
         }
-        let is_another =
-            |old: Odometry| old.header.incarnation != pose.header.incarnation || self.pace.is_exceeded(&old, pose);
-        if self.pose.is_none_or(is_another) {
-            self.track.clear();
-            self.awareness.reset(&se2(pose.odom_from_robot));
+        match self.scan.as_ref().filter(|_| self.scan_is_new) {
+            Some(scan) => {
+                self.awareness.take_scan(now_ns, 1.0, scan.meta(), scan.data());
+            }
+            None => self.awareness.come_to(now_ns, 1.0),
         }
-        self.track.push(pose);
-        self.pose = Some(*pose);
+        self.scan_is_new = false;
+        self.awareness.begin_step();
     }
 
     fn decide(&mut self, now_ns: u64) -> PolicyAction {
@@ -162,8 +156,7 @@ impl PolicyService {
         action
     }
 
-    /// What the pilot makes of the newest inputs; none where there is no fresh scan, or nobody knows where it was
-    /// taken.
+    /// What the pilot makes of the newest inputs; none where there is no fresh scan, or no place where it was taken.
     fn look_and_decide(
         &mut self,
         now_ns: u64,
@@ -171,40 +164,22 @@ impl PolicyService {
         cue: Option<Cue>,
         cue_is_new: bool,
     ) -> Option<Probabilities> {
-        let (scan, pose) = (self.scan.as_ref()?, self.pose.as_ref()?);
-        let odom_from_robot = self.track.at(now_ns)?;
-        let then = |stamp_ns: u64| Some(odom_from_robot.inverse() * self.track.at(stamp_ns)?);
-        let scan_stamp_ns = scan.meta().header.stamp_ns;
-        if age_ns(now_ns, scan_stamp_ns) > self.scan_max_age_ns {
-            return None;
-        }
-        let measured = Measured {
-            header: scan.meta(),
-            data: scan.data(),
-            now_from_then: then(scan_stamp_ns)?,
-            tilt: self.track.held_at(scan_stamp_ns)?.tilt().copied(),
-        };
-        let frame = self.frame.as_ref().and_then(|frame| {
-            let header = frame.meta();
-            let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.depth_max_age_ns;
-            let now_from_then = then(header.header.stamp_ns).filter(|_| fresh)?;
-            let tilt = self.track.held_at(header.header.stamp_ns)?.tilt().copied();
-            (action.depth_stamp_ns, action.depth_seq) = (header.header.stamp_ns, header.header.seq);
-            Some(Measured { header, data: frame.data(), now_from_then, tilt })
-        });
-        (action.scan_stamp_ns, action.scan_seq) = (scan_stamp_ns, scan.meta().header.seq);
+        self.look(now_ns);
+        let (scan, pose) = (self.awareness.fresh_scan(now_ns)?, *self.awareness.odometry()?);
+        let depth = self.awareness.fresh_depth(now_ns).unwrap_or_default();
+        (action.scan_stamp_ns, action.scan_seq) = (scan.stamp_ns, scan.seq);
+        (action.depth_stamp_ns, action.depth_seq) = (depth.stamp_ns, depth.seq);
         (action.odometry_stamp_ns, action.odometry_seq) = (pose.header.stamp_ns, pose.header.seq);
-        self.awareness.observe(now_ns, &odom_from_robot, 1.0, measured, frame).ok()?;
-        self.awareness.begin_step(&odom_from_robot);
+        let sample = self.scan.as_ref()?;
+        let odom_from_robot = *self.awareness.odom_from_robot();
         // A cue given in another odometry frame has no start here.
         let cue = cue.filter(|cue| cue.odometry_incarnation == pose.header.incarnation);
         let odom_from_start = cue.map_or(odom_from_robot, |cue| se2(cue.odom_from_start));
-        let evidence = self.awareness.evidence();
         let situation = Situation {
-            scan: scan.meta(),
-            ranges: self.awareness.level_ranges(scan.data()),
-            evidence,
-            handler: self.awareness.handler().body(evidence.beams.sigma_m()),
+            scan: sample.meta(),
+            ranges: self.awareness.level_ranges_m(sample.data()),
+            evidence: self.awareness.evidence(now_ns),
+            handler: self.awareness.body(),
             odom_from_robot,
             odometry_incarnation: pose.header.incarnation,
             start_from_robot: se2(pose2(&(odom_from_start.inverse() * odom_from_robot))),

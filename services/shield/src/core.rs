@@ -1,53 +1,35 @@
 //! What the shield decides: pure, times come in with the inputs.
 
-mod moving;
-mod plausible;
-mod surroundings;
-
 use guidance::contact;
-use guidance::handler::{HandlerLimits, Sighting};
-use guidance::se2::{pose2, se2};
+use guidance::se2::pose2;
 use guidance::shield::{choose, suppress};
 use guidance::{
-    ActionTable, Draw, HandlerEstimate, InteractionModel, Judgement, MemoryConfig, Pace, PoseTrack, Se2, Shield,
-    ShieldConfig,
+    ActionTable, Awareness, AwarenessConfig, Draw, InteractionModel, Judgement, Pose, Se2, Shield, ShieldConfig,
 };
 use messages::{
     DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
     ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
-use moving::Moving;
 use settings::{Settings, Source};
-use surroundings::Surroundings;
 
-/// Without a scan for this long, the handler's estimate is worth nothing.
+/// The time to the next scan is not taken from a gap that is longer.
 const GAP_NS: u64 = NS_PER_S;
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
-/// After a jump the poses must go on without one for this long.
-const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
 /// What the core needs to know.
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
     table: ActionTable,
     model: InteractionModel,
-    limits: HandlerLimits,
+    awareness: AwarenessConfig,
     shield: ShieldConfig,
-    /// None: one scan decides alone.
-    memory: Option<MemoryConfig>,
     draw: Draw,
     dt_ns: u64,
     scan_period_ns: u64,
-    scan_max_age_ns: u64,
-    depth_max_age_ns: u64,
-    depth_min_m: f64,
-    odometry_max_age_ns: u64,
     mode_max_age_ns: u64,
     action_max_age_ns: u64,
     permit_life_ns: u64,
-    depth_needed: bool,
-    pace: Pace,
     absent_streams: u32,
 }
 
@@ -55,26 +37,18 @@ impl CoreConfig {
     /// The configuration of a run.
     #[must_use]
     pub fn of(settings: &Settings, model: InteractionModel, table: ActionTable) -> Self {
-        let limits = &settings.locomotion.limits;
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
         Self {
             model,
             table,
-            limits: settings.handler_limits(),
+            awareness: settings.awareness_config(),
             shield: settings.shield_config(),
-            memory: settings.memory_config(),
             draw: settings.shield.choice.seeded(settings.shield.seed),
             dt_ns: settings.policy.dt.ns(),
             scan_period_ns: (1e9 / settings.lidar.rate_hz.get()) as u64,
-            scan_max_age_ns: settings.max_age_ns(TopicId::LidarScan),
-            depth_max_age_ns: settings.max_age_ns(TopicId::DepthFrame),
-            depth_min_m: settings.depth.range_m[0],
-            odometry_max_age_ns: settings.max_age_ns(TopicId::Odometry),
             mode_max_age_ns: settings.max_age_ns(TopicId::Mode),
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
-            depth_needed: settings.depth.needed,
-            pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
             absent_streams: absent,
         }
     }
@@ -101,15 +75,8 @@ struct Running {
 pub struct Core {
     config: CoreConfig,
     shield: Shield,
-    handler: HandlerEstimate,
-    surroundings: Surroundings,
+    awareness: Awareness,
     scan_period_ns: u64,
-    odometry: Option<Odometry>,
-    track: PoseTrack,
-    moving: Moving,
-    /// Where the robot is now.
-    odom_from_robot: Se2,
-    jumped_at_ns: Option<u64>,
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
@@ -129,14 +96,8 @@ impl Core {
     pub fn new(config: CoreConfig) -> Self {
         Self {
             shield: Shield::new(config.shield.clone()),
-            handler: HandlerEstimate::new(config.model.clone(), config.limits.clone()),
-            surroundings: Surroundings::new(config.memory.clone(), config.depth_max_age_ns, config.depth_min_m),
+            awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
             scan_period_ns: config.scan_period_ns,
-            odometry: None,
-            track: PoseTrack::default(),
-            moving: Moving::default(),
-            odom_from_robot: Se2::identity(),
-            jumped_at_ns: None,
             jumps: 0,
             mode: None,
             running: None,
@@ -161,72 +122,52 @@ impl Core {
         if is_fault
             && is_new
             && let Some(running) = self.running.filter(|running| running.drawn == Outcome::Granted)
-            && self.odometry.is_some_and(|odometry| contact::falls_short(&running.velocity, &odometry.twist))
+            && self
+                .awareness
+                .odometry()
+                .is_some_and(|odometry| contact::falls_short(&running.velocity, &odometry.twist))
         {
             // Whatever held the robot is met again where this action leads, whoever gives the next cue.
             let action = self.config.table.actions()[running.index].start_from_end();
-            self.surroundings.feel(&running.odom_from_begin, &action);
+            self.awareness.feel(&running.odom_from_begin, &action);
         }
         self.mode = Some(*mode);
     }
 
     /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
     pub fn take_odometry(&mut self, odometry: &Odometry) {
-        if !odometry.is_usable() {
-            self.invalid_inputs += 1;
-            return;
-        }
-        let pose = se2(odometry.odom_from_robot);
-        let new_frame = self.odometry.is_none_or(|old| old.header.incarnation != odometry.header.incarnation);
-        if new_frame {
-            self.lose_place(&pose);
-        } else if self.odometry.is_some_and(|old| self.config.pace.is_exceeded(&old, odometry)) {
-            (self.invalid_inputs, self.jumps) = (self.invalid_inputs + 1, self.jumps + 1);
-            self.jumped_at_ns = Some(odometry.header.stamp_ns);
-            self.lose_place(&pose);
-        }
-        self.odometry = Some(*odometry);
-        self.track.push(odometry);
-        self.odom_from_robot = pose;
-    }
-
-    /// Nothing that was placed in the odometry frame before holds in it from now on.
-    fn lose_place(&mut self, odom_from_robot: &Se2) {
-        self.track.clear();
-        self.handler.reset(odom_from_robot);
-        self.surroundings.lose_place();
+        let pose = self.awareness.take_odometry(odometry);
+        self.invalid_inputs += u64::from(matches!(pose, Pose::Unusable | Pose::Jump));
+        self.jumps += u64::from(pose == Pose::Jump);
     }
 
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
-        let usable = self.surroundings.take_depth(header, pixels_mm, &self.track);
+        let usable = self.awareness.take_depth(header, pixels_mm);
         self.invalid_inputs += u64::from(!usable);
     }
 
     /// A new scan: the verdict on the running action.
     pub fn on_scan(&mut self, now_ns: u64, header: &ScanHeader, ranges_m: &[f32]) -> Permit {
-        if let Some(last) = self.surroundings.scan() {
-            let period = header.header.stamp_ns.saturating_sub(last.stamp_ns);
-            if period > GAP_NS || header.header.incarnation != last.incarnation {
-                self.handler.reset(&self.odom_from_robot);
-            } else {
-                self.scan_period_ns = period.max(self.config.scan_period_ns / 2).min(self.config.scan_max_age_ns);
-            }
-        }
-        let usable = self.surroundings.take_scan(header, ranges_m, &self.track);
+        self.note_period(header);
+        let usable = self.awareness.take_scan(now_ns, self.step_share(now_ns), header, ranges_m);
         self.invalid_inputs += u64::from(!usable);
-        self.come_to(now_ns);
-        let fresh = age_ns(now_ns, header.header.stamp_ns) <= self.config.scan_max_age_ns;
-        let plausible = self.surroundings.implausible_scan().is_none();
-        if fresh && plausible && self.surroundings.usable_scan().is_some() {
-            let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
-            let handler = self.handler.body(self.surroundings.beams().sigma_m());
-            self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, &handler);
-        }
         self.draw_belatedly(now_ns);
         let permit = self.verdict(now_ns, PermitCause::Scan);
         self.outcomes[permit.outcome as usize] += 1;
         permit
+    }
+
+    /// How long to the next scan, by the time since the one before.
+    fn note_period(&mut self, header: &ScanHeader) {
+        let Some(last) = self.awareness.scan().filter(|last| last.incarnation == header.header.incarnation) else {
+            return;
+        };
+        let period_ns = header.header.stamp_ns.saturating_sub(last.stamp_ns);
+        if period_ns <= GAP_NS {
+            self.scan_period_ns =
+                period_ns.max(self.config.scan_period_ns / 2).min(self.config.awareness.scan_max_age_ns);
+        }
     }
 
     /// A decision: drawn once, and judged at once where it is the active policy's.
@@ -295,7 +236,7 @@ impl Core {
         self.last_decision = Some(action.decision);
         self.decisions += 1;
         self.come_to(now_ns);
-        self.handler.begin_step(&self.odom_from_robot);
+        self.awareness.begin_step();
         self.running = Some(self.draw(now_ns, action));
         self.verdict(now_ns, PermitCause::Decision)
     }
@@ -318,7 +259,7 @@ impl Core {
             drawn: Outcome::InvalidAction,
             judgement: Judgement::default(),
             begin_ns: now_ns,
-            odom_from_begin: self.odom_from_robot,
+            odom_from_begin: *self.awareness.odom_from_robot(),
             end_ns: (action.decision + 1) * self.config.dt_ns,
         };
         let count = self.config.table.len();
@@ -329,13 +270,12 @@ impl Core {
             self.invalid_inputs += 1;
             return running;
         }
-        if let Some(why) = self.unusable_input(now_ns) {
+        if let Some(why) = self.awareness.unusable(now_ns) {
             running.drawn = why;
             return running;
         }
-        let evidence = self.surroundings.evidence(now_ns, self.moves(now_ns));
-        running.unsafe_mask =
-            self.shield.judge_actions(&self.config.table, evidence, &self.handler, &mut self.judgements);
+        let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
+        running.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
@@ -357,61 +297,32 @@ impl Core {
     fn draw_belatedly(&mut self, now_ns: u64) {
         let waiting = self.running.filter(|r| !r.drawn.is_verdict() && r.drawn != Outcome::InvalidAction);
         if let Some(running) = waiting.filter(|r| now_ns < r.end_ns)
-            && self.unusable_input(now_ns).is_none()
+            && self.awareness.unusable(now_ns).is_none()
         {
             self.running = Some(Running { begin_ns: running.begin_ns, ..self.draw(now_ns, &running.action) });
         }
     }
 
-    /// Brings everything to the robot frame of now: scan and frame were taken a while ago, and the robot has moved on.
+    /// Brings everything to the robot frame of now.
     fn come_to(&mut self, now_ns: u64) {
-        if let Some(now) = self.track.at(now_ns) {
-            self.odom_from_robot = now;
-        }
-        self.surroundings.move_to(now_ns, &self.odom_from_robot, &self.track);
-        self.predict_handler(now_ns);
+        self.awareness.come_to(now_ns, self.step_share(now_ns));
     }
 
-    fn predict_handler(&mut self, now_ns: u64) {
-        let begin = self.running.map_or(now_ns, |running| running.begin_ns);
-        let fraction = now_ns.saturating_sub(begin) as f64 / self.config.dt_ns as f64;
-        self.handler.predict(&self.odom_from_robot, fraction);
-    }
-
-    /// Why nothing can be judged now, if so.
-    fn unusable_input(&self, now_ns: u64) -> Option<Outcome> {
-        let age = |stamp_ns: u64| age_ns(now_ns, stamp_ns);
-        if self.surroundings.attitude_is_missing() {
-            return Some(Outcome::StaleOdometry);
-        }
-        let Some(scan) = self.surroundings.usable_scan() else { return Some(Outcome::InvalidScan) };
-        if age(scan.stamp_ns) > self.config.scan_max_age_ns {
-            return Some(Outcome::StaleScan);
-        }
-        let Some(odometry) = self.odometry else { return Some(Outcome::StaleOdometry) };
-        let jumped = self.jumped_at_ns.is_some_and(|at| odometry.header.stamp_ns < at + JUMP_HOLD_NS);
-        if age(odometry.header.stamp_ns) > self.config.odometry_max_age_ns || jumped {
-            return Some(Outcome::StaleOdometry);
-        }
-        if let Some(why) = self.surroundings.implausible_scan() {
-            return Some(why);
-        }
-        if self.config.depth_needed && !self.surroundings.depth_is_fresh(now_ns) {
-            let stuck = self.surroundings.depth_is_stuck();
-            return Some(if stuck { Outcome::StuckDepth } else { Outcome::StaleDepth });
-        }
-        self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
+    /// The share of the running step that has passed.
+    fn step_share(&self, now_ns: u64) -> f64 {
+        let begin_ns = self.running.map_or(now_ns, |running| running.begin_ns);
+        now_ns.saturating_sub(begin_ns) as f64 / self.config.dt_ns as f64
     }
 
     fn verdict(&mut self, now_ns: u64, cause: PermitCause) -> Permit {
         let mut permit = self.blank(cause);
         permit.outcome = self.judge(now_ns, &mut permit);
-        self.moving.permit(now_ns, permit.velocity);
+        self.awareness.permit(now_ns, permit.velocity);
         permit
     }
 
     fn judge(&mut self, now_ns: u64, permit: &mut Permit) -> Outcome {
-        if let Some(why) = self.unusable_input(now_ns) {
+        if let Some(why) = self.awareness.unusable(now_ns) {
             return why;
         }
         let mode = match &self.mode {
@@ -441,19 +352,6 @@ impl Core {
         }
     }
 
-    /// How the robot moves, by its permits or by its odometry: on each axis whichever is faster. A robot may be slow to
-    /// stop, or be pushed.
-    fn moves(&self, now_ns: u64) -> Twist2 {
-        let permitted = self.moving.at(now_ns);
-        let told = self.odometry.map_or(Twist2::ZERO, |odometry| odometry.twist);
-        let faster = |a: f64, b: f64| if b.abs() > a.abs() { b } else { a };
-        Twist2 {
-            vx_mps: faster(permitted.vx_mps, told.vx_mps),
-            vy_mps: faster(permitted.vy_mps, told.vy_mps),
-            wz_radps: faster(permitted.wz_radps, told.wz_radps),
-        }
-    }
-
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
     /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
@@ -462,9 +360,9 @@ impl Core {
                 break;
             }
             let left_s = s_from_ns(end_ns - now_ns);
-            let motion = Shield::remainder(&self.handler, &self.odom_from_robot, running.velocity, left_s);
-            let evidence = self.surroundings.evidence(now_ns, self.moves(now_ns));
-            let judgement = self.shield.judge(&motion, evidence, &self.handler);
+            let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
+            let motion = Shield::remainder(handler, self.awareness.odom_from_robot(), running.velocity, left_s);
+            let judgement = self.shield.judge(&motion, evidence, handler);
             explain(&judgement, permit);
             if judgement.safe {
                 permit.velocity = running.velocity;
@@ -478,18 +376,19 @@ impl Core {
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.
     /// Odometry is held to its own age by locomotion, at every tick.
     fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
-        let scan = self.surroundings.scan().map_or(0, |scan| scan.stamp_ns.saturating_add(self.config.scan_max_age_ns));
+        let AwarenessConfig { scan_max_age_ns, depth_max_age_ns, .. } = self.config.awareness;
+        let scan = self.awareness.scan().map_or(0, |scan| scan.stamp_ns.saturating_add(scan_max_age_ns));
         // A frame that was judged on, needed or not.
-        let depth = self.surroundings.depth().filter(|_| self.surroundings.depth_is_fresh(now_ns));
-        let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns.saturating_add(self.config.depth_max_age_ns));
+        let depth = self.awareness.fresh_depth(now_ns);
+        let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns.saturating_add(depth_max_age_ns));
         hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
     }
 
     fn blank(&self, cause: PermitCause) -> Permit {
         let mode = self.mode.unwrap_or_default();
-        let scan = self.surroundings.scan().unwrap_or_default();
-        let depth = self.surroundings.depth().unwrap_or_default();
-        let odometry = self.odometry.map(|odometry| odometry.header).unwrap_or_default();
+        let scan = self.awareness.scan().unwrap_or_default();
+        let depth = self.awareness.depth().unwrap_or_default();
+        let odometry = self.awareness.odometry().map(|odometry| odometry.header).unwrap_or_default();
         let mut permit = Permit {
             cause,
             absent_streams: self.config.absent_streams,
@@ -502,7 +401,7 @@ impl Core {
             depth_stamp_ns: depth.stamp_ns,
             odometry_seq: odometry.seq,
             odometry_stamp_ns: odometry.stamp_ns,
-            robot_from_handler: pose2(self.handler.robot_from_handler()),
+            robot_from_handler: pose2(self.awareness.handler().robot_from_handler()),
             ..Permit::default()
         };
         if let Some(running) = &self.running {

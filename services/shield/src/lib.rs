@@ -4,9 +4,7 @@
 mod core;
 mod digest;
 
-use messages::{
-    DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PermitCause, PolicyAction,
-};
+use messages::{DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PolicyAction};
 use settings::Source;
 use transport::{FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
 
@@ -68,12 +66,8 @@ impl ShieldService {
     }
 
     fn publish(&mut self, io: &Io, permit: Permit) -> Result<(), TransportError> {
-        let stamp_ns = io.now_ns();
-        let sent = self.permits.publish(stamp_ns, permit)?;
+        let sent = self.permits.publish(io.now_ns(), permit)?;
         self.digest.permit(&sent);
-        if permit.cause == PermitCause::Scan {
-            self.scan_latency.record(stamp_ns.saturating_sub(permit.scan_stamp_ns));
-        }
         Ok(())
     }
 }
@@ -85,6 +79,7 @@ impl Service for ShieldService {
         while let Some(scan) = self.scans.take()? {
             let permit = self.core.on_scan(io.now_ns(), scan.meta(), scan.data());
             self.publish(io, permit)?;
+            self.scan_latency.record(io.now_ns().saturating_sub(scan.meta().header.published_ns));
         }
         while let Some(action) = self.actions.take()? {
             self.digest.action(&action);

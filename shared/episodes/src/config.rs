@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use guidance::se2::Se2;
 use guidance::{
-    ActionTable, DelayedHarness, HandlerLimits, HarnessError, Interaction, InteractionModel, MemoryConfig,
-    RewardConfig, RigidHarness, ShieldConfig,
+    ActionTable, AwarenessConfig, DelayedHarness, HarnessError, Interaction, InteractionModel, RewardConfig,
+    RigidHarness, ShieldConfig,
 };
 use messages::{CueKind, Pose2};
 use nalgebra::Vector2;
@@ -114,8 +114,8 @@ pub struct Config {
     pub alpha: f64,
     /// Robot and handler as they touch things.
     pub bodies: Bodies,
-    /// What is known of a handler's body.
-    pub handler_limits: HandlerLimits,
+    /// What measurements are held to; without a memory there is one scan and one frame, as in the paper.
+    pub awareness: AwarenessConfig,
     /// The actions.
     pub table: ActionTable,
     /// Decision period, seconds.
@@ -144,8 +144,6 @@ pub struct Config {
     pub measure: RewardMeasure,
     /// The shield.
     pub shield: ShieldConfig,
-    /// What shield and policy remember; none: one scan and one frame, as in the paper.
-    pub memory: Option<MemoryConfig>,
     /// The lidar; its noise is [`Config::noise`]'s.
     pub lidar: LidarConfig,
     /// The depth camera, likewise; none: there is none.

@@ -4,9 +4,9 @@ use std::sync::Arc;
 
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
-use guidance::se2::{Point, Se2, pose2, se2};
-use guidance::{ActionTable, Awareness, Judgement, Measure, Measured, Reward, Shield, Tilt};
-use messages::{CueKind, DepthHeader, ScanHeader, Twist2};
+use guidance::se2::{Point, Se2, pose2};
+use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield};
+use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use world::{DepthSensor, HandlerProfile, LidarSensor, OdometrySensor, Site, Team};
@@ -21,6 +21,8 @@ use crate::teacher::Teacher;
 const TRIES: u64 = 10_000;
 /// They have come along the corridor: the robot looked around so far before the place where the cue is given, metres.
 const LOOKED_M: [f64; 3] = [2.25, 1.5, 0.75];
+/// From one of these looks to the next so much time has passed, seconds: enough to walk all of it.
+const BETWEEN_S: f64 = 4.5;
 
 /// What one decision came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,9 +55,6 @@ pub struct Episode {
     scan_header: ScanHeader,
     depth: Option<(DepthSensor, DepthHeader, Vec<u16>)>,
     odometry: OdometrySensor,
-    /// How the body is held, as far as the robot knows.
-    tilt: Option<Tilt>,
-    odom_from_robot: Se2,
     odom_from_before: Se2,
     /// The motion that was to lead here, in the robot's frame then.
     begun: Se2,
@@ -70,8 +69,9 @@ pub struct Episode {
     odom_from_start: Se2,
     track: CueTrack,
     decision: u64,
-    /// How often sensors have looked, from before the cue on.
+    /// How often sensors have looked, from before the cue on, and when they did the last time, nanoseconds.
     looks: u64,
+    now_ns: u64,
     frames: Frames,
     velocities: Vec<Twist2>,
 }
@@ -101,11 +101,9 @@ impl Episode {
             lidar,
             depth,
             odometry: OdometrySensor::new(config.odometry_config(), 0, 0)?,
-            tilt: None,
-            odom_from_robot: Se2::identity(),
             odom_from_before: Se2::identity(),
             begun: Se2::identity(),
-            awareness: Awareness::new(told, config.handler_limits.clone(), config.memory.clone()),
+            awareness: Awareness::new(told, config.awareness.clone()),
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
             unsafe_mask: 0,
@@ -116,6 +114,7 @@ impl Episode {
             track: CueTrack::default(),
             decision: 0,
             looks: 0,
+            now_ns: 0,
             frames: Frames::new(config.frames),
             velocities: config.table.actions().iter().map(|action| action.velocity(config.dt_s)).collect(),
             config,
@@ -147,22 +146,22 @@ impl Episode {
             sensor.reseed(part_seed(seed, 2));
         }
         self.odometry.reseed(part_seed(seed, 3));
-        self.awareness = Awareness::new(told, self.config.handler_limits.clone(), self.config.memory.clone());
-        (self.cue, self.cue_is_new, self.decision, self.looks) = (cue, true, 0, 0);
+        self.awareness = Awareness::new(told, self.config.awareness.clone());
+        (self.cue, self.cue_is_new, self.decision, self.looks, self.now_ns) = (cue, true, 0, 0, 0);
         let start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
         self.track.clear();
         self.arrive();
         self.rest();
-        self.odom_from_before = self.odom_from_robot;
-        self.odom_from_start = self.odom_from_robot * start_from_robot.inverse();
+        self.odom_from_before = *self.odom_from_robot();
+        self.odom_from_start = self.odom_from_robot() * start_from_robot.inverse();
         self.judge();
     }
 
     /// They come to where the cue is given, beside the middle of the way as they are there: what was seen on the way is
     /// remembered. Where something stands there they came another way.
     fn arrive(&mut self) {
-        if !self.config.judges || self.config.memory.is_none() {
+        if !self.config.judges || self.config.awareness.memory.is_none() {
             return;
         }
         let Scenery { site, task, team, .. } = self.scenery();
@@ -190,8 +189,8 @@ impl Episode {
 
     /// They stand here, however they came here.
     fn rest(&mut self) {
-        self.look();
-        self.awareness.rest(&self.odom_from_robot);
+        self.look(BETWEEN_S);
+        self.awareness.rest();
         self.observe();
     }
 
@@ -219,17 +218,26 @@ impl Episode {
         self.scenery.as_ref().unwrap_or_else(|| unreachable!("an episode has begun"))
     }
 
-    /// What is measured where the robot is now.
-    fn look(&mut self) {
+    /// What is measured where the robot is now, so long after the last look.
+    fn look(&mut self, after_s: f64) {
         let Some(scenery) = &mut self.scenery else { return };
+        self.now_ns += (after_s * 1e9) as u64;
         let scene = scenery.team.scene(&scenery.site.world);
         self.lidar.scan(&scene, self.looks, &mut self.scan);
-        if let Some((sensor, _, pixels)) = &mut self.depth {
+        let header =
+            Header { stamp_ns: self.now_ns, seq: self.looks, incarnation: self.incarnation, ..Header::default() };
+        self.scan_header.header = header;
+        if let Some((sensor, depth, pixels)) = &mut self.depth {
             sensor.render(&scene, self.looks, pixels);
+            depth.header = header;
         }
-        let reading = self.odometry.update(self.looks, pose2(scenery.team.world_from_robot()), Twist2::ZERO);
-        self.odom_from_before = std::mem::replace(&mut self.odom_from_robot, se2(reading.odom_from_robot));
-        self.tilt = Tilt::of(&self.odometry.attitude(self.looks, &scenery.team.attitude()));
+        let reading = self.odometry.update(self.looks, pose2(scenery.team.world_from_robot()), scenery.team.twist());
+        let attitude = self.odometry.attitude(self.looks, &scenery.team.attitude());
+        let (odom_from_robot, stamp_ns) = (reading.odom_from_robot, header.stamp_ns);
+        let attitude = if attitude.is_known() { Attitude { stamp_ns, ..attitude } } else { attitude };
+        self.odom_from_before = *self.awareness.odom_from_robot();
+        let odometry = Odometry { header, odom_from_robot, twist: reading.twist, attitude, ..Odometry::default() };
+        self.awareness.take_odometry(&odometry);
         self.looks += 1;
     }
 
@@ -238,19 +246,12 @@ impl Episode {
         if !self.config.judges {
             return;
         }
-        let now_ns = (self.looks as f64 * self.config.dt_s * 1e9) as u64;
-        let now_from_then = Se2::identity();
-        let scan = Measured { header: &self.scan_header, data: &self.scan[..], now_from_then, tilt: self.tilt };
-        let depth = self.depth.as_ref().map(|(_, header, data)| Measured {
-            header,
-            data: &data[..],
-            now_from_then,
-            tilt: self.tilt,
-        });
-        // On a scan of which nothing can be used nothing is decided, nor where nobody knows where the handler is: as in
-        // a run, the robot stands.
-        let observed = self.awareness.observe(now_ns, &self.odom_from_robot, 1.0, scan, depth);
-        self.is_blind = observed.is_err() || self.awareness.handler().is_lost(now_ns);
+        if let Some((_, header, pixels)) = &self.depth {
+            self.awareness.take_depth(header, pixels);
+        }
+        self.awareness.take_scan(self.now_ns, 1.0, &self.scan_header, &self.scan);
+        // On what cannot be judged nothing is decided: as in a run, the robot stands.
+        self.is_blind = self.awareness.unusable(self.now_ns).is_some();
     }
 
     /// What the shield says of it, and what the policy sees.
@@ -258,12 +259,11 @@ impl Episode {
         if !self.config.judges {
             return;
         }
-        self.awareness.moved(&self.odom_from_before, &self.begun, &self.odom_from_robot);
+        self.awareness.moved(&self.odom_from_before, &self.begun);
         self.take_turn();
-        self.awareness.begin_step(&self.odom_from_robot);
-        let handler = self.awareness.handler();
-        self.unsafe_mask =
-            self.shield.judge_actions(&self.config.table, self.awareness.evidence(), handler, &mut self.judgements);
+        self.awareness.begin_step();
+        let (evidence, handler) = (self.awareness.evidence(self.now_ns), self.awareness.handler());
+        self.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
         if self.is_blind {
             self.unsafe_mask = self.all();
         }
@@ -272,7 +272,7 @@ impl Episode {
 
     /// A turn that is done goes on as forward, as in a run.
     fn take_turn(&mut self) {
-        self.track.observe(&(self.odom_from_start.inverse() * self.odom_from_robot));
+        self.track.observe(&(self.odom_from_start.inverse() * self.odom_from_robot()));
         if let Some(start_from_branch) = self.track.after_turn(self.cue) {
             self.odom_from_start *= start_from_branch;
             (self.cue, self.cue_is_new) = (CueKind::Forward, true);
@@ -281,14 +281,14 @@ impl Episode {
     }
 
     fn encode(&mut self) {
-        let evidence = self.awareness.evidence();
+        let (evidence, odom_from_robot) = (self.awareness.evidence(self.now_ns), self.odom_from_robot());
         let senses = Senses {
             beams: evidence.beams,
             depth: evidence.depth,
             memory: evidence.memory,
-            handler: self.awareness.handler().body(evidence.beams.sigma_m()),
-            start_from_robot: self.odom_from_start.inverse() * self.odom_from_robot,
-            before_from_robot: self.odom_from_before.inverse() * self.odom_from_robot,
+            handler: self.awareness.body(),
+            start_from_robot: self.odom_from_start.inverse() * odom_from_robot,
+            before_from_robot: self.odom_from_before.inverse() * odom_from_robot,
             cue: self.cue,
         };
         if self.config.frames > 0 {
@@ -320,16 +320,22 @@ impl Episode {
         self.config.decisions
     }
 
-    /// What shield and policy know of the surroundings.
+    /// What shield and policy judge on.
     #[must_use]
-    pub fn awareness(&self) -> &Awareness {
-        &self.awareness
+    pub fn evidence(&self) -> Evidence<'_> {
+        self.awareness.evidence(self.now_ns)
     }
 
-    /// The newest scan.
+    /// The room that shield and policy take the handler to need.
+    #[must_use]
+    pub fn body(&self) -> HandlerBody {
+        self.awareness.body()
+    }
+
+    /// The newest scan, its ranges as over the level floor.
     #[must_use]
     pub fn scan(&self) -> (&ScanHeader, &[f32]) {
-        (&self.scan_header, &self.scan)
+        (&self.scan_header, self.awareness.level_ranges_m(&self.scan))
     }
 
     /// Another number in each episode: nothing of the one before holds in its odometry frame.
@@ -341,18 +347,18 @@ impl Episode {
     /// The robot in the odometry frame.
     #[must_use]
     pub fn odom_from_robot(&self) -> &Se2 {
-        &self.odom_from_robot
+        self.awareness.odom_from_robot()
     }
 
     /// The cue in force, the robot in its start frame, and whether it is another one than at the last decision.
     #[must_use]
     pub fn cue(&self) -> (CueKind, Se2, bool) {
-        (self.cue, self.odom_from_start.inverse() * self.odom_from_robot, self.cue_is_new)
+        (self.cue, self.odom_from_start.inverse() * self.odom_from_robot(), self.cue_is_new)
     }
 
     /// Another cue is given, here and now.
     pub fn give(&mut self, cue: CueKind) {
-        (self.cue, self.cue_is_new, self.odom_from_start) = (cue, true, self.odom_from_robot);
+        (self.cue, self.cue_is_new, self.odom_from_start) = (cue, true, *self.odom_from_robot());
         self.track.clear();
     }
 
@@ -398,7 +404,7 @@ impl Episode {
         let Some(scenery) = &mut self.scenery else { unreachable!("an episode has begun") };
         scenery.score.judged(all_unsafe, taken);
         let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
-        self.awareness.command(velocity);
+        self.awareness.permit(self.now_ns, velocity);
         let world_from_handler = scenery.team.world_from_handler();
         let moved = action != ActionTable::STOP;
         self.begun = self.config.table.actions()[action].start_from_end();
@@ -410,7 +416,7 @@ impl Episode {
         scenery.score.rewarded(reward);
         self.decision += 1;
         self.cue_is_new = false;
-        self.look();
+        self.look(self.config.dt_s);
         self.observe();
         self.judge();
         Step { reward, ended: self.decision >= self.config.decisions as u64 }

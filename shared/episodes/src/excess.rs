@@ -2,8 +2,8 @@
 //! than what they do. On open floor, over random actions that begin anew every decision, and stops after a few.
 
 use guidance::se2::{Point, Se2, se2};
-use guidance::{ActionTable, Awareness, Hull, Measured, Shield};
-use messages::{Twist2, WorldTruth};
+use guidance::{ActionTable, Awareness, AwarenessConfig, Hull, Shield};
+use messages::{Attitude, Header, Odometry, ScanHeader, Twist2, WorldTruth};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use settings::Settings;
@@ -89,7 +89,7 @@ impl OpenFloor {
             world: World::new(2.6, Vec::new()),
             ranges_m: vec![0.0; lidar.config().beams],
             lidar,
-            awareness: Awareness::new(model, settings.handler_limits(), None),
+            awareness: Awareness::new(model, AwarenessConfig { memory: None, ..settings.awareness_config() }),
             shield: Shield::new(settings.shield_config()),
             table: settings.policy.actions.table(),
             dt_s: settings.policy.dt.s(),
@@ -113,7 +113,7 @@ impl OpenFloor {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut excess = Excess::default();
         let mut truth = step(Twist2::ZERO)?;
-        self.awareness.rest(&se2(truth.world_from_robot));
+        self.awareness.rest();
         while excess.decisions < decisions {
             let burst = random.random_range(1..=BURST);
             for n in 1..=burst {
@@ -140,7 +140,7 @@ impl OpenFloor {
     fn judge(&mut self, truth: &WorldTruth, action: usize) -> Judged {
         let world_from_robot = se2(truth.world_from_robot);
         self.look(truth, 1.0);
-        self.awareness.begin_step(&world_from_robot);
+        self.awareness.begin_step();
         let handler = self.awareness.handler();
         let motion = Shield::predict(handler, &self.table.actions()[action].start_from_end());
         let discs = self.shield.swept(&motion, self.moves, handler.body(self.lidar.config().sigma_m));
@@ -182,13 +182,14 @@ impl OpenFloor {
 
     fn look(&mut self, truth: &WorldTruth, share: f64) {
         self.ticks += 10;
-        let level = WorldTruth { attitude: messages::Attitude::default(), ..*truth };
+        let level = WorldTruth { attitude: Attitude::default(), ..*truth };
         self.lidar.scan(&Scene::from_truth(&self.world, &level), self.ticks, &mut self.ranges_m);
-        let header = self.lidar.scan_header();
-        let scan = Measured { header: &header, data: &self.ranges_m[..], now_from_then: Se2::identity(), tilt: None };
         let now_ns = self.ticks * 10_000_000;
-        // On open floor every scan is usable.
-        let _ = self.awareness.observe(now_ns, &se2(truth.world_from_robot), share, scan, None);
+        let header = Header { stamp_ns: now_ns, seq: self.ticks, ..Header::default() };
+        let (odom_from_robot, twist) = (truth.world_from_robot, truth.robot_twist);
+        self.awareness.take_odometry(&Odometry { header, odom_from_robot, twist, ..Odometry::default() });
+        let scan = ScanHeader { header, ..self.lidar.scan_header() };
+        self.awareness.take_scan(now_ns, share, &scan, &self.ranges_m);
     }
 
     /// Where robot and handler are now, held against a hull.

@@ -5,9 +5,9 @@
 
 use std::sync::Arc;
 
-use guidance::se2::{Point, Se2, se2};
-use guidance::{Awareness, Measured, Tilt};
-use messages::{Pose2, Twist2, WorldTruth};
+use guidance::Awareness;
+use guidance::se2::{Point, se2};
+use messages::{Attitude, DepthHeader, Header, Odometry, Pose2, ScanHeader, Twist2, WorldTruth};
 use settings::{Profile, Settings};
 use world::{
     DepthConfig, DepthSensor, LidarConfig, LidarSensor, OdometryConfig, OdometrySensor, Physics, PhysicsConfig,
@@ -77,7 +77,7 @@ impl Walk {
             lidar,
             camera,
             odometry,
-            awareness: Awareness::new(model, settings.handler_limits(), settings.memory_config()),
+            awareness: Awareness::new(model, settings.awareness_config()),
         }
     }
 
@@ -90,24 +90,30 @@ impl Walk {
         let scene = Scene::from_truth(&self.world, truth);
         self.lidar.scan(&scene, tick, &mut self.ranges_m);
         self.camera.render(&scene, tick, &mut self.pixels_mm);
-        let tilt = Tilt::of(&self.odometry.attitude(tick, &truth.attitude));
-        let (scan, frame) = (self.lidar.scan_header(), self.camera.depth_header());
-        let now_from_then = Se2::identity();
-        let scan = Measured { header: &scan, data: &self.ranges_m[..], now_from_then, tilt };
-        let frame = Measured { header: &frame, data: &self.pixels_mm[..], now_from_then, tilt };
-        let odom_from_robot = se2(reading.odom_from_robot);
+        let header = Header { stamp_ns: tick * 10_000_000, seq: tick, ..Header::default() };
+        let attitude = self.odometry.attitude(tick, &truth.attitude);
+        self.awareness.take_odometry(&Odometry {
+            header,
+            odom_from_robot: reading.odom_from_robot,
+            twist: reading.twist,
+            attitude: Attitude { stamp_ns: header.stamp_ns, ..attitude },
+            ..Odometry::default()
+        });
         if tick == 0 {
-            self.awareness.rest(&odom_from_robot);
+            self.awareness.rest();
         }
-        self.awareness.observe(tick * 10_000_000, &odom_from_robot, 1.0, scan, Some(frame)).expect("usable");
+        let frame = DepthHeader { header, ..self.camera.depth_header() };
+        assert!(self.awareness.take_depth(&frame, &self.pixels_mm), "usable");
+        let scan = ScanHeader { header, ..self.lidar.scan_header() };
+        assert!(self.awareness.take_scan(header.stamp_ns, 1.0, &scan, &self.ranges_m), "usable");
         if tick.is_multiple_of(50) {
-            self.awareness.begin_step(&odom_from_robot);
+            self.awareness.begin_step();
         }
     }
 
     fn count(&self, truth: &WorldTruth, figures: &mut Figures) {
         let world_from_robot = se2(truth.world_from_robot);
-        let hidden = self.awareness.evidence().memory.map_or(&[][..], |memory| memory.hidden());
+        let hidden = self.awareness.evidence(0).memory.map_or(&[][..], |memory| memory.hidden());
         let places: Vec<(Point, f64)> =
             hidden.iter().map(|spot| (world_from_robot * spot.place, spot.uncertainty_m)).collect();
         let handler = se2(truth.world_from_handler);

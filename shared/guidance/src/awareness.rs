@@ -1,149 +1,278 @@
-//! What is known of the surroundings when a decision is made: the newest scan and depth frame, what was seen before,
-//! and where the handler is. One sequence of steps, for whoever decides: the policy service and episodes. The shield
-//! service has one of its own from the same parts, for it judges between decisions as well.
+//! What is known of the surroundings when something is judged: the newest scan and depth frame, what was seen before,
+//! where the robot is, how it moves, and where the handler is. The shield, the policy and episodes know it by this one
+//! sequence of steps, so that training and evaluation judge by what judges on the robot.
 
-use messages::{DepthHeader, ScanHeader, Twist2};
+mod moving;
+mod plausible;
+mod surroundings;
+
+use messages::{DepthHeader, Header, NS_PER_S, Odometry, Outcome, ScanHeader, Twist2, age_ns};
 
 use crate::contact::comes_about;
-use crate::depth::DepthView;
-use crate::handler::{HandlerEstimate, HandlerLimits};
+use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Sighting};
 use crate::interaction::InteractionModel;
-use crate::memory::{Memory, MemoryConfig};
-use crate::scan::{Beams, ScanError};
-use crate::se2::Se2;
+use crate::memory::MemoryConfig;
+use crate::se2::{Se2, se2};
 use crate::shield::Evidence;
-use crate::tilt::Tilt;
+use crate::track::{Pace, PoseTrack};
+use moving::Moving;
+use surroundings::Surroundings;
 
-/// A frame of a sensor, and where the robot was when it was taken, in the robot frame of now.
-#[derive(Debug, Clone, Copy)]
-pub struct Measured<'a, Header, Sample> {
-    /// Stands beside the samples.
-    pub header: &'a Header,
-    /// The samples.
-    pub data: &'a [Sample],
-    /// Where the robot was then.
-    pub now_from_then: Se2,
-    /// How its body was held then, where that is known.
-    pub tilt: Option<Tilt>,
+/// Without a scan for this long, the handler's estimate is worth nothing.
+const GAP_NS: u64 = NS_PER_S;
+/// After a jump the poses must go on without one for this long.
+const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
+
+/// What measurements are held to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AwarenessConfig {
+    /// What is known of the handler's body.
+    pub limits: HandlerLimits,
+    /// What is remembered; none: one scan and one frame decide alone.
+    pub memory: Option<MemoryConfig>,
+    /// How fast the robot can be: a pose that is farther off is a jump.
+    pub pace: Pace,
+    /// The oldest scan that is judged on, nanoseconds.
+    pub scan_max_age_ns: u64,
+    /// The oldest depth frame that is judged on, nanoseconds.
+    pub depth_max_age_ns: u64,
+    /// The oldest pose that is judged on, nanoseconds.
+    pub odometry_max_age_ns: u64,
+    /// The least depth that the camera sees, metres.
+    pub depth_min_m: f64,
+    /// Whether nothing is judged without a depth frame.
+    pub depth_needed: bool,
+}
+
+/// What a pose was in relation to the one before.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Pose {
+    /// No pose at all: it was not taken.
+    Unusable,
+    /// The first one of an odometry frame: nothing that was placed before has a place in it.
+    First,
+    /// Farther off than the robot can walk: nothing that was placed before holds any more.
+    Jump,
+    /// On the way from the one before.
+    Next,
 }
 
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Awareness {
-    /// In the robot frame of the scan's stamp, and seen from where the robot is now.
-    stamped_beams: Beams,
-    beams: Beams,
-    /// Of the scan over the level floor, where the body tilted.
-    ranges_m: Vec<f32>,
-    depth: DepthView,
-    depth_seen: bool,
-    memory: Option<Memory>,
+    config: AwarenessConfig,
+    surroundings: Surroundings,
     handler: HandlerEstimate,
-    moves: Twist2,
+    odometry: Option<Odometry>,
+    track: PoseTrack,
+    /// Where the robot is now.
+    odom_from_robot: Se2,
+    jumped_at_ns: Option<u64>,
+    moving: Moving,
 }
 
 impl Awareness {
-    /// Nothing known yet; without a memory one scan and one frame are all that is known.
+    /// Nothing known yet of a handler who follows by that model.
     #[must_use]
-    pub fn new(model: InteractionModel, limits: HandlerLimits, memory: Option<MemoryConfig>) -> Self {
+    pub fn new(model: InteractionModel, config: AwarenessConfig) -> Self {
         Self {
-            stamped_beams: Beams::default(),
-            beams: Beams::default(),
-            ranges_m: Vec::new(),
-            depth: DepthView::default(),
-            depth_seen: false,
-            memory: memory.map(Memory::new),
-            handler: HandlerEstimate::new(model, limits),
-            moves: Twist2::ZERO,
+            surroundings: Surroundings::new(config.memory.clone(), config.depth_max_age_ns, config.depth_min_m),
+            handler: HandlerEstimate::new(model, config.limits.clone()),
+            odometry: None,
+            track: PoseTrack::default(),
+            odom_from_robot: Se2::identity(),
+            jumped_at_ns: None,
+            moving: Moving::default(),
+            config,
         }
     }
 
-    /// Robot and handler stand at rest there, however they came there.
-    pub fn rest(&mut self, odom_from_robot: &Se2) {
-        self.moves = Twist2::ZERO;
-        self.handler.reset(odom_from_robot);
+    /// The newest pose. The first of a frame, and a jump, void the handler's estimate and what is remembered.
+    pub fn take_odometry(&mut self, odometry: &Odometry) -> Pose {
+        if !odometry.is_usable() {
+            return Pose::Unusable;
+        }
+        let pose = match &self.odometry {
+            Some(old) if old.header.incarnation == odometry.header.incarnation => {
+                if self.config.pace.is_exceeded(old, odometry) { Pose::Jump } else { Pose::Next }
+            }
+            _ => Pose::First,
+        };
+        self.odom_from_robot = se2(odometry.odom_from_robot);
+        if pose == Pose::Jump {
+            self.jumped_at_ns = Some(odometry.header.stamp_ns);
+        }
+        if pose != Pose::Next {
+            self.track.clear();
+            self.handler.reset(&self.odom_from_robot);
+            self.surroundings.lose_place();
+        }
+        self.odometry = Some(*odometry);
+        self.track.push(odometry);
+        pose
     }
 
-    /// A new odometry frame: nothing that was placed in the one before holds any more.
-    pub fn reset(&mut self, odom_from_robot: &Se2) {
-        self.rest(odom_from_robot);
-        self.depth_seen = false;
-        if let Some(memory) = &mut self.memory {
-            memory.clear();
-        }
+    /// The newest depth frame: whether it can be used. One that cannot says nothing.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) -> bool {
+        self.surroundings.take_depth(header, pixels_mm, &self.track)
     }
 
-    /// Takes in what was measured; `share` of the running step has passed. With scan and frame stands where the robot
-    /// was then, in the robot frame of now. A depth frame that cannot be used says nothing.
-    ///
-    /// # Errors
-    /// Where the scan cannot be used; then nothing was taken in.
-    pub fn observe(
-        &mut self,
-        now_ns: u64,
-        odom_from_robot: &Se2,
-        share: f64,
-        scan: Measured<'_, ScanHeader, f32>,
-        depth: Option<Measured<'_, DepthHeader, u16>>,
-    ) -> Result<(), ScanError> {
-        self.stamped_beams.fill(scan.header, scan.data)?;
-        self.ranges_m.clear();
-        if let Some(tilt) = &scan.tilt {
-            self.stamped_beams.level(tilt, scan.header.height_m);
-            self.stamped_beams.ranges_m(&mut self.ranges_m);
+    /// The newest scan: whether it can be used. A share of the running step has passed; where the scan is fresh and
+    /// plausible it corrects the handler's estimate and is remembered.
+    pub fn take_scan(&mut self, now_ns: u64, step_share: f64, header: &ScanHeader, ranges_m: &[f32]) -> bool {
+        if let Some(last) = self.scan() {
+            let period_ns = header.header.stamp_ns.saturating_sub(last.stamp_ns);
+            if period_ns > GAP_NS || header.header.incarnation != last.incarnation {
+                self.handler.reset(&self.odom_from_robot);
+            }
         }
-        self.stamped_beams.seen_from(&scan.now_from_then, &mut self.beams);
-        self.depth_seen = depth.is_some_and(|depth| {
-            let usable = self.depth.fill_tilted(depth.header, depth.data, depth.tilt.as_ref()).is_ok();
-            self.depth.move_to(&depth.now_from_then);
-            usable
-        });
-        self.handler.predict(odom_from_robot, share);
-        let _ = self.handler.correct(&self.beams, now_ns);
-        let body = self.handler.body(self.beams.sigma_m());
-        let depth = self.depth_seen.then_some(&self.depth);
-        if let Some(memory) = &mut self.memory {
-            memory.update(now_ns, odom_from_robot, &self.beams, depth, &body);
+        let is_usable = self.surroundings.take_scan(header, ranges_m, &self.track);
+        self.come_to(now_ns, step_share);
+        let is_fresh = age_ns(now_ns, header.header.stamp_ns) <= self.config.scan_max_age_ns;
+        let is_plausible = self.surroundings.implausible_scan().is_none();
+        if is_fresh && is_plausible && self.surroundings.usable_scan().is_some() {
+            let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
+            let body = self.body();
+            self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, &body);
         }
-        Ok(())
+        is_usable
     }
 
-    /// The robot was to move by `begin_from_end` from where it was; where it is now shows whether it did.
-    pub fn moved(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2, odom_from_robot: &Se2) {
-        if let Some(memory) = &mut self.memory
-            && !comes_about(begin_from_end, &(odom_from_begin.inverse() * odom_from_robot))
-        {
-            memory.feel(odom_from_begin, begin_from_end);
+    /// Brings everything to the robot frame of now: scan and frame were taken a while ago, and the robot has moved on.
+    /// A share of the running step has passed.
+    pub fn come_to(&mut self, now_ns: u64, step_share: f64) {
+        if let Some(now) = self.track.at(now_ns) {
+            self.odom_from_robot = now;
         }
-    }
-
-    /// From now on the robot moves so, as it is commanded (robot frame).
-    pub fn command(&mut self, moves: Twist2) {
-        self.moves = moves;
+        self.surroundings.move_to(now_ns, &self.odom_from_robot, &self.track);
+        self.handler.predict(&self.odom_from_robot, step_share);
     }
 
     /// A decision begins.
-    pub fn begin_step(&mut self, odom_from_robot: &Se2) {
-        self.handler.begin_step(odom_from_robot);
+    pub fn begin_step(&mut self) {
+        self.handler.begin_step(&self.odom_from_robot);
     }
 
-    /// What can be judged on.
-    #[must_use]
-    pub fn evidence(&self) -> Evidence<'_> {
-        let depth = self.depth_seen.then_some(&self.depth);
-        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref(), moves: self.moves }
+    /// Robot and handler stand at rest here, however they came here.
+    pub fn rest(&mut self) {
+        self.moving = Moving::default();
+        self.handler.reset(&self.odom_from_robot);
     }
 
-    /// The ranges of the scan as a lidar over the level floor would have told them, metres; those that it told where
-    /// the body was level.
+    /// From now on the robot may move so (robot frame).
+    pub fn permit(&mut self, now_ns: u64, velocity: Twist2) {
+        self.moving.permit(now_ns, velocity);
+    }
+
+    /// The robot was to move by `begin_from_end` from where it was, and did not get there.
+    pub fn feel(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2) {
+        self.surroundings.feel(odom_from_begin, begin_from_end);
+    }
+
+    /// The robot was to move by `begin_from_end` from where it was; where it is now shows whether it did.
+    pub fn moved(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2) {
+        if !comes_about(begin_from_end, &(odom_from_begin.inverse() * self.odom_from_robot)) {
+            self.feel(odom_from_begin, begin_from_end);
+        }
+    }
+
+    /// Why nothing can be judged now, if so.
     #[must_use]
-    pub fn level_ranges<'a>(&'a self, told_m: &'a [f32]) -> &'a [f32] {
-        if self.ranges_m.is_empty() { told_m } else { &self.ranges_m }
+    pub fn unusable(&self, now_ns: u64) -> Option<Outcome> {
+        if self.surroundings.attitude_is_missing() {
+            return Some(Outcome::StaleOdometry);
+        }
+        let Some(scan) = self.surroundings.usable_scan() else { return Some(Outcome::InvalidScan) };
+        if age_ns(now_ns, scan.stamp_ns) > self.config.scan_max_age_ns {
+            return Some(Outcome::StaleScan);
+        }
+        let Some(odometry) = &self.odometry else { return Some(Outcome::StaleOdometry) };
+        let has_jumped = self.jumped_at_ns.is_some_and(|at_ns| odometry.header.stamp_ns < at_ns + JUMP_HOLD_NS);
+        if age_ns(now_ns, odometry.header.stamp_ns) > self.config.odometry_max_age_ns || has_jumped {
+            return Some(Outcome::StaleOdometry);
+        }
+        if let Some(why) = self.surroundings.implausible_scan() {
+            return Some(why);
+        }
+        if self.config.depth_needed && !self.surroundings.depth_is_fresh(now_ns) {
+            let is_stuck = self.surroundings.depth_is_stuck();
+            return Some(if is_stuck { Outcome::StuckDepth } else { Outcome::StaleDepth });
+        }
+        self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
+    }
+
+    /// What is judged on now.
+    #[must_use]
+    pub fn evidence(&self, now_ns: u64) -> Evidence<'_> {
+        self.surroundings.evidence(now_ns, self.moves(now_ns))
+    }
+
+    /// How the robot moves, by its permits or by its odometry: on each axis whichever is faster. A robot may be slow to
+    /// stop, or be pushed.
+    fn moves(&self, now_ns: u64) -> Twist2 {
+        let permitted = self.moving.at(now_ns);
+        let told = self.odometry.map_or(Twist2::ZERO, |odometry| odometry.twist);
+        let faster = |a: f64, b: f64| if b.abs() > a.abs() { b } else { a };
+        Twist2 {
+            vx_mps: faster(permitted.vx_mps, told.vx_mps),
+            vy_mps: faster(permitted.vy_mps, told.vy_mps),
+            wz_radps: faster(permitted.wz_radps, told.wz_radps),
+        }
     }
 
     /// Where the handler is taken to be.
     #[must_use]
     pub fn handler(&self) -> &HandlerEstimate {
         &self.handler
+    }
+
+    /// The room that the handler takes.
+    #[must_use]
+    pub fn body(&self) -> HandlerBody {
+        self.handler.body(self.surroundings.beams().sigma_m())
+    }
+
+    /// The newest pose.
+    #[must_use]
+    pub fn odometry(&self) -> Option<&Odometry> {
+        self.odometry.as_ref()
+    }
+
+    /// Where the robot is now.
+    #[must_use]
+    pub fn odom_from_robot(&self) -> &Se2 {
+        &self.odom_from_robot
+    }
+
+    /// The newest scan's header, usable or not.
+    #[must_use]
+    pub fn scan(&self) -> Option<Header> {
+        self.surroundings.scan()
+    }
+
+    /// The newest scan's header, where it can be used and is fresh.
+    #[must_use]
+    pub fn fresh_scan(&self, now_ns: u64) -> Option<Header> {
+        let is_fresh = |scan: &Header| age_ns(now_ns, scan.stamp_ns) <= self.config.scan_max_age_ns;
+        self.surroundings.usable_scan().filter(is_fresh)
+    }
+
+    /// The newest depth frame's header, usable or not.
+    #[must_use]
+    pub fn depth(&self) -> Option<Header> {
+        self.surroundings.depth()
+    }
+
+    /// The newest depth frame's header, where it is judged on.
+    #[must_use]
+    pub fn fresh_depth(&self, now_ns: u64) -> Option<Header> {
+        self.depth().filter(|_| self.surroundings.depth_is_fresh(now_ns))
+    }
+
+    /// The ranges of the newest scan as a lidar over the level floor would have told them, metres; those that it told
+    /// where the body was level.
+    #[must_use]
+    pub fn level_ranges_m<'a>(&'a self, told_m: &'a [f32]) -> &'a [f32] {
+        self.surroundings.level_ranges_m().unwrap_or(told_m)
     }
 }

@@ -24,7 +24,7 @@ pub mod travel_line;
 pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
-pub use awareness::{Awareness, Measured};
+pub use awareness::{Awareness, AwarenessConfig, Pose};
 pub use depth::DepthView;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Discs, Hull};

@@ -98,7 +98,7 @@ impl Beams {
         self.fill_with(header, ranges_m.len(), |i| f64::from(ranges_m[i]))?;
         if self.unknown.len() == self.beams.len() {
             let count = self.beams.len();
-            self.beams.clear();
+            self.clear();
             return Err(ScanError::AllUnknown(count));
         }
         Ok(())
@@ -108,7 +108,7 @@ impl Beams {
     /// nothing: who judges then, judges on that.
     ///
     /// # Errors
-    /// Where the scan cannot be used but for that; the beams are then empty.
+    /// Where the scan cannot be used but for that; there are no beams then.
     pub fn fill_with(
         &mut self,
         header: &ScanHeader,
@@ -116,7 +116,7 @@ impl Beams {
         range_m: impl Fn(usize) -> f64,
     ) -> Result<(), ScanError> {
         self.beams.clear();
-        check(header, count)?;
+        check(header, count).inspect_err(|_| self.clear())?;
         let robot_from_lidar: Se2 = se2(header.robot_from_lidar);
         self.origin = robot_from_lidar.translation.vector;
         self.increment_rad = header.angle_increment_rad.abs();
@@ -137,6 +137,16 @@ impl Beams {
         }
         self.sort_readings();
         Ok(())
+    }
+
+    /// No beams, and nothing that speaks of any.
+    fn clear(&mut self) {
+        self.beams.clear();
+        self.unknown.clear();
+        self.x.clear();
+        self.y.clear();
+        self.layout = Layout::default();
+        self.sort_readings();
     }
 
     /// Projects the beams of a lidar on a tilted body to the level floor. `height_m` is the height of the lidar's plane

@@ -73,7 +73,7 @@ pub enum Latency {
     None = 0,
     /// Depth published by the driver -> taken by a consumer.
     DepthToConsumer,
-    /// Scan stamp -> verdict on it.
+    /// Scan published by the driver -> verdict on it published.
     ScanToPermit,
     /// Permit published -> command at the link.
     PermitToCommand,

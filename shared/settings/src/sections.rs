@@ -14,8 +14,8 @@ mod speak;
 
 use guidance::se2::Point;
 use guidance::{
-    DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, Interaction, InteractionModel, MemoryConfig,
-    RigidHarness, RotatingRod, ShieldConfig,
+    AwarenessConfig, DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, Interaction, InteractionModel,
+    MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -157,6 +157,22 @@ impl Settings {
             seen_radius_m: self.handler.seen_radius_m.get(),
             speed_max_mps: speeds_mps.fold(0.0, f64::max),
             not_seen_ns: NOT_SEEN_NS,
+        }
+    }
+
+    /// What measurements are held to before shield, policy and episodes judge on them.
+    #[must_use]
+    pub fn awareness_config(&self) -> AwarenessConfig {
+        let limits = &self.locomotion.limits;
+        AwarenessConfig {
+            limits: self.handler_limits(),
+            memory: self.memory_config(),
+            pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
+            scan_max_age_ns: self.max_age_ns(TopicId::LidarScan),
+            depth_max_age_ns: self.max_age_ns(TopicId::DepthFrame),
+            odometry_max_age_ns: self.max_age_ns(TopicId::Odometry),
+            depth_min_m: self.depth.range_m[0],
+            depth_needed: self.depth.needed,
         }
     }
 

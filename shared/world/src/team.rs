@@ -108,6 +108,8 @@ pub struct Team {
     world_from_robot: Se2,
     /// None: the robot moves as it is told, on a level body.
     legs: Option<Legs>,
+    /// How the robot moves (robot frame).
+    twist: Twist2,
     /// By the model alone, without the swaying.
     robot_from_handler: Se2,
     people: People,
@@ -133,6 +135,7 @@ impl Team {
             bodies,
             world_from_robot: *world_from_robot,
             legs: None,
+            twist: Twist2::ZERO,
             people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
             walkers: [Walker::default(); MAX_WALKERS],
             touching: [[false; 2]; MAX_WALKERS],
@@ -172,6 +175,12 @@ impl Team {
     #[must_use]
     pub fn world_from_robot(&self) -> &Se2 {
         &self.world_from_robot
+    }
+
+    /// How the robot moves at the end of a step (robot frame).
+    #[must_use]
+    pub fn twist(&self) -> Twist2 {
+        self.twist
     }
 
     /// The handler, swaying.
@@ -259,14 +268,21 @@ impl Team {
         let part_s = dt_s / parts as f64;
         let stands = velocity.is_zero();
         let (mut stepped, mut now) = (Stepped::default(), Se2::identity());
+        self.twist = Twist2::ZERO;
         for part in 1..=parts {
             stepped.hit_by_others += self.move_people(part_s, velocity);
             if stepped.collided() || stands && self.handler_rests {
                 continue;
             }
             now = match &mut self.legs {
-                Some(legs) => now * exp(legs.go(velocity, part_s), part_s),
-                None => exp(velocity, part_s * part as f64),
+                Some(legs) => {
+                    self.twist = legs.go(velocity, part_s);
+                    now * exp(self.twist, part_s)
+                }
+                None => {
+                    self.twist = velocity;
+                    exp(velocity, part_s * part as f64)
+                }
             };
             let share = part as f64 / parts as f64;
             let next = (robot * now, self.handler.model.follow(&offset, &now, share));
@@ -278,6 +294,7 @@ impl Team {
             if stepped.collided() {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (robot, offset, walked_s);
                 self.legs.iter_mut().for_each(Legs::halt);
+                self.twist = Twist2::ZERO;
             } else {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (next.0, next.1, next_walked_s);
             }

@@ -4,6 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use episodes::{Batch, Config, Noise};
+use guidance::AwarenessConfig;
 use serde_json::{Value, json};
 use world::DepthConfig;
 
@@ -26,10 +27,16 @@ struct Row {
     per_s: Vec<f64>,
 }
 
+/// One scan and one frame decide alone.
+fn without_memory(config: Config) -> Config {
+    let awareness = AwarenessConfig { memory: None, ..config.awareness };
+    Config { awareness, ..config }
+}
+
 impl Row {
     /// As the prototype had it: a lidar of 360 beams, a depth frame of 64x32, one scan and one frame judged alone.
     fn of_prototype(name: &'static str, noise: Noise, judges: bool, prototype_per_s: f64) -> Result<Self, Failure> {
-        let config = Config { noise, judges, memory: None, frames: 0, ..Config::default() };
+        let config = without_memory(Config { noise, judges, frames: 0, ..Config::default() });
         let depth = config.depth.clone().map(|depth| DepthConfig { width: 64, height: 32, ..depth });
         Self::new(name, Config { depth, ..config }, Some(prototype_per_s))
     }
@@ -37,7 +44,7 @@ impl Row {
     /// As training and evaluation have it, but for the memory: a depth frame of 128x64.
     fn of_episodes(name: &'static str, noise: Noise) -> Result<Self, Failure> {
         let legs = Config::go2().legs;
-        Self::new(name, Config { noise, legs, memory: None, frames: 0, ..Config::default() }, None)
+        Self::new(name, without_memory(Config { noise, legs, frames: 0, ..Config::default() }), None)
     }
 
     fn new(name: &'static str, config: Config, prototype_per_s: Option<f64>) -> Result<Self, Failure> {

@@ -46,14 +46,12 @@ pub struct Trace {
 }
 
 fn situation(episode: &Episode) -> Situation<'_> {
-    let awareness = episode.awareness();
-    let evidence = awareness.evidence();
     let ((scan, ranges), (cue, start_from_robot, cue_is_new)) = (episode.scan(), episode.cue());
     Situation {
         scan,
         ranges,
-        evidence,
-        handler: awareness.handler().body(evidence.beams.sigma_m()),
+        evidence: episode.evidence(),
+        handler: episode.body(),
         odom_from_robot: *episode.odom_from_robot(),
         odometry_incarnation: episode.incarnation(),
         start_from_robot,

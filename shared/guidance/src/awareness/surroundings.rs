@@ -1,17 +1,25 @@
-//! What the shield knows of its surroundings: the newest scan and depth frame, each brought from where the robot was
-//! then to where it is now, and the memory of what was before.
+//! The newest scan and depth frame, each brought from where the robot was then to where it is now, and the memory of
+//! what was before.
 
-use super::plausible::{Repeats, Succession};
-use guidance::depth::DepthError;
-use guidance::{Beams, DepthView, Evidence, HandlerBody, Held, Memory, MemoryConfig, PoseTrack, Se2};
 use messages::{DepthHeader, Header, Outcome, ScanHeader, Twist2, age_ns};
 
+use super::plausible::{Repeats, Succession};
+use crate::depth::{DepthError, DepthView};
+use crate::handler::HandlerBody;
+use crate::memory::{Memory, MemoryConfig};
+use crate::scan::Beams;
+use crate::se2::Se2;
+use crate::shield::Evidence;
+use crate::track::{Held, PoseTrack};
+
 /// See the module.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Surroundings {
     /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now.
     stamped_beams: Beams,
     beams: Beams,
+    /// Its ranges over the level floor, in the lidar's order, metres; empty where the body was level.
+    level_ranges_m: Vec<f32>,
     scan: Option<Header>,
     scan_usable: bool,
     /// The source of attitudes has none for the time of the newest scan.
@@ -38,6 +46,7 @@ impl Surroundings {
         Self {
             stamped_beams: Beams::default(),
             beams: Beams::default(),
+            level_ranges_m: Vec::new(),
             scan: None,
             scan_usable: false,
             attitude_missing: false,
@@ -60,8 +69,10 @@ impl Surroundings {
         let held = track.held_at(header.header.stamp_ns);
         self.attitude_missing = held.is_none();
         self.scan_usable = self.stamped_beams.fill(header, ranges_m).is_ok() && held.is_some();
+        self.level_ranges_m.clear();
         if let Some(tilt) = held.as_ref().and_then(Held::tilt) {
             self.stamped_beams.level(tilt, header.height_m);
+            self.stamped_beams.ranges_m(&mut self.level_ranges_m);
         }
         if self.scan.is_none_or(|last| last.incarnation != header.header.incarnation) {
             self.succession.lose_place();
@@ -99,10 +110,14 @@ impl Surroundings {
         }
     }
 
-    /// Scan and frame were taken a while ago, and the robot has moved on. Where nobody knows where it was then, they
-    /// say nothing about now.
+    /// Scan and frame were taken a while ago, and the robot has moved on. Where its place of then is unknown, they say
+    /// nothing about now.
     pub fn move_to(&mut self, now_ns: u64, odom_from_robot: &Se2, track: &PoseTrack) {
-        let then_in_now = |header: Header| track.at(header.stamp_ns).map(|then| odom_from_robot.inverse() * then);
+        let then_in_now = |header: Header| {
+            let then = track.at(header.stamp_ns)?;
+            // Without rounding where it has not moved: what is judged on stays in the lidar's own layout.
+            Some(if then == *odom_from_robot { Se2::identity() } else { odom_from_robot.inverse() * then })
+        };
         if let Some(header) = self.scan {
             match then_in_now(header) {
                 Some(shift) => self.stamped_beams.seen_from(&shift, &mut self.beams),
@@ -139,6 +154,11 @@ impl Surroundings {
     pub fn evidence(&self, now_ns: u64, moves: Twist2) -> Evidence<'_> {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         Evidence { beams: &self.beams, depth, memory: self.memory.as_ref(), moves }
+    }
+
+    /// The ranges of the newest scan over the level floor, metres, where the body was tilted.
+    pub fn level_ranges_m(&self) -> Option<&[f32]> {
+        (!self.level_ranges_m.is_empty()).then_some(&self.level_ranges_m[..])
     }
 
     /// The newest scan, from where the robot is now.

@@ -1,6 +1,7 @@
 //! What no age tells: a sensor that sends the same bytes again and again, and scans that cannot follow one another.
 
-use guidance::{BeamKind, Beams, Se2};
+use crate::scan::{BeamKind, Beams};
+use crate::se2::{Se2, about_bearing_rad};
 
 /// Who moved this far since the first of the equal frames sees something else, metres,
 const MOVED_M: f64 = 0.03;
@@ -12,7 +13,7 @@ const SEEN_MIN: usize = 8;
 const PIXEL_STRIDE: usize = 8;
 
 /// Whether a sensor is stuck on one frame.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Repeats {
     /// Digest of the newest frame, and where the robot was at the first one with it.
     frame: Option<(u64, Se2)>,
@@ -78,7 +79,7 @@ const DIFFERENT: f64 = 0.7;
 type Sectors = [f64; SECTORS];
 
 /// Whether scans can follow one another: a lidar whose scale is suddenly another sees nothing where it was.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Succession {
     /// The last scan that was accepted, in the robot frame of then, and where the robot was.
     last: Option<(Beams, Se2)>,
@@ -89,7 +90,7 @@ pub struct Succession {
 fn sectors(beams: &Beams) -> Sectors {
     let mut nearest = [f64::INFINITY; SECTORS];
     for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit) {
-        let share = (beam.end.y.atan2(beam.end.x) / std::f64::consts::TAU).rem_euclid(1.0);
+        let share = (about_bearing_rad(beam.end.coords) / std::f64::consts::TAU).rem_euclid(1.0);
         let sector = &mut nearest[((share * SECTORS as f64) as usize).min(SECTORS - 1)];
         *sector = sector.min(beam.end.coords.norm());
     }
@@ -131,11 +132,12 @@ impl Succession {
 #[cfg(test)]
 mod tests {
     use super::{Repeats, Succession};
-    use guidance::{Beams, Se2};
+    use crate::scan::Beams;
+    use crate::se2::Se2;
     use messages::ScanHeader;
 
     fn at(x_m: f64) -> Se2 {
-        guidance::se2::se2(messages::Pose2::new(x_m, 0.0, 0.0))
+        crate::se2::se2(messages::Pose2::new(x_m, 0.0, 0.0))
     }
 
     #[test]
