@@ -1,0 +1,193 @@
+//! Both sides of the floor in a depth frame, on a body that sways, with a noisy camera and an attitude that is off:
+//! bare floor is no obstacle, and a low thing is one.
+//!
+//! `FLOOR_TRIALS` is the number of frames and of approaches; `scripts/nightly properties` measures a thousand of each.
+//! Without it there are a few, for each commit.
+//!
+//! At 160x120: 0 false obstacles in 1,000 frames, and 1,000 of 1,000 things of 12 cm found. At 640x480 only 40 frames
+//! and 40 approaches to things of 8 cm were measured so far: 0 false obstacles, and all found.
+
+#![allow(clippy::print_stdout, reason = "the figures say how far it is from the bounds")]
+
+use std::f64::consts::TAU;
+
+use guidance::se2::{Point, se2};
+use guidance::{DepthView, Tilt};
+use guidedog_world::{DepthConfig, DepthSensor, Prism, Scene, World};
+use messages::{Attitude, Pose2, Pose3};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+/// Pitch and roll reach this, degrees; the source's lasting error of each, its noise, and the error of its stamp.
+const SWAY_DEG: f64 = 12.0;
+const BIAS_DEG: f64 = 0.5;
+const NOISE_DEG: f64 = 0.2;
+const LATE_MAX_S: f64 = 0.010;
+/// Period of a stride, seconds.
+const STRIDE_S: f64 = 0.48;
+/// The body's height while it stands, and its sway: one standard deviation, metres. The source does not tell it.
+const STANDING_M: f64 = 0.30;
+const RISE_M: f64 = 0.01;
+/// Everything between floor and head, metres.
+const BODY_M: [f64; 2] = [0.01, 1.9];
+/// An obstacle this far from anything is of bare floor, metres.
+const OFF_M: f64 = 0.10;
+/// Bare floor is judged within this distance, and a thing has to be found before the robot is as near, metres.
+const NEAR_M: f64 = 2.0;
+const FOUND_M: f64 = 1.2;
+/// Evidence with which the memory keeps it.
+const ENOUGH: f64 = 2.0;
+
+fn trials(few: usize) -> usize {
+    std::env::var("FLOOR_TRIALS").ok().and_then(|count| count.parse().ok()).unwrap_or(few)
+}
+
+/// A body that sways with its stride, and a source that tells of it with an error.
+struct Body {
+    random: ChaCha8Rng,
+    amplitude_deg: [f64; 2],
+    phase: [f64; 2],
+    bias_deg: [f64; 2],
+}
+
+impl Body {
+    fn new(seed: u64) -> Self {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let amplitude_deg = [0, 1].map(|_| random.random_range(0.0..SWAY_DEG));
+        let phase = [0, 1].map(|_| random.random_range(0.0..TAU));
+        let bias_deg = [0, 1].map(|_| if random.random_bool(0.5) { BIAS_DEG } else { -BIAS_DEG });
+        Self { random, amplitude_deg, phase, bias_deg }
+    }
+
+    fn normal(&mut self, sigma: f64) -> f64 {
+        let normal: f64 = StandardNormal.sample(&mut self.random);
+        normal * sigma
+    }
+
+    /// Roll and pitch at a time, degrees.
+    fn sways(&self, time_s: f64) -> [f64; 2] {
+        [0, 1].map(|i| self.amplitude_deg[i] * (self.phase[i] + TAU * time_s / STRIDE_S).sin())
+    }
+
+    /// How it is held at a time, and what the source tells.
+    fn held(&mut self, time_s: f64) -> [Tilt; 2] {
+        let late_s = self.random.random_range(0.0..LATE_MAX_S);
+        let (truth_deg, late_deg) = (self.sways(time_s), self.sways(time_s - late_s));
+        let told_deg = [0, 1].map(|i| late_deg[i] + self.bias_deg[i] + self.normal(NOISE_DEG));
+        let height_m = STANDING_M + self.normal(RISE_M).clamp(-3.0 * RISE_M, 3.0 * RISE_M);
+        [(truth_deg, height_m), (told_deg, STANDING_M)].map(|([roll_deg, pitch_deg], height_m)| {
+            let [roll_rad, pitch_rad] = [roll_deg.to_radians(), pitch_deg.to_radians()];
+            let attitude = Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m, standing_m: STANDING_M };
+            Tilt::of(&attitude).expect("known")
+        })
+    }
+}
+
+fn camera(width: usize, height: usize) -> DepthSensor {
+    let robot_from_camera = Pose3 { x_m: 0.28, z_m: 0.40, ..Pose3::default() };
+    let config = DepthConfig { width, height, redwood: 1.0, robot_from_camera, ..DepthConfig::default() };
+    DepthSensor::new(config, 1, 1).expect("a camera")
+}
+
+/// A room, and in it what stands there.
+fn room(things: Vec<Prism>) -> World {
+    let wall = |a: Point, b: Point| Prism::wall(vec![a, b], [0.0, 2.6]);
+    let [a, b, c, d] = [(-3.0, -2.0), (8.0, -2.0), (8.0, 2.0), (-3.0, 2.0)].map(|(x, y)| Point::new(x, y));
+    let mut prisms = vec![wall(a, b), wall(b, c), wall(c, d), wall(d, a)];
+    prisms.extend(things);
+    World::new(2.6, prisms)
+}
+
+fn looks(
+    camera: &mut DepthSensor,
+    world: &World,
+    at: Pose2,
+    held: &[Tilt; 2],
+    frame: u64,
+    pixels: &mut [u16],
+    view: &mut DepthView,
+) -> bool {
+    let tilt = Some(held[0]);
+    let scene = Scene { world, world_from_robot: at, tilt, world_from_handler: None, walkers: &[] };
+    camera.render(&scene, frame, pixels);
+    view.fill_tilted(&camera.depth_header(), pixels, Some(&held[1])).is_ok()
+}
+
+/// Frames of bare floor, of those with an obstacle within 2 m that is none, and of those that were refused.
+fn bare_floor(width: usize, height: usize, count: usize) -> [usize; 2] {
+    let (world, mut camera, mut view) = (room(Vec::new()), camera(width, height), DepthView::default());
+    let (mut pixels, mut wrong, mut refused) = (vec![0; camera.pixels()], 0, 0);
+    for i in 0..count {
+        let mut body = Body::new(i as u64);
+        camera.reseed(i as u64);
+        let at = Pose2::new(body.random.random_range(0.0..5.0), body.random.random_range(-1.0..1.0), body.normal(0.4));
+        let held = body.held(0.0);
+        let usable = looks(&mut camera, &world, at, &held, i as u64, &mut pixels, &mut view);
+        refused += usize::from(!usable);
+        let false_point = view
+            .points()
+            .iter()
+            .find(|point| point.coords.norm() < NEAR_M && world.clearance(se2(at) * *point, BODY_M, 1.0) > OFF_M);
+        if let Some(point) = false_point {
+            println!("frame {i}: {point} {:?}", held[1]);
+        }
+        wrong += usize::from(false_point.is_some());
+    }
+    println!("{width}x{height}: of {count} frames of bare floor {wrong} with a false obstacle, {refused} refused");
+    [wrong, refused]
+}
+
+/// Approaches to a thing of a height, of those where it was seen in time, and of those where the memory keeps it.
+fn approaches(width: usize, height: usize, high_m: f64, count: usize) -> [usize; 2] {
+    let (mut camera, mut view) = (camera(width, height), DepthView::default());
+    let (mut pixels, mut seen, mut kept) = (vec![0; camera.pixels()], 0, 0);
+    for i in 0..count {
+        let mut body = Body::new(1_000_000 + i as u64);
+        camera.reseed(i as u64);
+        let thing = Point::new(4.0, body.random.random_range(-0.35..0.35));
+        let turned_rad = body.random.random_range(0.0..TAU);
+        let world = room(vec![Prism::cuboid(thing, [0.1, 0.1], turned_rad, [0.0, high_m])]);
+        let (mut frames, mut evidence) = (0, 0.0);
+        // The nearest edge is still 1.2 m away at the last frame.
+        for step in 0..13 {
+            let distance_m = FOUND_M + 0.07 + 0.1 * f64::from(12 - step);
+            let time_s = 0.2 * f64::from(step);
+            let held = body.held(time_s);
+            let at = Pose2::new(thing.x - distance_m, 0.0, body.normal(0.03));
+            looks(&mut camera, &world, at, &held, step as u64, &mut pixels, &mut view);
+            if view.points().iter().any(|point| (se2(at) * *point - thing).norm() < 0.15) {
+                frames += 1;
+                evidence += distance_m.powi(-2).min(1.0);
+            }
+        }
+        seen += usize::from(frames > 0);
+        kept += usize::from(evidence >= ENOUGH);
+        if evidence < ENOUGH {
+            println!("approach {i}: seen in {frames} frames, at {:.2}, turned {turned_rad:.2}", thing.y);
+        }
+    }
+    println!("{width}x{height}, {high_m} m: of {count} approaches seen in {seen}, kept in {kept}");
+    [seen, kept]
+}
+
+#[test]
+fn bare_floor_is_no_obstacle() {
+    for (width, height, few) in [(160, 120, 150), (640, 480, 12)] {
+        let count = trials(few);
+        let [wrong, refused] = bare_floor(width, height, count);
+        assert!(
+            wrong * 1_000 <= count && refused * 1_000 <= count,
+            "{width}x{height}: {wrong} and {refused} of {count}"
+        );
+    }
+}
+
+#[test]
+fn a_low_thing_is_found_in_time() {
+    for (width, height, high_m, few) in [(160, 120, 0.12, 12), (640, 480, 0.08, 3)] {
+        let count = trials(few);
+        let [seen, kept] = approaches(width, height, high_m, count);
+        assert!((count - seen) * 100 <= count && (count - kept) * 100 <= count, "{width}x{height}: {seen} of {count}");
+    }
+}
