@@ -147,7 +147,7 @@ fn a_ray_meets_what_mujocos_own_ray_meets() {
     let mut groups = [0; 6];
     (groups[scene::SEEN as usize], groups[scene::PERSON as usize]) = (1, 1);
     let mut met = 0;
-    for i in 0..5000 {
+    for i in 1..=5000 {
         let angle = |of: f64| (f64::from(i) * of).sin();
         let way = nalgebra::Vector3::new(angle(1.1), angle(2.3), 0.6 * angle(3.7)).normalize();
         let from = [0.3 * angle(0.7), 0.3 * angle(0.9), 0.4 + 0.2 * angle(1.3)];
