@@ -7,7 +7,7 @@ use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, PERSON_HEIGHT_M, Prism, SeenBy, World};
+use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -25,7 +25,7 @@ pub const SEEN: i32 = 1;
 pub const PERSON: i32 = 0;
 /// Group of what only the camera sees: dirty glass.
 pub const SEEN_BY_CAMERA: i32 = 4;
-/// Group of what no sensor sees: clean glass.
+/// Group of what no sensor sees: clean glass, and the room that the handler needs.
 pub const UNSEEN: i32 = 5;
 
 /// What keeps a scene from being built.
@@ -147,11 +147,19 @@ fn add_person(still: &mut MjsBody, person: PersonConfig) {
         let joint = body.add_joint().with_name(name).with_type(kind);
         *joint.axis_mut() = [0, 1, 2].map(|i| f64::from(i == axis));
     }
-    let geom = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(PERSON);
     // It does not rub on the floor: what moves it is its own walking.
-    *geom.pos_mut() = [0.0, 0.0, f64::midpoint(CLEAR_M, person.height_m)];
-    *geom.size_mut() = [person.radius_m, (person.height_m - CLEAR_M) / 2.0, 0.0];
-    geom.set_mass(person.mass_kg);
+    let (middle_m, half_m) = (f64::midpoint(CLEAR_M, person.height_m), (person.height_m - CLEAR_M) / 2.0);
+    // The disc that may touch nothing has room for arms and a bag, which a lidar's plane does not meet.
+    let touching = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(UNSEEN);
+    *touching.pos_mut() = [0.0, 0.0, middle_m];
+    *touching.size_mut() = [person.radius_m, half_m, 0.0];
+    touching.set_mass(person.mass_kg);
+    let seen = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(PERSON);
+    *seen.pos_mut() = [0.0, 0.0, middle_m];
+    *seen.size_mut() = [person.radius_m.min(HANDLER_SEEN_RADIUS_M), half_m, 0.0];
+    seen.set_mass(0.0);
+    seen.set_contype(0);
+    seen.set_conaffinity(0);
 }
 
 /// Name of a pedestrian's body in the model.

@@ -51,7 +51,7 @@ pub use people::{Agent, People, Person, Walk};
 pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
 pub use prism::{Prism, SeenBy};
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
-pub use scene::{PERSON_HEIGHT_M, Scene};
+pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
 pub use site::{Course, Opening, Side, Site};
 pub use team::{Bodies, HandlerProfile, Stepped, Team};
 pub use world::World;
