@@ -62,9 +62,9 @@ impl VelocityLoop {
         slew: [0.05, 0.04, 0.10],
         lean_rad: f64::INFINITY,
     };
-    /// Twice as fast. Its trim goes no further: the policy answers a great trim by leaning against whoever pushes, and
-    /// not by walking. With a trim of 0.7 m/s it stood on the spot with its nose 30 degrees down, and as it stood,
-    /// nothing was left to correct. So the trim fades while the body leans more than a walk makes it lean.
+    /// Twice as fast, with the same limit on the trim. The policy answers a large trim by leaning against the handler's
+    /// push, not by walking: with a trim of 0.7 m/s the robot stood with its nose 30 degrees down, and the integral saw
+    /// no error. So the trim fades while the body leans more than it does in a walk.
     pub const STIFF: Self =
         Self { low_pass_s: 0.15, gain_per_s: [3.0, 3.0, 4.0], slew: [0.10, 0.08, 0.20], lean_rad: 0.14, ..Self::SOFT };
 }

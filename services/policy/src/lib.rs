@@ -122,7 +122,7 @@ impl PolicyService {
         Ok(())
     }
 
-    /// Takes in the newest measurements. Between decisions no one asks for them.
+    /// Takes in the newest measurements. They are needed at a decision only.
     fn look(&mut self, now_ns: u64) {
         if let Some(frame) = self.frame.take() {
             self.awareness.take_depth(frame.meta(), frame.data());

@@ -12,8 +12,6 @@ use messages::{
 };
 use settings::{Settings, Source};
 
-/// The time to the next scan is not taken from a gap that is longer.
-const GAP_NS: u64 = NS_PER_S;
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
 
@@ -76,7 +74,6 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     awareness: Awareness,
-    scan_period_ns: u64,
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
@@ -97,7 +94,6 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
-            scan_period_ns: config.scan_period_ns,
             jumps: 0,
             mode: None,
             running: None,
@@ -149,7 +145,6 @@ impl Core {
 
     /// A new scan: the verdict on the running action.
     pub fn on_scan(&mut self, now_ns: u64, header: &ScanHeader, ranges_m: &[f32]) -> Permit {
-        self.note_period(header);
         let usable = self.awareness.take_scan(now_ns, self.step_share(now_ns), header, ranges_m);
         self.invalid_inputs += u64::from(!usable);
         self.draw_belatedly(now_ns);
@@ -158,16 +153,11 @@ impl Core {
         permit
     }
 
-    /// How long to the next scan, by the time since the one before.
-    fn note_period(&mut self, header: &ScanHeader) {
-        let Some(last) = self.awareness.scan().filter(|last| last.incarnation == header.header.incarnation) else {
-            return;
-        };
-        let period_ns = header.header.stamp_ns.saturating_sub(last.stamp_ns);
-        if period_ns <= GAP_NS {
-            self.scan_period_ns =
-                period_ns.max(self.config.scan_period_ns / 2).min(self.config.awareness.scan_max_age_ns);
-        }
+    /// How long it is to the next scan.
+    fn scan_period_ns(&self) -> u64 {
+        let usual_ns = self.config.scan_period_ns;
+        let bounded = |period_ns: u64| period_ns.max(usual_ns / 2).min(self.config.awareness.scan_max_age_ns);
+        self.awareness.scan_period_ns().map_or(usual_ns, bounded)
     }
 
     /// A decision: drawn once, and judged at once where it is the active policy's.
@@ -340,7 +330,7 @@ impl Core {
         if !mode.allows_policy(running.action.header.incarnation) {
             return Outcome::NoAction;
         }
-        if now_ns >= running.end_ns + self.scan_period_ns {
+        if now_ns >= running.end_ns + self.scan_period_ns() {
             return Outcome::ActionEnded;
         }
         match running.drawn {
@@ -355,7 +345,7 @@ impl Core {
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
     /// it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
-        for end_ns in [running.end_ns + self.scan_period_ns, running.end_ns] {
+        for end_ns in [running.end_ns + self.scan_period_ns(), running.end_ns] {
             if end_ns <= now_ns {
                 break;
             }

@@ -21,7 +21,7 @@ use crate::teacher::Teacher;
 const TRIES: u64 = 10_000;
 /// They have come along the corridor: the robot looked around so far before the place where the cue is given, metres.
 const LOOKED_M: [f64; 3] = [2.25, 1.5, 0.75];
-/// From one of these looks to the next so much time has passed, seconds: enough to walk all of it.
+/// Time between two of these looks, seconds: enough to walk from the first place to the last.
 const BETWEEN_S: f64 = 4.5;
 
 /// What one decision came to.
@@ -187,7 +187,7 @@ impl Episode {
         }
     }
 
-    /// They stand here, however they came here.
+    /// They have come here and stand.
     fn rest(&mut self) {
         self.look(BETWEEN_S);
         self.awareness.rest();

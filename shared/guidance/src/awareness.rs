@@ -18,8 +18,6 @@ use crate::track::{Pace, PoseTrack};
 use moving::Moving;
 use surroundings::Surroundings;
 
-/// Without a scan for this long, the handler's estimate is worth nothing.
-const GAP_NS: u64 = NS_PER_S;
 /// After a jump the poses must go on without one for this long.
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
@@ -32,6 +30,8 @@ pub struct AwarenessConfig {
     pub memory: Option<MemoryConfig>,
     /// How fast the robot can be: a pose that is farther off is a jump.
     pub pace: Pace,
+    /// Without a scan for longer, the handler's estimate is worth nothing, nanoseconds.
+    pub scan_gap_ns: u64,
     /// The oldest scan that is judged on, nanoseconds.
     pub scan_max_age_ns: u64,
     /// The oldest depth frame that is judged on, nanoseconds.
@@ -68,11 +68,12 @@ pub struct Awareness {
     /// Where the robot is now.
     odom_from_robot: Se2,
     jumped_at_ns: Option<u64>,
+    scan_period_ns: Option<u64>,
     moving: Moving,
 }
 
 impl Awareness {
-    /// Nothing known yet of a handler who follows by that model.
+    /// Nothing is known yet; the handler follows by that model.
     #[must_use]
     pub fn new(model: InteractionModel, config: AwarenessConfig) -> Self {
         Self {
@@ -82,6 +83,7 @@ impl Awareness {
             track: PoseTrack::default(),
             odom_from_robot: Se2::identity(),
             jumped_at_ns: None,
+            scan_period_ns: None,
             moving: Moving::default(),
             config,
         }
@@ -122,8 +124,10 @@ impl Awareness {
     pub fn take_scan(&mut self, now_ns: u64, step_share: f64, header: &ScanHeader, ranges_m: &[f32]) -> bool {
         if let Some(last) = self.scan() {
             let period_ns = header.header.stamp_ns.saturating_sub(last.stamp_ns);
-            if period_ns > GAP_NS || header.header.incarnation != last.incarnation {
+            if period_ns > self.config.scan_gap_ns || header.header.incarnation != last.incarnation {
                 self.handler.reset(&self.odom_from_robot);
+            } else {
+                self.scan_period_ns = Some(period_ns);
             }
         }
         let is_usable = self.surroundings.take_scan(header, ranges_m, &self.track);
@@ -153,7 +157,7 @@ impl Awareness {
         self.handler.begin_step(&self.odom_from_robot);
     }
 
-    /// Robot and handler stand at rest here, however they came here.
+    /// Robot and handler stand at rest here: nothing carries them on, and the handler is at the default place.
     pub fn rest(&mut self) {
         self.moving = Moving::default();
         self.handler.reset(&self.odom_from_robot);
@@ -248,6 +252,12 @@ impl Awareness {
     #[must_use]
     pub fn scan(&self) -> Option<Header> {
         self.surroundings.scan()
+    }
+
+    /// The time between the last two scans without a gap between them, nanoseconds.
+    #[must_use]
+    pub fn scan_period_ns(&self) -> Option<u64> {
+        self.scan_period_ns
     }
 
     /// The newest scan's header, where it can be used and is fresh.

@@ -41,6 +41,8 @@ pub use shield::{Choice, MemorySettings, ShieldSettings};
 pub(crate) use speak::check as check_speak;
 pub use speak::{Speak, SpokenLanguage, Verbosity};
 
+/// Without a scan for longer, the handler's estimate is worth nothing, unless decisions are farther apart.
+const SCAN_GAP_NS: u64 = NS_PER_S;
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
 
@@ -168,6 +170,8 @@ impl Settings {
             limits: self.handler_limits(),
             memory: self.memory_config(),
             pace: Pace::of_limits(limits.speed_mps.get(), limits.turn_radps.get()),
+            // The policy and episodes take a scan for each decision.
+            scan_gap_ns: SCAN_GAP_NS.max(2 * self.policy.dt.ns()),
             scan_max_age_ns: self.max_age_ns(TopicId::LidarScan),
             depth_max_age_ns: self.max_age_ns(TopicId::DepthFrame),
             odometry_max_age_ns: self.max_age_ns(TopicId::Odometry),
