@@ -96,6 +96,8 @@ pub struct Observation<'a> {
     pub ranges: &'a [f32],
     /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
     pub obstacles: &'a [Point],
+    /// Where the handler was seen, robot frame; none: the engine's own model tells.
+    pub handler: Option<Point>,
     /// The robot in the odometry frame, when the scan was taken.
     pub odom_from_robot: Pose2,
     /// Which life of the odometry that frame belongs to; another one voids the memory.
@@ -216,6 +218,9 @@ impl GeometricEngine {
             self.last_motion = Se2::identity();
             self.robot_from_handler = self.team.robot_from_handler();
             self.unrest = 1.0;
+        }
+        if let Some(handler) = observation.handler {
+            self.robot_from_handler.translation.vector = handler.coords;
         }
         self.odom_from_robot = odom_from_robot;
         self.history.push_back(odom_from_robot);

@@ -76,6 +76,7 @@ impl Engine for GeometricEngine {
                 scan: situation.scan,
                 ranges: situation.ranges,
                 obstacles: depth.map_or(&[][..], guidance::DepthView::points),
+                handler: Some(situation.handler.center),
                 odom_from_robot: pose2(&situation.odom_from_robot),
                 odometry_incarnation: situation.odometry_incarnation,
                 start_from_robot: pose2(&situation.start_from_robot),

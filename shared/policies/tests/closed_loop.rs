@@ -215,6 +215,7 @@ impl Walk {
                 scan: &header,
                 ranges: &ranges,
                 obstacles: &[],
+                handler: None,
                 odom_from_robot: pose2(&robot),
                 odometry_incarnation: 1,
                 start_from_robot: pose2(&(cue_start.inverse() * robot)),
@@ -524,6 +525,7 @@ fn odd_input_stands() {
             scan: header,
             ranges,
             obstacles: &[Point::new(f64::NAN, 0.0)],
+            handler: None,
             odom_from_robot: *pose,
             odometry_incarnation: 1,
             start_from_robot: Pose2::default(),
@@ -538,6 +540,7 @@ fn odd_input_stands() {
             scan: &header,
             ranges: &ranges,
             obstacles: &[Point::new(0.5, 0.0), Point::new(1e12, -1e300)],
+            handler: None,
             odom_from_robot: Pose2::new(1e5, -1e5, 3.0),
             odometry_incarnation: 2,
             start_from_robot: Pose2::default(),
@@ -546,4 +549,36 @@ fn odd_input_stands() {
         });
         assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-5);
     }
+}
+
+/// A frame's noise across the way is not what the way is chosen by; the shield looks at it. What is seen again is.
+#[test]
+fn what_one_frame_saw_does_not_stop_the_team_and_what_two_saw_does() {
+    let header =
+        ScanHeader { angle_min_rad: -PI, angle_increment_rad: TAU / 360.0, range_max_m: 10.0, ..ScanHeader::default() };
+    let corridor =
+        |i: u32| (1.2 / (header.angle_min_rad + header.angle_increment_rad * f64::from(i)).sin().abs()) as f32;
+    let ranges: Vec<f32> = (0..360).map(corridor).collect();
+    let bar: Vec<Point> = (-12..=12).map(|i| Point::new(0.8, 0.1 * f64::from(i))).collect();
+    let mut engine = GeometricEngine::new(GeometricConfig::default(), ActionTable::eight());
+    let mut goes_ahead = |obstacles: &[Point]| {
+        let shares = engine.decide(&Observation {
+            scan: &header,
+            ranges: &ranges,
+            obstacles,
+            handler: Some(Point::new(-0.75, -0.35)),
+            odom_from_robot: Pose2::default(),
+            odometry_incarnation: 1,
+            start_from_robot: Pose2::default(),
+            cue: CueKind::Forward,
+            cue_is_new: false,
+        });
+        shares[1] > 0.5
+    };
+    assert!(goes_ahead(&[]));
+    assert!(goes_ahead(&bar), "a glimpse");
+    assert!(goes_ahead(&[]));
+    assert!(goes_ahead(&[]) && goes_ahead(&[]) && goes_ahead(&bar), "the glimpse is forgotten");
+    assert!(!goes_ahead(&bar), "seen again");
+    assert!(!goes_ahead(&[]), "below what the camera sees from here");
 }

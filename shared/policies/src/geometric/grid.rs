@@ -14,6 +14,8 @@ pub const CLEARANCE_MAX_M: f64 = 1.0;
 const PASS_M: f64 = 0.12;
 /// Round the robot and the handler the floor is free: they stand on it, metres.
 const STANDING_M: f64 = 0.25;
+/// What the camera sees is there where it saw it before, in one of the last so many updates: a single frame may be noise.
+const GLIMPSED: u64 = 3;
 
 /// What is known of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -35,6 +37,8 @@ struct Cell {
     seen: u64,
     /// Seen by the camera alone: the lidar looks over or under it and cannot free it.
     camera_only: bool,
+    /// The update at which the camera saw something there; 0: none.
+    glimpsed: u64,
 }
 
 /// The rolling memory, in the odometry frame.
@@ -85,7 +89,7 @@ impl Memory {
         for place in obstacles.iter().filter(|place| place.coords.norm() < SIDE as f64 * CELL_M / 2.0) {
             let at = odom_from_robot * place;
             if !self.lidar_sees_it(at) {
-                self.occupy(at, true);
+                self.glimpse(at);
             }
         }
     }
@@ -109,7 +113,7 @@ impl Memory {
                 stood_on || beams.passed_by_m(place) > 0.0
             };
             if free {
-                *cell = Cell { key, known: Known::Free, seen: self.now, ..Cell::default() };
+                *cell = Cell { key, known: Known::Free, seen: self.now, glimpsed: cell.glimpsed, ..Cell::default() };
             }
         }
     }
@@ -118,15 +122,33 @@ impl Memory {
         let key = key_of(at);
         let cell = &mut self.cells[slot_of(key)];
         if cell.key == key {
-            *cell = Cell { key, known: Known::Occupied, hit: at, seen: self.now, camera_only };
+            *cell = Cell { key, known: Known::Occupied, hit: at, seen: self.now, camera_only, glimpsed: cell.glimpsed };
+        }
+    }
+
+    fn glimpse(&mut self, at: Point) {
+        let recent = self.now.saturating_sub(GLIMPSED)..self.now;
+        let is_known = |cell: &Cell| cell.known == Known::Occupied && cell.camera_only;
+        if self.is_about(at, |cell| is_known(cell) || cell.glimpsed > 0 && recent.contains(&cell.glimpsed)) {
+            self.occupy(at, true);
+        }
+        let key = key_of(at);
+        let cell = &mut self.cells[slot_of(key)];
+        if cell.key == key && cell.glimpsed != self.now {
+            cell.glimpsed = self.now;
         }
     }
 
     fn lidar_sees_it(&self, at: Point) -> bool {
+        self.is_about(at, |cell| cell.known == Known::Occupied && cell.seen == self.now && !cell.camera_only)
+    }
+
+    /// Whether that holds of a place's cell or one beside it.
+    fn is_about(&self, at: Point, holds: impl Fn(&Cell) -> bool) -> bool {
         let (i, j) = key_of(at);
         (-1..=1).flat_map(|di| (-1..=1).map(move |dj| (i + di, j + dj))).any(|key| {
             let cell = &self.cells[slot_of(key)];
-            cell.key == key && cell.known == Known::Occupied && cell.seen == self.now && !cell.camera_only
+            cell.key == key && holds(cell)
         })
     }
 
