@@ -11,6 +11,7 @@ mod fault_matrix;
 mod faults;
 mod gstreamer;
 mod hearing;
+mod hulls;
 mod injection;
 mod legged;
 mod links;

@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use episodes::{Excess, OpenFloor};
+use episodes::OpenFloor;
 use guidedog_mujoco::motion::LeggedMotion;
 use guidedog_simulator::Motion;
 use settings::Profile;
@@ -23,14 +23,6 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     let mut motion = LeggedMotion::new(&settings, &scenario, &World::new(2.6, Vec::new()))?;
     let step = |command| motion.step(command).map(|()| motion.truth());
     let excess = OpenFloor::new(&settings)?.measure(decisions, settings.simulation.seed, step)?;
-    println!("{} of {} decisions beyond the hull", excess.beyond(), excess.decisions);
-    for (what, figures) in [
-        ("robot beyond", &excess.robot_beyond_m),
-        ("handler beyond", &excess.handler_beyond_m),
-        ("the hull wider by", &excess.wider_m),
-    ] {
-        let [p50, p95, p99, max] = [0.5, 0.95, 0.99, 1.0].map(|share| 100.0 * Excess::quantile_m(figures, share));
-        println!("{what}: p50 {p50:.1}, p95 {p95:.1}, p99 {p99:.1}, max {max:.1} cm (n = {})", figures.len());
-    }
+    println!("{excess}");
     Ok(())
 }

@@ -1,13 +1,15 @@
 //! Whether robot and handler stay within the hull that was judged: how far they leave it, and by how much it is wider
 //! than what they do. On open floor, over random actions that begin anew every decision, and stops after a few.
 
-use guidance::se2::{Point, Se2, se2};
-use guidance::{ActionTable, Awareness, AwarenessConfig, Hull, Shield};
+use guidance::se2::se2;
+use guidance::{ActionTable, Awareness, AwarenessConfig, Shield};
 use messages::{Attitude, Header, Odometry, ScanHeader, Twist2, WorldTruth};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use settings::Settings;
 use world::{LidarConfig, LidarSensor, Scene, TICK_S, World};
+
+use crate::judged::{Judged, Shape};
 
 /// The most actions before a stop, and the decisions in which robot and handler then come to rest.
 const BURST: usize = 4;
@@ -40,6 +42,14 @@ impl Excess {
             .count()
     }
 
+    /// Adds what came of another run.
+    pub fn add(&mut self, other: Self) {
+        self.decisions += other.decisions;
+        self.robot_beyond_m.extend(other.robot_beyond_m);
+        self.handler_beyond_m.extend(other.handler_beyond_m);
+        self.wider_m.extend(other.wider_m);
+    }
+
     /// A quantile of some of its figures, 0 to 1, metres; NaN where there are none.
     #[must_use]
     pub fn quantile_m(figures: &[f64], share: f64) -> f64 {
@@ -49,16 +59,23 @@ impl Excess {
     }
 }
 
-/// A hull that was judged, and what it has held so far.
-struct Judged {
-    /// Robot of then (world frame).
-    world_from_robot: Se2,
-    hull: Hull,
-    /// Where robot (0) and handler (1) end in it, as discs: body, middle, radius.
-    ends: Vec<(usize, Point, f64)>,
-    /// The distance of each to the nearest disc that robot or handler covered.
-    missed_m: Vec<f64>,
-    beyond_m: [f64; 2],
+impl std::fmt::Display for Excess {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} of {} decisions beyond the hull", self.beyond(), self.decisions)?;
+        for (what, figures) in [
+            ("robot beyond", &self.robot_beyond_m),
+            ("handler beyond", &self.handler_beyond_m),
+            ("the hull wider by", &self.wider_m),
+        ]
+        .into_iter()
+        .filter(|(_, figures)| !figures.is_empty())
+        {
+            let [p50, p95, p99, max] = [0.5, 0.95, 0.99, 1.0].map(|share| 100.0 * Self::quantile_m(figures, share));
+            let n = figures.len();
+            write!(f, "\n{what}: p50 {p50:.1}, p95 {p95:.1}, p99 {p99:.1}, max {max:.1} cm (n = {n})")?;
+        }
+        Ok(())
+    }
 }
 
 /// A shield over a pair on open floor.
@@ -70,8 +87,7 @@ pub struct OpenFloor {
     shield: Shield,
     table: ActionTable,
     dt_s: f64,
-    nose_m: f64,
-    radii_m: [f64; 2],
+    shape: Shape,
     ticks: u64,
     /// The command before.
     moves: Twist2,
@@ -93,8 +109,7 @@ impl OpenFloor {
             shield: Shield::new(settings.shield_config()),
             table: settings.policy.actions.table(),
             dt_s: settings.policy.dt.s(),
-            nose_m: settings.robot.nose_m,
-            radii_m: [settings.robot.radius_m.get(), settings.handler.radius_m.get()],
+            shape: Shape::of(settings),
             ticks: 0,
             moves: Twist2::ZERO,
         })
@@ -143,19 +158,9 @@ impl OpenFloor {
         self.awareness.begin_step();
         let handler = self.awareness.handler();
         let motion = Shield::predict(handler, &self.table.actions()[action].start_from_end());
-        let discs = self.shield.swept(&motion, self.moves, handler.body(self.lidar.config().sigma_m));
-        // Those of now come first.
-        let now = 1 + if self.nose_m > 0.0 { 2 } else { 1 };
-        // The robot's end is next, then the handler's, and where they rest.
-        let body = |i: usize| usize::from(i + 1 >= now);
-        let ends: Vec<_> = discs[now..]
-            .iter()
-            .take(now + 1)
-            .enumerate()
-            .map(|(i, disc)| (body(i), disc.center, disc.radius_m))
-            .collect();
-        let missed_m = vec![f64::INFINITY; ends.len()];
-        Judged { world_from_robot, hull: Hull::new(discs), ends, missed_m, beyond_m: [f64::NEG_INFINITY; 2] }
+        let body = handler.body(self.lidar.config().sigma_m);
+        let discs = self.shield.swept(&motion, self.moves, body);
+        Judged::new(self.shape, world_from_robot, body, discs)
     }
 
     fn carry_out<E>(
@@ -170,7 +175,7 @@ impl OpenFloor {
         for tick in 1..=ticks {
             *truth = step(velocity)?;
             if tick % LOOK == 0 {
-                self.hold(truth, judged);
+                judged.hold(truth);
             }
             // A lidar of 10 Hz; the decision's own scan is taken where it is judged.
             if tick % 10 == 0 && tick < ticks {
@@ -190,23 +195,5 @@ impl OpenFloor {
         self.awareness.take_odometry(&Odometry { header, odom_from_robot, twist, ..Odometry::default() });
         let scan = ScanHeader { header, ..self.lidar.scan_header() };
         self.awareness.take_scan(now_ns, share, &scan, &self.ranges_m);
-    }
-
-    /// Where robot and handler are now, held against a hull.
-    fn hold(&self, truth: &WorldTruth, judged: &mut Judged) {
-        let then_from_world = judged.world_from_robot.inverse();
-        let robot = then_from_world * se2(truth.world_from_robot);
-        let handler = then_from_world * se2(truth.world_from_handler);
-        let noses = [self.nose_m, -self.nose_m].map(|ahead_m| robot * Point::new(ahead_m, 0.0));
-        let discs = [(0, noses[0]), (0, noses[1]), (1, Point::from(handler.translation.vector))];
-        for (body, at) in discs {
-            let beyond_m = judged.hull.signed_distance_m(at) + self.radii_m[body];
-            judged.beyond_m[body] = judged.beyond_m[body].max(beyond_m);
-            let ends = judged.ends.iter().zip(&mut judged.missed_m);
-            for ((_, end, radius_m), missed_m) in ends.filter(|((of, ..), _)| *of == body) {
-                // By how much the disc of the end reaches beyond this one.
-                *missed_m = missed_m.min((end - at).norm() + radius_m - self.radii_m[body]);
-            }
-        }
     }
 }

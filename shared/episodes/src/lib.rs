@@ -8,10 +8,12 @@ pub mod batch;
 pub mod config;
 pub mod episode;
 pub mod excess;
+mod judged;
 mod of_settings;
 pub mod score;
 pub mod task;
 pub mod teacher;
+pub mod walked;
 
 pub use batch::{Batch, Finished};
 pub use config::{Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
@@ -20,6 +22,7 @@ pub use excess::{Excess, OpenFloor};
 pub use score::{Report, Score};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;
+pub use walked::Walked;
 
 /// The seed of part `part` of something with the seed `seed`: what the parts draw does not hang together.
 #[must_use]

@@ -19,18 +19,7 @@ fn measure(settings: &Settings, decisions: usize) -> Excess {
         Ok::<_, Infallible>(physics.truth())
     };
     let Ok(excess) = floor.measure(decisions, 1, step);
-    let cm = |figures: &[f64], share: f64| 100.0 * Excess::quantile_m(figures, share);
-    println!(
-        "{} of {} beyond; robot p50 {:.1} max {:.1}, handler p50 {:.1} max {:.1}; wider by p50 {:.1} p95 {:.1} cm",
-        excess.beyond(),
-        excess.decisions,
-        cm(&excess.robot_beyond_m, 0.5),
-        cm(&excess.robot_beyond_m, 1.0),
-        cm(&excess.handler_beyond_m, 0.5),
-        cm(&excess.handler_beyond_m, 1.0),
-        cm(&excess.wider_m, 0.5),
-        cm(&excess.wider_m, 0.95),
-    );
+    println!("{excess}");
     excess
 }
 

@@ -1,6 +1,8 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
+use std::iter;
+
 use crate::hull::Disc;
 use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
@@ -22,6 +24,12 @@ const STEP: f64 = 1.6;
 const PRIOR_HITS: f64 = 1.0;
 /// Beams through the middle of the handler's disc of which so large a share passes say that nobody is there.
 const PASSING_SHARE: f64 = 0.8;
+/// Two places of the handler that are nearer to each other are one, metres.
+const APART_M: f64 = 0.01;
+/// The most that the handler is taken to go from one scan to the next, metres: a scan may have been lost.
+const WENT_MAX_M: f64 = 0.30;
+/// From a scan to the verdict on the next one, in periods of scans.
+const UNTIL_NEXT: f64 = 1.25;
 /// The estimate strays from the default offset by at most this beyond the model's largest lag, metres.
 const STRAY_MAX_M: f64 = 0.30;
 
@@ -59,13 +67,41 @@ pub struct HandlerBody {
     pub radius_m: f64,
     /// What a beam meets within this distance of the middle is the handler, metres; none: nothing is.
     pub mask_radius_m: Option<f64>,
+    /// Where the newest scan saw the handler, if it did.
+    pub seen: Option<Seen>,
+}
+
+/// Where a scan saw the handler, robot frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// The middle of their disc: they may stand there still.
+    pub at: Point,
+    /// Where it is by the next scan if they go on as they came from the scan before.
+    pub next: Point,
 }
 
 impl HandlerBody {
     /// Whether a beam that ends there ends on the handler.
     #[must_use]
     pub fn masks(&self, end: Point) -> bool {
-        self.mask_radius_m.is_some_and(|mask_m| (end - self.center).norm_squared() <= mask_m * mask_m)
+        let Some(mask_m) = self.mask_radius_m else { return false };
+        self.mask_centers().any(|center| (end - center).norm_squared() <= mask_m * mask_m)
+    }
+
+    /// What the discs are about within which a beam ends on the handler: where they are taken to be, and where the beams
+    /// met them.
+    pub(crate) fn mask_centers(&self) -> impl Iterator<Item = Point> {
+        let seen = self.seen.map(|seen| seen.at).filter(|at| self.is_apart(at));
+        iter::once(self.center).chain(seen)
+    }
+
+    /// Where they may be instead: a model pulls the estimate to where they should walk, and a person takes longer.
+    pub fn elsewhere(&self) -> impl Iterator<Item = Point> {
+        self.seen.into_iter().flat_map(|seen| [seen.at, seen.next]).filter(|at| self.is_apart(at))
+    }
+
+    fn is_apart(&self, at: &Point) -> bool {
+        (at - self.center).norm() > APART_M
     }
 }
 
@@ -79,6 +115,10 @@ pub struct HandlerEstimate {
     /// The robot then, in the odometry frame.
     odom_from_start: Se2,
     robot_from_handler: Se2,
+    /// The robot at the last prediction (odometry frame).
+    odom_from_robot: Se2,
+    /// The handler where the newest scan saw them, and the one before it (odometry frame).
+    odom_from_seen: [Option<Point>; 2],
     /// By how much the radius is widened for what is not known, metres.
     widening_m: f64,
     absent_since_ns: Option<u64>,
@@ -96,6 +136,8 @@ impl HandlerEstimate {
             start_robot_from_handler: default,
             odom_from_start: Se2::identity(),
             robot_from_handler: default,
+            odom_from_robot: Se2::identity(),
+            odom_from_seen: [None; 2],
             widening_m: 0.0,
             absent_since_ns: None,
         };
@@ -110,7 +152,7 @@ impl HandlerEstimate {
     /// After a gap, a restart or a new odometry frame: nothing is known any more.
     pub fn reset(&mut self, odom_from_robot: &Se2) {
         *self = Self::new(self.model.clone(), self.limits.clone());
-        self.odom_from_start = *odom_from_robot;
+        (self.odom_from_start, self.odom_from_robot) = (*odom_from_robot, *odom_from_robot);
     }
 
     /// The model by which it is predicted.
@@ -153,6 +195,7 @@ impl HandlerEstimate {
     pub fn predict(&mut self, odom_from_robot: &Se2, fraction: f64) {
         let moved = self.odom_from_start.inverse() * odom_from_robot;
         self.robot_from_handler = self.model.follow(&self.start_robot_from_handler, &moved, fraction);
+        self.odom_from_robot = *odom_from_robot;
     }
 
     /// Where the handler will be after the further motion `now_from_then`, at the share `fraction` of the step.
@@ -170,7 +213,17 @@ impl HandlerEstimate {
             center: place(&self.robot_from_handler),
             radius_m: self.radius_m(),
             mask_radius_m: Some(self.limits.radius_m + 3.0 * sigma_m),
+            seen: self.seen(),
         }
+    }
+
+    fn seen(&self) -> Option<Seen> {
+        let robot_from_odom = self.odom_from_robot.inverse();
+        let [at, before] = self.odom_from_seen;
+        let (at, before) = (at?, before.or(at)?);
+        // The next verdict comes a little after the next scan.
+        let went = (at - before).cap_magnitude(WENT_MAX_M) * UNTIL_NEXT;
+        Some(Seen { at: robot_from_odom * at, next: robot_from_odom * (at + went) })
     }
 
     /// Takes in what the lidar sees there.
@@ -180,6 +233,7 @@ impl HandlerEstimate {
             let guess = self.nearest_within_widening(beams, center)?;
             self.fit(beams, guess)
         });
+        self.odom_from_seen = [seen.map(|middle| self.odom_from_robot * middle), self.odom_from_seen[0]];
         if let Some(middle) = seen {
             self.absent_since_ns = None;
             self.draw_towards(middle);
@@ -416,5 +470,22 @@ mod tests {
         }
         let default = estimate.model().robot_from_default().translation.vector;
         assert!((truth.translation.vector - default).norm() > 0.4, "far beyond any leash about the default");
+    }
+
+    #[test]
+    fn a_handler_who_moves_is_expected_on_by_the_next_scan_and_one_not_seen_nowhere() {
+        let mut estimate = estimate();
+        for (n, x_m) in [-0.80, -0.75].into_iter().enumerate() {
+            let _ = estimate.correct(&scan_of(Some(Point::new(x_m, -0.35))), n as u64);
+        }
+        let seen = estimate.body(0.01).seen.expect("seen");
+        assert!((seen.at - Point::new(-0.75, -0.35)).norm() < 0.02, "{seen:?}");
+        assert!((seen.next - seen.at - nalgebra::Vector2::new(0.0625, 0.0)).norm() < 0.02, "{seen:?}");
+        // Where the robot turns on the spot, they stay where they are.
+        estimate.predict(&se2(Pose2::new(0.0, 0.0, 0.1)), 1.0);
+        let turned = estimate.body(0.01).seen.expect("seen");
+        assert!((se2(Pose2::new(0.0, 0.0, 0.1)) * turned.at - seen.at).norm() < 1e-9);
+        let _ = estimate.correct(&scan_of(None), 2);
+        assert_eq!(estimate.body(0.01).seen, None);
     }
 }

@@ -203,7 +203,8 @@ mod tests {
     }
 
     fn observe(beams: &Beams, cue: CueKind) -> [f32; LENGTH] {
-        let handler = HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.3) };
+        let handler =
+            HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.3), seen: None };
         let senses = Senses {
             beams,
             depth: None,

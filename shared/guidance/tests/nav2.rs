@@ -71,7 +71,7 @@ fn is_free(radius_m: f64, velocity: Twist2, time_s: f64, beams: &Beams) -> bool 
         reach: Reach::default(),
     });
     let robot = exp(velocity, time_s);
-    let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None };
+    let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None, seen: None };
     let mut judgements = Vec::new();
     let motion = Motion::new(robot, robot);
     shield.judge_motions([motion].into_iter(), Evidence::scan(beams), alone, &mut judgements);

@@ -133,6 +133,7 @@ impl Moment {
             center: disc(self.handler, 0.0).center,
             radius_m: self.handler_radius_m,
             mask_radius_m: self.mask_radius_m,
+            seen: None,
         }
     }
 

@@ -57,7 +57,8 @@ fn decide(pilot: &mut Pilot, cue: CueKind, cue_is_new: bool, start_from_robot: S
     let ranges = [5.0; 300];
     let mut beams = Beams::default();
     beams.fill(&header, &ranges).expect("usable");
-    let handler = HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.3) };
+    let handler =
+        HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.3), seen: None };
     let situation = Situation {
         scan: &header,
         ranges: &ranges,

@@ -145,6 +145,7 @@ impl Ours {
             center: Point::from(handler.translation.vector),
             radius_m: HANDLER_RADIUS_M,
             mask_radius_m: Some(HANDLER_RADIUS_M + 0.03),
+            seen: None,
         };
         self.shield.judge_motions(motions, Evidence::scan(&self.beams), body, &mut self.judgements);
         black_box(&self.judgements);

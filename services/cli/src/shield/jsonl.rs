@@ -192,6 +192,7 @@ impl Judge {
             center: Point::from(handler.translation.vector),
             radius_m: case.handler_radius_m,
             mask_radius_m: case.handler_mask_margin_m.map(|margin_m| case.handler_radius_m + margin_m),
+            seen: None,
         };
         let mut shield = Shield::new(ShieldConfig {
             robot_radius_m: case.robot_radius_m,

@@ -233,6 +233,7 @@ impl Study {
             center: Point::from(self.handler.translation.vector),
             radius_m: self.handler_radius_m,
             mask_radius_m: Some(self.handler_radius_m + 3.0 * self.beams.sigma_m()),
+            seen: None,
         }
     }
 
@@ -267,7 +268,7 @@ impl Study {
         for i in 0..self.moves.len() {
             let radius_m = self.moves[i].robot_radius_m;
             let mut shield = self.shield(radius_m, RULES[0]);
-            let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None };
+            let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None, seen: None };
             let motions = [*moved, Se2::identity()].map(|end| Motion::new(end, end));
             let evidence = Evidence::scan(&self.beams);
             shield.judge_motions(motions.into_iter(), evidence, alone, &mut self.judgements);

@@ -16,7 +16,7 @@ fn memory() -> Memory {
 }
 
 fn handler() -> HandlerBody {
-    HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.28) }
+    HandlerBody { center: Point::new(-0.75, -0.35), radius_m: 0.25, mask_radius_m: Some(0.28), seen: None }
 }
 
 fn pose_nearby() -> impl Strategy<Value = Pose2> {

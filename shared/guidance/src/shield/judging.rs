@@ -67,6 +67,9 @@ impl<'a> Present<'a> {
         let mut now = Discs::none();
         push_robot(&mut now, config, &Se2::identity());
         now.push(handler_disc);
+        for center in handler.elsewhere() {
+            now.push(Disc { center, ..handler_disc });
+        }
         let hull = OnceCell::new();
         let carried = config.reach.carries_to(&moves);
         let mut present = Self { config, beams, depth, memory, handler, now, carried, handler_disc, hull, sorted };
@@ -108,13 +111,17 @@ impl<'a> Present<'a> {
 
     fn find_masked(&self, sorted: &mut Sorted) {
         let Some(mask_m) = self.handler.mask_radius_m else { return };
-        for i in self.beams.fan().towards(self.handler.center, mask_m).into_iter().flatten() {
-            let beam = &self.beams.beams()[i];
-            if beam.kind == BeamKind::Hit && self.handler.masks(beam.end) {
-                sorted.masked.push(i);
-                sorted.readings.leave_out(i);
+        for center in self.handler.mask_centers() {
+            for i in self.beams.fan().towards(center, mask_m).into_iter().flatten() {
+                let beam = &self.beams.beams()[i];
+                let is_new = sorted.readings.get(i).is_finite();
+                if is_new && beam.kind == BeamKind::Hit && self.handler.masks(beam.end) {
+                    sorted.masked.push(i);
+                    sorted.readings.leave_out(i);
+                }
             }
         }
+        sorted.masked.sort_unstable();
     }
 
     fn sort_from_outside(&self, sorted: &mut Sorted) {

@@ -1,7 +1,7 @@
 use super::judging::nearest_on_arc;
-use super::{Draw, Evidence, Judgement, Reach, Shield, ShieldConfig, choose, suppress};
+use super::{Draw, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, choose, suppress};
 use crate::action::ActionTable;
-use crate::handler::{HandlerEstimate, HandlerLimits};
+use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Seen};
 use crate::hull::{Disc, Hull};
 use crate::interaction::{DelayedHarness, Interaction, place};
 use crate::memory::{Memory, MemoryConfig};
@@ -90,6 +90,28 @@ fn beams_on_the_handler_are_masked_and_others_are_not() {
     assert_eq!(judge(&scan(&header(), 360, &[on_handler]), false).0, 0);
     let (_, judgements) = judge(&scan(&header(), 360, &[on_handler]), false);
     assert!(judgements[1].unseen_area_m2 > 0.0, "what is behind the handler is blind");
+}
+
+/// The model has drawn the estimate to where a handler should walk; this one has not come there yet.
+#[test]
+fn where_the_handler_was_seen_is_in_the_hull_and_is_no_obstacle() {
+    let taken = handler().body(0.01);
+    let at = Point::new(-0.75, -0.60);
+    let late = HandlerBody { seen: Some(Seen { at, next: at }), ..taken };
+    let motion = Motion::new(Se2::translation(0.25, 0.0), Se2::translation(-0.6, -0.35));
+    let mut shield = Shield::new(config(false));
+    let beside = Point::new(-0.75, -0.83);
+    let mut holds = |body| Hull::new(shield.swept(&motion, Twist2::ZERO, body)).contains(beside);
+    assert_eq!((holds(taken), holds(late)), (false, true));
+    let mut is_safe = |point: Point, body| {
+        let (beams, mut judgements) = (scan(&header(), 360, &[point]), Vec::new());
+        shield.judge_motions([motion.clone()].into_iter(), Evidence::scan(&beams), body, &mut judgements);
+        judgements[0].safe
+    };
+    let on_them = Point::new(-0.62, -0.68);
+    assert!(is_safe(on_them, late), "it is the handler whom the beam meets");
+    // Something between the two places is in the way.
+    assert!(!is_safe(Point::new(-0.40, -0.40), late));
 }
 
 #[test]

@@ -1,0 +1,71 @@
+//! Robot and handler stay within the hulls of a walk's permits.
+
+use std::fs;
+use std::path::Path;
+
+use episodes::{Excess, Walked};
+use guidedog_tests::{Place, has_legs};
+use recording::{Reader, Record};
+
+/// Holds a recording's permits against where robot and handler went.
+fn judge(path: &Path) -> Excess {
+    let mut reader = Reader::open(path).expect("a recording");
+    let recorded = reader.settings().expect("readable").expect("the recording of a run");
+    let settings = settings::load_over("the recording", &recorded, None).expect("settings");
+    let mut walked = Walked::new(&settings).expect("a handler's model");
+    for record in reader {
+        match record.expect("a whole recording") {
+            Record::Odometry(odometry) => walked.take_odometry(&odometry),
+            Record::LidarScan(scan) => walked.take_scan(&scan.header, &scan.data),
+            Record::ShieldPermit(permit) => walked.take_permit(&permit).expect("judged on what came before"),
+            Record::WorldTruth(truth) => walked.take_truth(&truth),
+            _ => {}
+        }
+    }
+    walked.finish()
+}
+
+/// Records a walk and judges it.
+fn walked(place: &Place, name: &str, options: &[&str]) -> Excess {
+    let recording = place.path().join(format!("{name}.mcap"));
+    let to = recording.to_string_lossy().into_owned();
+    let (report, _) = place.json(&[&["walk", "--speed", "0", "--json", "--record", &to], options].concat());
+    let excess = judge(&recording);
+    eprintln!("{name}: reached {}, {excess}", report["reached"]);
+    assert!(excess.decisions > 100, "{name}: {report:#}");
+    excess
+}
+
+#[test]
+fn robot_and_handler_stay_within_the_permits_hulls() {
+    let place = Place::new();
+    let excess = walked(&place, "legged", &["--scenario", "l-turn", "--noise", "legged"]);
+    assert_eq!(excess.beyond(), 0, "{excess}");
+    place.assert_empty();
+}
+
+/// The pair that nobody here wrote: a Go2 in MuJoCo, whose handler pushes it on. Now and then a decision's hull does not
+/// hold them whole. They leave it by a little more than the shield's margin at most.
+#[test]
+#[ignore = "ten minutes: scripts/nightly physics"]
+fn robot_and_handler_in_mujoco_stay_within_the_permits_hulls() {
+    if !has_legs() {
+        return;
+    }
+    let (place, mut all) = (Place::new(), Excess::default());
+    for velocity_loop in ["soft", "stiff"] {
+        let config = place.path().join("legs.toml");
+        fs::write(&config, format!("[simulation.mujoco]\nvelocity_loop = {velocity_loop:?}\n")).expect("written");
+        let config = config.to_string_lossy().into_owned();
+        for scenario in ["corridor", "curve", "l-turn", "left-at-tee", "crossing", "cluttered"] {
+            for seed in ["1", "2", "3"] {
+                let options = ["--physics", "mujoco", "--scenario", scenario, "--seed", seed, "--config", &config];
+                all.add(walked(&place, &format!("{scenario}-{seed}-{velocity_loop}"), &options));
+            }
+        }
+    }
+    eprintln!("{all}");
+    let most_m = |figures: &[f64]| Excess::quantile_m(figures, 1.0);
+    assert!(1_000 * all.beyond() <= 5 * all.decisions, "{all}");
+    assert!(most_m(&all.robot_beyond_m).max(most_m(&all.handler_beyond_m)) < 0.06, "{all}");
+}
