@@ -126,6 +126,8 @@ impl PolicyService {
     fn look(&mut self, now_ns: u64) {
         if let Some(frame) = self.frame.take() {
             self.awareness.take_depth(frame.meta(), frame.data());
+            // The decision is now.
+            self.awareness.look_at_once();
         }
         match self.scan.as_ref().filter(|_| self.scan_is_new) {
             Some(scan) => {

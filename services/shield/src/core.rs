@@ -139,8 +139,7 @@ impl Core {
 
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
-        let usable = self.awareness.take_depth(header, pixels_mm);
-        self.invalid_inputs += u64::from(!usable);
+        self.awareness.take_depth(header, pixels_mm);
     }
 
     /// A new scan: the verdict on the running action.
@@ -412,7 +411,7 @@ impl Core {
         health.decisions = self.decisions;
         health.missed_decisions = self.missed;
         health.outcomes = self.outcomes;
-        health.invalid_inputs = self.invalid_inputs;
+        health.invalid_inputs = self.invalid_inputs + self.awareness.refused_frames();
         health.pose_jumps = self.jumps;
     }
 }

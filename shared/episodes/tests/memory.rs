@@ -103,7 +103,8 @@ impl Walk {
             self.awareness.rest();
         }
         let frame = DepthHeader { header, ..self.camera.depth_header() };
-        assert!(self.awareness.take_depth(&frame, &self.pixels_mm), "usable");
+        self.awareness.take_depth(&frame, &self.pixels_mm);
+        assert_eq!(self.awareness.refused_frames(), 0, "usable");
         let scan = ScanHeader { header, ..self.lidar.scan_header() };
         assert!(self.awareness.take_scan(header.stamp_ns, 1.0, &scan, &self.ranges_m), "usable");
         if tick.is_multiple_of(50) {

@@ -111,12 +111,25 @@ impl Awareness {
         }
         self.odometry = Some(*odometry);
         self.track.push(odometry);
+        self.surroundings.look_late(odometry.header.stamp_ns, &self.track);
         pose
     }
 
-    /// The newest depth frame: whether it can be used. One that cannot says nothing.
-    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) -> bool {
-        self.surroundings.take_depth(header, pixels_mm, &self.track)
+    /// The newest depth frame. Where a source tells attitudes it waits for the one after its stamp, 50 ms at most. One
+    /// that cannot be used says nothing.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
+        self.surroundings.take_depth(header, pixels_mm, &self.track);
+    }
+
+    /// The newest depth frame waits no longer.
+    pub fn look_at_once(&mut self) {
+        self.surroundings.look_at_once(&self.track);
+    }
+
+    /// Depth frames so far that could not be used.
+    #[must_use]
+    pub fn refused_frames(&self) -> u64 {
+        self.surroundings.refused_frames()
     }
 
     /// The newest scan: whether it can be used. A share of the running step has passed; where the scan is fresh and
@@ -148,6 +161,7 @@ impl Awareness {
         if let Some(now) = self.track.at(now_ns) {
             self.odom_from_robot = now;
         }
+        self.surroundings.look_late(now_ns, &self.track);
         self.surroundings.move_to(now_ns, &self.odom_from_robot, &self.track);
         self.handler.predict(&self.odom_from_robot, step_share);
     }

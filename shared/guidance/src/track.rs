@@ -118,6 +118,12 @@ impl PoseTrack {
         }
     }
 
+    /// Whether a source tells attitudes, and the one at that time or after it has still to come.
+    #[must_use]
+    pub fn awaits_attitude(&self, time_ns: u64) -> bool {
+        self.tells_attitude && self.attitudes.back().is_none_or(|newest| newest.stamp_ns < time_ns)
+    }
+
     /// How the body was held at a time: level where no source tells it, `None` where one does, but not of that time.
     #[must_use]
     pub fn held_at(&self, time_ns: u64) -> Option<Held> {
@@ -224,6 +230,8 @@ mod tests {
             Some(Held::Level) => Some(f64::NAN),
             None => None,
         };
+        assert!(!track.awaits_attitude(1080 * MS) && track.awaits_attitude(1081 * MS));
+        assert!(!PoseTrack::default().awaits_attitude(0), "none will come");
         assert!((pitch_rad(1050).expect("between two") - 0.025).abs() < 1e-9);
         assert!((pitch_rad(1100).expect("just after the last") - 0.05).abs() < 1e-9, "it sways on");
         assert_eq!((pitch_rad(1200), pitch_rad(900)), (None, None), "of another time");

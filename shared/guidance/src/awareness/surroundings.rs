@@ -1,7 +1,7 @@
 //! The newest scan and depth frame, each brought from where the robot was then to where it is now, and the memory of
 //! what was before.
 
-use messages::{DepthHeader, Header, Outcome, ScanHeader, Twist2, age_ns};
+use messages::{DepthHeader, Header, NS_PER_S, Outcome, ScanHeader, Twist2, age_ns};
 
 use super::plausible::{Repeats, Succession};
 use crate::depth::{DepthError, DepthView};
@@ -11,6 +11,16 @@ use crate::scan::Beams;
 use crate::se2::Se2;
 use crate::shield::Evidence;
 use crate::track::{Held, PoseTrack};
+
+/// A frame waits for the attitude after its stamp up to this age, nanoseconds. Without it the sway is extrapolated.
+const WAIT_MAX_NS: u64 = NS_PER_S / 20;
+
+/// A depth frame that waits for the attitude after its stamp.
+#[derive(Debug, Clone, Default)]
+struct Waiting {
+    header: Option<DepthHeader>,
+    pixels_mm: Vec<u16>,
+}
 
 /// See the module.
 #[derive(Debug, Clone)]
@@ -24,6 +34,9 @@ pub struct Surroundings {
     scan_usable: bool,
     /// The source of attitudes has none for the time of the newest scan.
     attitude_missing: bool,
+    waiting: Waiting,
+    /// Frames that could not be used.
+    refused_frames: u64,
     depth: DepthView,
     depth_header: Option<DepthHeader>,
     depth_usable: bool,
@@ -50,6 +63,8 @@ impl Surroundings {
             scan: None,
             scan_usable: false,
             attitude_missing: false,
+            waiting: Waiting::default(),
+            refused_frames: 0,
             depth: DepthView::default(),
             depth_header: None,
             depth_usable: false,
@@ -85,8 +100,37 @@ impl Surroundings {
         self.scan_usable
     }
 
-    /// Takes in a depth frame: whether it can be used. The robot was on that track.
-    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) -> bool {
+    /// Takes in a depth frame, or lets it wait until the attitude after its stamp is on the track. One that waits
+    /// already is looked at first.
+    pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) {
+        self.look_at_once(track);
+        if track.awaits_attitude(header.header.stamp_ns) {
+            self.waiting.header = Some(*header);
+            self.waiting.pixels_mm.clear();
+            self.waiting.pixels_mm.extend_from_slice(pixels_mm);
+        } else {
+            self.look(header, pixels_mm, track);
+        }
+    }
+
+    /// Looks at the frame that waits, where its attitude has come or it has waited for long enough.
+    pub fn look_late(&mut self, now_ns: u64, track: &PoseTrack) {
+        let due = |stamp_ns| !track.awaits_attitude(stamp_ns) || age_ns(now_ns, stamp_ns) > WAIT_MAX_NS;
+        if self.waiting.header.is_some_and(|header| due(header.header.stamp_ns)) {
+            self.look_at_once(track);
+        }
+    }
+
+    /// Looks at the frame that waits, if one does.
+    pub fn look_at_once(&mut self, track: &PoseTrack) {
+        if let Some(header) = self.waiting.header.take() {
+            let pixels_mm = std::mem::take(&mut self.waiting.pixels_mm);
+            self.look(&header, &pixels_mm, track);
+            self.waiting.pixels_mm = pixels_mm;
+        }
+    }
+
+    fn look(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
@@ -96,11 +140,12 @@ impl Surroundings {
         self.depth_usable = filled.is_ok() && held.is_some();
         self.depth_blind = matches!(filled, Err(DepthError::Blind { .. }));
         self.depth_header = Some(*header);
-        self.depth_usable
+        self.refused_frames += u64::from(!self.depth_usable);
     }
 
     /// The odometry frame is a new one: what was remembered has no place in it.
     pub fn lose_place(&mut self) {
+        self.waiting.header = None;
         self.scan_repeats.lose_place();
         self.depth_repeats.lose_place();
         self.succession.lose_place();
@@ -195,6 +240,11 @@ impl Surroundings {
         }
     }
 
+    /// Depth frames so far that could not be used.
+    pub fn refused_frames(&self) -> u64 {
+        self.refused_frames
+    }
+
     /// Whether depth frames are the same again and again.
     pub fn depth_is_stuck(&self) -> bool {
         self.depth_repeats.is_stuck()
@@ -211,5 +261,65 @@ impl Surroundings {
 
     fn stands_before_something(&self, header: &DepthHeader) -> bool {
         DepthView::stands_before_something(header, self.depth_min_m, &self.beams)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Surroundings;
+    use crate::track::PoseTrack;
+    use messages::{Attitude, DepthHeader, Header, Odometry, Pose3};
+
+    const MS: u64 = 1_000_000;
+
+    fn told(track: &mut PoseTrack, ms: u64) {
+        let header = Header { stamp_ns: ms * MS, ..Header::default() };
+        let attitude = Attitude::at_height(ms * MS, 0.0, 0.0, 0.3);
+        track.push(&Odometry { header, attitude, ..Odometry::default() });
+    }
+
+    fn take(surroundings: &mut Surroundings, ms: u64, track: &PoseTrack) {
+        let header = DepthHeader {
+            header: Header { stamp_ns: ms * MS, seq: ms, ..Header::default() },
+            width: 8,
+            height: 6,
+            fx_px: 8.0,
+            fy_px: 8.0,
+            robot_from_camera: Pose3 { z_m: 0.4, ..Pose3::default() },
+            ..DepthHeader::default()
+        };
+        surroundings.take_depth(&header, &[3000; 48], track);
+    }
+
+    #[test]
+    fn a_frame_waits_for_the_attitude_after_its_stamp_and_no_longer_than_that_may_take() {
+        let (mut surroundings, mut track) = (Surroundings::new(None, 200 * MS, 0.2), PoseTrack::default());
+        let seen_ms = |surroundings: &Surroundings| surroundings.depth().map(|header| header.stamp_ns / MS);
+        take(&mut surroundings, 1000, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1000), "no source tells any");
+        told(&mut track, 1020);
+        take(&mut surroundings, 1030, &track);
+        surroundings.look_late(1040 * MS, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1000));
+        told(&mut track, 1040);
+        surroundings.look_late(1045 * MS, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1030));
+        // The source is late, or silent.
+        take(&mut surroundings, 1060, &track);
+        surroundings.look_late(1110 * MS, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1030));
+        surroundings.look_late(1111 * MS, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1060));
+        // The next frame does not push one out that nothing has looked at.
+        take(&mut surroundings, 1090, &track);
+        take(&mut surroundings, 1120, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1090));
+        surroundings.look_at_once(&track);
+        assert_eq!(seen_ms(&surroundings), Some(1120));
+        // A new odometry frame has no place for it.
+        take(&mut surroundings, 1150, &track);
+        surroundings.lose_place();
+        surroundings.look_at_once(&track);
+        assert_eq!(seen_ms(&surroundings), Some(1120));
     }
 }
