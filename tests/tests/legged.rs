@@ -17,7 +17,11 @@ fn faults(report: &Value) -> Vec<&Value> {
 #[test]
 fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
     if has_legs() {
-        two_walks_are_one("corridor", &["--physics", "mujoco"]);
+        let report = two_walks_are_one("corridor", &["--physics", "mujoco"]);
+        assert_eq!(
+            (&report["legs"]["model"]["known"], &report["legs"]["policy"]["known"]),
+            (&true.into(), &true.into())
+        );
     }
 }
 
@@ -27,7 +31,7 @@ fn a_robot_that_sways_in_the_flat_world_guides_a_handler_round_a_corner() {
     two_walks_are_one("l-turn", &["--noise", "legged"]);
 }
 
-fn two_walks_are_one(scenario: &str, options: &[&str]) {
+fn two_walks_are_one(scenario: &str, options: &[&str]) -> Value {
     let report = walk(scenario, options);
     assert_eq!(report["reached"], true, "{report:#}");
     for who in ["robot", "handler", "hit_by_others"] {
@@ -40,6 +44,7 @@ fn two_walks_are_one(scenario: &str, options: &[&str]) {
         assert_eq!(report[key], again[key], "{key}");
     }
     assert_eq!(report["digest"].as_str().map(str::len), Some(64));
+    report
 }
 
 /// A configuration of real sensors and that link, which `--emulated` leads to emulated devices.
@@ -103,6 +108,7 @@ fn legs_that_cannot_be_used_are_told_before_anything_is_started() {
     for (text, told) in [
         ("policy = \"none.onnx\"", "simulation.mujoco.policy"),
         ("model = \"none.xml\"", "simulation.mujoco.model"),
+        ("policy_sha256 = \"0123\"", "policy.onnx has the digest d6c8be"),
         ("friction = 9.0", "simulation.mujoco.friction"),
         ("velocity_loop = \"hard\"", "unknown variant `hard`"),
     ] {

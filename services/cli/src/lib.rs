@@ -16,6 +16,7 @@ mod fit;
 mod fit_robot;
 mod import;
 mod launch;
+mod legs;
 mod live;
 mod map_view;
 mod operate;

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use policies::{Expected, Model};
 use recording::{Part, later_lives};
 use settings::{
-    Millis, Mujoco, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
+    Millis, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
 };
 use world::{Physics, PhysicsConfig, Scenario, World};
 
 use crate::args::{PaceArgs, WalkArgs, WorldArgs};
 use crate::exit::Failure;
-use crate::launch::beside;
+use crate::legs;
 use crate::out::say;
 
 /// Where nothing else is said.
@@ -176,7 +176,7 @@ fn load_for(args: &WorldArgs) -> Result<Settings, Failure> {
     match (physics, noise) {
         (PhysicsKind::Mujoco, _) => {
             settings = load(Profile::Mujoco, config)?;
-            find_legs(&mut settings.simulation.mujoco)?;
+            legs::find(&mut settings.simulation.mujoco)?;
         }
         (PhysicsKind::Flat, SimulatedNoise::Legged) => settings = load(Profile::Go2, config)?,
         (PhysicsKind::Flat, SimulatedNoise::Noisy) => {}
@@ -344,31 +344,6 @@ pub fn scenario_file(name: &str) -> Result<PathBuf, Failure> {
     find_scenario(name, &config_folders())
 }
 
-/// Names model and policy of the legged robot, where the configuration does not.
-///
-/// # Errors
-/// Where one of them, or the program that simulates it, is missing.
-fn find_legs(mujoco: &mut Mujoco) -> Result<(), Failure> {
-    let program = beside(PhysicsKind::Mujoco.program())?;
-    if !program.is_file() {
-        let build = "bring MuJoCo with scripts/mujoco, and build it with `cargo build` in services/mujoco";
-        return Err(Failure::input(format!("{} is missing: {build}", program.display())));
-    }
-    for (key, file, name) in [("model", &mut mujoco.model, "go2.xml"), ("policy", &mut mujoco.policy, "policy.onnx")] {
-        let path = match &*file {
-            Some(path) => path.clone().into(),
-            None => find_config_file(&Path::new("legs/go2").join(name))?,
-        };
-        if !path.is_file() {
-            let what = format!("simulation.mujoco.{key}: {} is missing", path.display());
-            let bring = if file.is_none() { ": bring it with scripts/mujoco" } else { "" };
-            return Err(Failure::input(what + bring));
-        }
-        *file = Some(path.into());
-    }
-    Ok(())
-}
-
 /// A file that hearing needs: in `cues` where configuration lies. Where there is none, the first place, for the error.
 ///
 /// # Errors
@@ -378,7 +353,10 @@ pub fn find_speech_file(name: &str) -> Result<PathBuf, Failure> {
 }
 
 /// The place of a configuration file; where it is missing, the first place that was searched.
-fn find_config_file(name: &Path) -> Result<PathBuf, Failure> {
+///
+/// # Errors
+/// Where the present folder is gone.
+pub fn find_config_file(name: &Path) -> Result<PathBuf, Failure> {
     let places: Vec<PathBuf> = config_folders().iter().map(|folder| folder.join(name)).collect();
     absolute(places.iter().find(|path| path.is_file()).or(places.first()).map_or(Path::new(""), PathBuf::as_path))
 }

@@ -11,7 +11,7 @@ use crate::launch::{Launch, Outcome};
 use crate::live::Live;
 use crate::map_view::MapView;
 use crate::out::{self, say};
-use crate::{prepare, summary};
+use crate::{legs, prepare, summary};
 
 /// `guidedog up`: becomes the supervisor; returns only where it cannot.
 pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
@@ -38,8 +38,10 @@ pub fn walk(args: &WalkArgs, as_json: bool) -> Result<u8, Failure> {
     let outcome = running.wait(|| live.iter_mut().for_each(Live::tick))?;
     let limit = prepared.settings.walk.time_limit.map(|limit| limit.s()).or(prepared.scenario.route.time_limit_s);
     let ending = walk_ending(&outcome, &prepared.scenario.route, limit);
-    let added = json!({ "has_goal": prepared.scenario.route.goal.is_some() });
-    finish(&outcome.report, added, as_json, || summary::walk(&outcome.report, &ending))?;
+    let legs = legs::about(&prepared.settings);
+    let added = json!({ "has_goal": prepared.scenario.route.goal.is_some(), "legs": legs });
+    let summary = || [summary::walk(&outcome.report, &ending), legs::lines(&legs)].concat();
+    finish(&outcome.report, added, as_json, summary)?;
     Ok(if ending.well { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 

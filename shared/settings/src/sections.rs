@@ -452,6 +452,10 @@ pub struct Mujoco {
     pub model: Option<ConfigPath>,
     /// The policy that it walks by (ONNX); without it the one that `scripts/mujoco` brings.
     pub policy: Option<ConfigPath>,
+    /// SHA-256 of the model's file in hexadecimal digits. Another file is refused. Each run sets it: recordings have it.
+    pub model_sha256: Option<String>,
+    /// The same of the policy's file.
+    pub policy_sha256: Option<String>,
     /// How its velocity is kept.
     pub velocity_loop: VelocityLoop,
     /// Mass of all its parts, times that of the model.
@@ -471,6 +475,8 @@ impl Default for Mujoco {
         Self {
             model: None,
             policy: None,
+            model_sha256: None,
+            policy_sha256: None,
             velocity_loop: VelocityLoop::Soft,
             mass_scale: 1.0,
             friction: 1.0,
