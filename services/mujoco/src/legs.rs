@@ -260,7 +260,8 @@ impl Legs {
         asked: &Vector3<f64>,
     ) -> [f32; SENSES] {
         let (angles, rates) = (data.qpos(), data.qvel());
-        let down = attitude.inverse() * -Vector3::z();
+        // Gravity that is tilted in place of the floor is a ramp to the robot.
+        let down = attitude.inverse() * Vector3::from(data.model().opt().gravity).normalize();
         let mut senses = [0.0; SENSES];
         for axis in 0..3 {
             senses[axis] = 0.25 * rates[3 + axis];

@@ -16,7 +16,7 @@ use crate::legs::attitude;
 use crate::scene::{STEP_S, SceneError};
 
 /// The handle on the robot's body (x forward, y left, z up), metres: above and behind it, to the handler's side.
-const BODY_FROM_HANDLE_M: [f64; 3] = [-0.45, -0.12, 0.50];
+pub const BODY_FROM_HANDLE_M: [f64; 3] = [-0.45, -0.12, 0.50];
 /// The hand seen from the handler's middle, metres: it is at the handle where the handler walks at the default place.
 const HAND_M: [f64; 2] = [0.30, 0.23];
 /// The harness between handle and hand: stiffness, N/m, damping, N s/m, and the most that it pulls, N.

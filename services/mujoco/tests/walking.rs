@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use guidance::se2::{Point, Se2, se2};
 use guidedog_mujoco::legs::{BODY_M, Legs, LegsError, VelocityLoop, attitude};
-use guidedog_mujoco::person::{Person, PersonConfig};
+use guidedog_mujoco::person::{BODY_FROM_HANDLE_M, Person, PersonConfig};
 use guidedog_mujoco::rays::Rays;
 use guidedog_mujoco::scene::{self, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use world::{Cell, GridMap, World};
 
 fn brought(file: &str) -> PathBuf {
@@ -29,6 +29,8 @@ struct Robot {
     person: Option<Person>,
     /// The hardest pull of the last walk, newtons.
     pull_max_n: f64,
+    /// The greatest roll or pitch of the last walk, radians.
+    lean_max_rad: f64,
 }
 
 impl Robot {
@@ -44,7 +46,7 @@ impl Robot {
         let mut data = MjData::new(Box::new(model));
         legs.pose(&mut data);
         person.iter().for_each(|person| person.pose(&mut data));
-        Self { data, legs, person, pull_max_n: 0.0 }
+        Self { data, legs, person, pull_max_n: 0.0, lean_max_rad: 0.0 }
     }
 
     /// Where the handler is, seen from the robot.
@@ -54,7 +56,7 @@ impl Robot {
     }
 
     fn walk(&mut self, seconds: f64, vx_mps: f64, vy_mps: f64, wz_radps: f64) {
-        self.pull_max_n = 0.0;
+        (self.pull_max_n, self.lean_max_rad) = (0.0, 0.0);
         for _ in 0..(seconds / scene::STEP_S).round() as u64 {
             if let Some(person) = &mut self.person {
                 person.walk(&mut self.data);
@@ -62,7 +64,28 @@ impl Robot {
             }
             self.legs.drive(&mut self.data, Twist2 { vx_mps, vy_mps, wz_radps }).expect("the policy decides");
             scene::step(&mut self.data).expect("it goes on");
+            let (roll_rad, pitch_rad, _) = attitude(&self.data).euler_angles();
+            self.lean_max_rad = self.lean_max_rad.max(roll_rad.abs()).max(pitch_rad.abs());
         }
+    }
+
+    /// Commands zero while a force (world frame), newtons, pulls at a point of the body (body frame), metres. Returns
+    /// the greatest roll or pitch, radians.
+    fn stop_pulled(&mut self, seconds: f64, at_m: [f64; 3], [x_n, y_n]: [f64; 2]) -> f64 {
+        const PULLED_S: f64 = 0.02;
+        let base = self.data.model().name_to_id(MjtObjBase::mjOBJ_BODY, "base").expect("a body");
+        let (pull, mut lean_max_rad) = (Vector3::new(x_n, y_n, 0.0), 0.0_f64);
+        for _ in 0..(seconds / PULLED_S).round() as u64 {
+            // MuJoCo takes a force at the body's center of mass, and its moment about that.
+            let arm = attitude(&self.data) * Vector3::from(at_m);
+            let middle = Vector3::from(self.data.xipos()[base]) - Vector3::from_column_slice(&self.data.qpos()[..3]);
+            let moment = (arm - middle).cross(&pull);
+            self.data.xfrc_applied_mut()[base] = [pull.x, pull.y, pull.z, moment.x, moment.y, moment.z];
+            self.walk(PULLED_S, 0.0, 0.0, 0.0);
+            lean_max_rad = lean_max_rad.max(self.lean_max_rad);
+        }
+        self.data.xfrc_applied_mut()[base] = [0.0; 6];
+        lean_max_rad
     }
 
     /// Place on the floor, metres, and heading, radians.
@@ -118,6 +141,58 @@ fn the_handler_follows_at_the_harness_and_comes_to_rest_beside_the_robot() {
     }
 }
 
+/// A robot that leans so far has fallen, radians.
+const FELL_RAD: f64 = 0.7;
+/// Forward, back, left, right (world frame; the robot faces along x).
+const WAYS: [[f64; 2]; 4] = [[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]];
+/// Downhill: a flat floor, and a ramp of 1:12 that the robot walks up, down and across.
+const DOWNHILL: [[f64; 2]; 4] = [[0.0, 0.0], [-1.0, 0.0], [1.0, 0.0], [0.0, 1.0]];
+
+/// The greatest lean, radians, of a zero at full speed with a pull of that many newtons for 0.2 s, over all floors and
+/// both velocity loops.
+fn lean_at_zero_rad(ways: &[[f64; 2]], at_m: [f64; 3], pull_n: f64) -> f64 {
+    let mut lean_max_rad = 0.0_f64;
+    for downhill in DOWNHILL {
+        for keeps in [VelocityLoop::SOFT, VelocityLoop::STIFF] {
+            for way in ways {
+                let mut robot = Robot::new(&world(""), keeps);
+                // Gravity is tilted in place of the floor. The robot's senses have it as well.
+                let slope_rad = f64::from(u8::from(downhill != [0.0, 0.0])) * (1.0_f64 / 12.0).atan();
+                let along = 9.81 * slope_rad.sin();
+                robot.data.model_opt_mut().gravity =
+                    [along * downhill[0], along * downhill[1], -9.81 * slope_rad.cos()];
+                robot.walk(3.0, 0.5, 0.0, 0.0);
+                let pulled_rad = robot.stop_pulled(0.2, at_m, way.map(|part| part * pull_n));
+                let lean_rad = pulled_rad.max(robot.stop_pulled(2.0, at_m, [0.0; 2]));
+                lean_max_rad = lean_max_rad.max(lean_rad);
+            }
+        }
+    }
+    lean_max_rad
+}
+
+/// Statics say what a robot of 15 kg stands: its feet are 0.19 m ahead of its middle and behind it, and 0.14 m beside it.
+/// A lasting pull topples it from 15 kg x 9.81 m/s2 x 0.19 m / h on, at a height of h. The handle is 0.82 m above the
+/// floor: that is 34 N ahead and 25 N to a side, and while it walks a shorter pull than a step does it as well. The
+/// 100 N of a handler who falls are beyond that; a pull to the back is met by the legs, which walk on. At the body's
+/// own height it is 87 and 65 N.
+///
+/// Stopped at four moments of a step, on all four floors: of 128 zeros each, none toppled with 20 N for 0.2 s at the
+/// handle or 60 N at the body, 2 did with 30 N at the handle. 60 N ahead or to the left topple it nearly always.
+#[test]
+fn a_zero_at_full_speed_topples_no_robot_that_is_pulled_as_far_as_statics_let_it_stand() {
+    let back = WAYS[1];
+    for (what, ways, at_m, pull_n) in [
+        ("no pull", &WAYS[..1], BODY_FROM_HANDLE_M, 0.0),
+        ("20 N at the handle", &WAYS[..], BODY_FROM_HANDLE_M, 20.0),
+        ("100 N to the back at the handle", &[back], BODY_FROM_HANDLE_M, 100.0),
+        ("60 N at the body", &WAYS[..], [0.0; 3], 60.0),
+    ] {
+        let lean_rad = lean_at_zero_rad(ways, at_m, pull_n);
+        assert!(lean_rad < FELL_RAD, "{what}: it leans {lean_rad} rad");
+    }
+}
+
 #[test]
 fn two_walks_are_equal_to_the_bit() {
     let walk = || {
@@ -149,7 +224,7 @@ fn a_ray_meets_what_mujocos_own_ray_meets() {
     let mut met = 0;
     for i in 1..=5000 {
         let angle = |of: f64| (f64::from(i) * of).sin();
-        let way = nalgebra::Vector3::new(angle(1.1), angle(2.3), 0.6 * angle(3.7)).normalize();
+        let way = Vector3::new(angle(1.1), angle(2.3), 0.6 * angle(3.7)).normalize();
         let from = [0.3 * angle(0.7), 0.3 * angle(0.9), 0.4 + 0.2 * angle(1.3)];
         let found = rays.cast(&from, &way.into(), 10.0);
         let (_, theirs) = robot.data.ray(&from, &way.into(), Some(&groups), true, None, None);
