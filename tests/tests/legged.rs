@@ -1,9 +1,15 @@
 //! Guided walks of a legged robot: in MuJoCo, a physics simulation that this project did not write, and by the simple
 //! model of its gait in the project's own world.
 
+use std::collections::BTreeMap;
 use std::fs;
+use std::path::Path;
+use std::sync::Mutex;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::thread;
 
 use guidedog_tests::{Place, has_legs};
+use recording::Reader;
 use serde_json::Value;
 
 use crate::walks::walk;
@@ -131,6 +137,93 @@ fn legs_that_cannot_be_used_are_told_before_anything_is_started() {
     place.assert_empty();
 }
 
+/// A world that has a corridor of 2.4 m with a thing across it at x = 5 m: its depth, and from which height to which.
+fn barred(place: &Place, depth_m: f64, z_m: [f64; 2]) -> String {
+    let world = place.path().join("barred.toml");
+    let walls = "[[wall]]\npoints = [[-3, -1.2], [12, -1.2], [12, 1.2], [-3, 1.2], [-3, -1.2]]\n";
+    let thing = format!("[[box]]\nat = [5, 0]\nsize = [{depth_m}, 2.4]\nz = {z_m:?}\n");
+    fs::write(&world, walls.to_owned() + &thing).expect("written");
+    let lines = "start = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [9, 0], within_m = 0.5 }\ntime_limit_s = 20\n\
+         [[cue]]\nkind = \"forward\"\nat_s = 1.0";
+    place.scenario(&world.to_string_lossy(), lines)
+}
+
+/// The robot comes to what is across the way, and neither it nor the handler touches it.
+fn stops_before(depth_m: f64, z_m: [f64; 2], velocity_loop: &str) {
+    let (place, config) = (Place::new(), format!("[simulation.mujoco]\nvelocity_loop = {velocity_loop:?}\n"));
+    let file = place.path().join("legs.toml");
+    fs::write(&file, config).expect("written");
+    let scenario = barred(&place, depth_m, z_m);
+    let common = ["walk", "--physics", "mujoco", "--scenario", &scenario, "--speed", "0", "--json"];
+    let (report, _) = place.json(&[&common[..], &["--config", &file.to_string_lossy()]].concat());
+    assert_eq!((touches(&report), faults(&report)), ([0, 0], Vec::new()), "{z_m:?}, {velocity_loop}: {report:#}");
+    assert_eq!(report["reached"], false, "{report:#}");
+    assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 2.5), "{report:#}");
+    place.assert_empty();
+}
+
+/// The robot would fit under it, the handler would not.
+#[test]
+fn a_bar_at_the_height_of_a_thigh_stops_a_go2_that_would_fit_under_it() {
+    if has_legs() {
+        stops_before(0.05, [0.58, 0.62], "soft");
+    }
+}
+
+#[test]
+#[ignore = "a minute: scripts/nightly physics"]
+fn a_kerb_and_a_low_bar_stop_a_go2() {
+    for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
+        stops_before(0.3, [0.0, 0.1], velocity_loop);
+        stops_before(0.05, [0.58, 0.62], velocity_loop);
+    }
+}
+
+/// What must be the same in a walk, its reruns and its replays.
+fn result(report: &Value) -> [&Value; 4] {
+    ["digest", "decisions", "verdicts", "refusals"].map(|key| &report[key])
+}
+
+/// Two at once, each at a place of its own. The recording has model and policy by their digests.
+#[test]
+#[ignore = "ten minutes: scripts/nightly physics"]
+fn sixteen_reruns_and_sixty_four_replays_of_a_walk_on_legs_are_equal() {
+    if !has_legs() {
+        return;
+    }
+    let common = ["walk", "--physics", "mujoco", "--scenario", "l-turn", "--speed", "0", "--json"];
+    let place = Place::new();
+    let recording = place.path().join("legs.mcap").to_string_lossy().into_owned();
+    let (walked, code) = place.json(&[&common[..], &["--record", &recording]].concat());
+    assert_eq!((code, &walked["not_recorded"]), (0, &0.into()), "{walked:#}");
+    let settings = Reader::open(Path::new(&recording)).and_then(|mut reader| reader.settings()).expect("a recording");
+    let settings = settings.expect("the settings of the run");
+    for part in ["model", "policy"] {
+        let sha256 = walked["legs"][part]["sha256"].as_str().expect("a digest");
+        assert!(settings.contains(sha256), "{part}: {settings}");
+    }
+    let both = |times: usize, args: &[&str]| {
+        let again = || {
+            let place = Place::new();
+            for _ in 0..times / 2 {
+                let (report, code) = place.json(args);
+                assert_eq!((code, result(&report)), (0, result(&walked)), "{args:?}: {report:#}");
+                let compared = &report["compared"];
+                assert!(args[0] == "walk" || compared["permits"]["recorded"] == compared["permits"]["equal"]);
+            }
+            place.assert_empty();
+        };
+        thread::scope(|scope| {
+            let one = scope.spawn(again);
+            again();
+            one.join().expect("the other half");
+        });
+    };
+    both(16, &common);
+    both(64, &["replay", &recording, "--speed", "0", "--json"]);
+    place.assert_empty();
+}
+
 /// All scenarios and routes, both velocity loops, three seeds: half an hour. `scripts/nightly physics` runs it.
 #[test]
 #[ignore = "half an hour: scripts/nightly physics"]
@@ -206,4 +299,72 @@ fn a_go2_is_guided_over_every_link() {
     }
     place.assert_empty();
     assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+/// Scenarios, and what the robot and the floor are like in them: mass, times that of the model, and friction.
+const HOURS_SCENARIOS: [&str; 6] = ["corridor", "curve", "l-turn", "left-at-tee", "crossing", "cluttered"];
+const HOURS_MASSES: [f64; 5] = [0.8, 0.9, 1.0, 1.1, 1.2];
+const HOURS_FRICTIONS: [f64; 4] = [0.4, 0.6, 0.8, 1.0];
+
+/// The walk of that number: its report, and a line that tells what came of it.
+fn walk_of_hours(place: &Place, number: usize) -> (Value, String) {
+    let scenario = HOURS_SCENARIOS[number % HOURS_SCENARIOS.len()];
+    let mass = HOURS_MASSES[number % HOURS_MASSES.len()];
+    // Each round of scenarios meets other frictions and the other loop.
+    let friction = HOURS_FRICTIONS[(number + number / 6) % HOURS_FRICTIONS.len()];
+    let velocity_loop = ["soft", "stiff"][(number + number / 12) % 2];
+    let text = format!("velocity_loop = {velocity_loop:?}\nmass_scale = {mass:?}\nfriction = {friction:?}\n");
+    let (config, seed) = (place.path().join("legs.toml"), (number + 1).to_string());
+    fs::write(&config, format!("[simulation.mujoco]\n{text}")).expect("written");
+    let common = ["walk", "--physics", "mujoco", "--scenario", scenario, "--speed", "0", "--json"];
+    let (report, _) = place.json(&[&common[..], &["--seed", &seed, "--config", &config.to_string_lossy()]].concat());
+    let reasons: Vec<_> = faults(&report).iter().map(|fault| fault["reason"].clone()).collect();
+    let like = format!("{number}: {scenario} {velocity_loop}, mass {mass}, friction {friction}");
+    let (touches, duration_s) = (touches(&report), &report["duration_s"]);
+    let line = format!("{like}: reached {}, touches {touches:?}, {duration_s} s, {reasons:?}", report["reached"]);
+    (report, line)
+}
+
+/// Walks of other masses and frictions, two at once, until `LEGGED_HOURS` (3) of them are together: no healthy robot is
+/// taken for one whose odometry lies.
+#[test]
+#[ignore = "three hours of simulated time: scripts/nightly physics"]
+fn odometry_is_believed_over_hours_of_walks_with_other_masses_and_frictions() {
+    if !has_legs() {
+        return;
+    }
+    let hours: f64 = std::env::var("LEGGED_HOURS").map_or(3.0, |hours| hours.parse().expect("hours"));
+    let (numbers, walked) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
+    let walked_s = || walked.lock().expect("no panic").iter().filter_map(duration_s).sum::<f64>();
+    let walk_on = || {
+        let place = Place::new();
+        while walked_s() < hours * 3600.0 {
+            let (report, line) = walk_of_hours(&place, numbers.fetch_add(1, Ordering::Relaxed));
+            eprintln!("{line}");
+            assert!(duration_s(&report).is_some_and(|duration_s| duration_s > 1.0), "{report:#}");
+            walked.lock().expect("no panic").push(report);
+        }
+        place.assert_empty();
+    };
+    thread::scope(|scope| {
+        let other = scope.spawn(walk_on);
+        walk_on();
+        other.join().expect("the other half");
+    });
+    let walked = walked.into_inner().expect("no panic");
+    let mut reasons = BTreeMap::new();
+    for reason in walked.iter().flat_map(faults).map(|fault| fault["reason"].to_string()) {
+        *reasons.entry(reason).or_insert(0) += 1;
+    }
+    let arrived = walked.iter().filter(|report| report["reached"] == true).count();
+    let touched = [0, 1].map(|who| walked.iter().map(|report| touches(report)[who]).sum::<u64>());
+    let hours = walked.iter().filter_map(duration_s).sum::<f64>() / 3600.0;
+    eprintln!("{} walks, {hours:.2} h: {arrived} arrived, touches {touched:?}, faults {reasons:?}", walked.len());
+    let contradicts = |report: &Value| report["stops"].to_string().contains("odometry_contradicts");
+    assert_eq!(walked.iter().filter(|report| contradicts(report)).count(), 0);
+    assert!(!reasons.contains_key("\"robot_fell\""), "{reasons:?}");
+}
+
+fn duration_s(report: &Value) -> Option<f64> {
+    report["duration_s"].as_f64()
 }

@@ -452,7 +452,8 @@ pub struct Mujoco {
     pub model: Option<ConfigPath>,
     /// The policy that it walks by (ONNX); without it the one that `scripts/mujoco` brings.
     pub policy: Option<ConfigPath>,
-    /// SHA-256 of the model's file in hexadecimal digits. Another file is refused. Each run sets it: recordings have it.
+    /// SHA-256 of the model's file in hexadecimal digits. Another file is refused. Each run sets it, so that recordings
+    /// have it.
     pub model_sha256: Option<String>,
     /// The same of the policy's file.
     pub policy_sha256: Option<String>,
