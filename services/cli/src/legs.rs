@@ -1,4 +1,5 @@
-//! Model and policy of a legged robot in MuJoCo: which files they are, and whether they are the ones that they should be.
+//! Model and policy of a legged robot in MuJoCo: which files they are, and whether they are the ones that they should
+//! be.
 
 use std::path::Path;
 

@@ -171,8 +171,8 @@ fn lean_at_zero_rad(ways: &[[f64; 2]], at_m: [f64; 3], pull_n: f64) -> f64 {
     lean_max_rad
 }
 
-/// Statics say what a robot of 15 kg stands: its feet are 0.19 m ahead of its middle and behind it, and 0.14 m beside it.
-/// A lasting pull topples it from 15 kg x 9.81 m/s2 x 0.19 m / h on, at a height of h. The handle is 0.82 m above the
+/// Statics say what a robot of 15 kg stands: its feet are 0.19 m ahead of its middle and behind it, 0.14 m beside it. A
+/// lasting pull topples it from 15 kg x 9.81 m/s2 x 0.19 m / h on, at a height of h. The handle is 0.82 m above the
 /// floor: that is 34 N ahead and 25 N to a side, and while it walks a shorter pull than a step does it as well. The
 /// 100 N of a handler who falls are beyond that; a pull to the back is met by the legs, which walk on. At the body's
 /// own height it is 87 and 65 N.
