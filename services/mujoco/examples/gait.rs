@@ -3,7 +3,8 @@
 
 use std::path::Path;
 
-use guidedog_mujoco::legs::{BODY_M, Legs, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{Legs, VelocityLoop, attitude};
+use guidedog_mujoco::robot;
 use guidedog_mujoco::scene::{self, STEP_S, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
@@ -127,11 +128,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             robot: &Path::new(LEGS).join("go2.xml"),
             world: &world,
             start: Pose2::default(),
-            body_m: BODY_M,
+            body_m: robot::Robot::go2().body_m,
             person: None,
         }
         .build()?;
-        let legs = Legs::new(&model, &Path::new(LEGS).join("policy.onnx"), keeps)?;
+        let legs = Legs::new(&model, &robot::Robot::go2(), &Path::new(LEGS).join("policy.onnx"), keeps)?;
         let mut data = MjData::new(Box::new(model));
         legs.pose(&mut data);
         let mut robot = Robot { data, legs, steps: 0 };

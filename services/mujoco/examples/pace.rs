@@ -5,8 +5,9 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use guidedog_mujoco::legs::{BODY_M, Legs, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{Legs, VelocityLoop, attitude};
 use guidedog_mujoco::rays::Rays;
+use guidedog_mujoco::robot::Robot;
 use guidedog_mujoco::scene::{self, STEP_S, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
@@ -31,11 +32,11 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         robot: &Path::new(LEGS).join("go2.xml"),
         world: &World::load(Path::new(world))?,
         start,
-        body_m: BODY_M,
+        body_m: Robot::go2().body_m,
         person: None,
     }
     .build()?;
-    let mut legs = Legs::new(&model, &Path::new(LEGS).join("policy.onnx"), VelocityLoop::SOFT)?;
+    let mut legs = Legs::new(&model, &Robot::go2(), &Path::new(LEGS).join("policy.onnx"), VelocityLoop::SOFT)?;
     let mut data = MjData::new(Box::new(model));
     legs.pose(&mut data);
     let mut rays = Rays::new(&data, &[scene::SEEN], &[scene::PERSON]);

@@ -1,5 +1,5 @@
-//! A Go2 that walks by a learnt policy: joint targets every 20 ms, a PD controller in every step of the physics, and a
-//! loop around both that keeps a commanded velocity. At a command of zero it plants its feet.
+//! A robot that walks by a learnt policy: joint targets in each decision, a PD controller in every step of the physics,
+//! and a loop around both that keeps a commanded velocity. At a command of zero it plants its feet.
 
 use std::path::{Path, PathBuf};
 
@@ -8,25 +8,9 @@ use messages::Twist2;
 use mujoco_rs::prelude::*;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
+use crate::robot::{Gains, Robot};
 use crate::scene::STEP_S;
 
-/// The policy's order of legs, and of the joints of each.
-const LEGS: [&str; 4] = ["FR", "FL", "RR", "RL"];
-const PARTS: [&str; 3] = ["hip", "thigh", "calf"];
-const JOINTS: usize = 12;
-/// Joint angles that the policy's output starts from, radians, and radians per unit of it, by part.
-const POSE_RAD: [f64; 3] = [0.0, 0.8, -1.5];
-const SCALE_RAD: [f64; 3] = [0.125, 0.25, 0.25];
-/// Height of the body above the floor in that pose, with a little air under the feet, metres.
-pub const BODY_M: f64 = 0.32;
-/// Stiffness of a joint, Nm/rad, and its damping, Nm s/rad: walking, as the policy was trained, and standing.
-const WALKING: (f64, f64) = (20.0, 0.5);
-const STANDING: (f64, f64) = (80.0, 2.0);
-/// Steps of the physics in a decision of the policy, and its length, seconds.
-const STEPS: u64 = 8;
-const DECISION_S: f64 = STEPS as f64 * STEP_S;
-/// What the policy is told: rates, gravity, command, angles, joint rates, its last output.
-const SENSES: usize = 45;
 /// Nothing that it is told, or says, counts for more than this.
 const CLIP: f64 = 100.0;
 /// Share of the way to an even stance in a decision.
@@ -82,7 +66,7 @@ impl From<settings::VelocityLoop> for VelocityLoop {
 #[derive(Debug, thiserror::Error)]
 pub enum LegsError {
     /// The model lacks a joint, a motor or a foot.
-    #[error("the robot's model has no {0}: it is no Go2")]
+    #[error("the robot's model has no {0}: it is no Go2, or no robot as the file beside it says")]
     Missing(String),
     /// The policy cannot be used.
     #[error("{}: {what}", file.display())]
@@ -97,6 +81,8 @@ pub enum LegsError {
 /// Where a joint's angle and rate are in the state, and which motor drives it.
 #[derive(Debug, Clone, Copy)]
 struct Joint {
+    pose_rad: f64,
+    scale_rad: f64,
     angle: usize,
     rate: usize,
     motor: usize,
@@ -109,19 +95,22 @@ pub struct Legs {
     keeps: VelocityLoop,
     joints: Vec<Joint>,
     feet: Vec<usize>,
-    targets_rad: [f64; JOINTS],
+    walking: Gains,
+    standing: Gains,
+    rates_scale: f64,
+    joint_rates_scale: f64,
+    /// Steps of the physics in a decision of the policy, and its length, seconds.
+    decision_steps: u64,
+    decision_s: f64,
+    targets_rad: Vec<f64>,
     /// The policy's last output.
-    last: [f64; JOINTS],
+    last: Vec<f64>,
     /// The command as far as it has come, the body's low-passed velocity, and the trim: forward, left, turning.
     command: Vector3<f64>,
     moves: Vector3<f64>,
     trim: Vector3<f64>,
     stands: bool,
     steps: u64,
-}
-
-fn pose_rad(joint: usize) -> f64 {
-    POSE_RAD[joint % 3]
 }
 
 /// The body's attitude (world frame). Its free joint is the first joint of every scene.
@@ -132,33 +121,41 @@ pub fn attitude(data: &MjData<Box<MjModel>>) -> UnitQuaternion<f64> {
 }
 
 impl Legs {
-    /// The legs of a model of a Go2, which walk by the policy in that file.
+    /// The legs of a model of that robot, which walk by the policy in that file.
     ///
     /// # Errors
     /// Where the model is of another robot, or the policy cannot be read or used.
-    pub fn new(model: &MjModel, policy: &Path, keeps: VelocityLoop) -> Result<Self, LegsError> {
+    pub fn new(model: &MjModel, robot: &Robot, policy: &Path, keeps: VelocityLoop) -> Result<Self, LegsError> {
         let wrong = |what: String| LegsError::Policy { file: policy.to_owned(), what };
         let bytes = std::fs::read(policy).map_err(|error| wrong(error.to_string()))?;
         let mut session = inference::session(&bytes, None).map_err(wrong)?;
-        infer(&mut session, &[0.0; SENSES]).map_err(wrong)?;
+        let joints = robot.joint.len();
+        infer(&mut session, &vec![0.0; senses(joints)], joints).map_err(wrong)?;
         let find = |kind: MjtObjBase, what: &str, name: &str| {
             model.name_to_id(kind, name).ok_or_else(|| LegsError::Missing(format!("{what} {name}")))
         };
-        let joint = |i: usize| {
-            let name = format!("{}_{}", LEGS[i / 3], PARTS[i % 3]);
-            let joint = find(MjtObjBase::mjOBJ_JOINT, "joint", &format!("{name}_joint"))?;
-            let motor = find(MjtObjBase::mjOBJ_ACTUATOR, "motor", &name)?;
+        let joint = |of: &crate::robot::Joint| {
+            let joint = find(MjtObjBase::mjOBJ_JOINT, "joint", &of.name)?;
+            let motor = find(MjtObjBase::mjOBJ_ACTUATOR, "motor", &of.motor)?;
             let (angle, rate) = (model.jnt_qposadr()[joint] as usize, model.jnt_dofadr()[joint] as usize);
-            Ok(Joint { angle, rate, motor })
+            Ok(Joint { pose_rad: of.pose_rad, scale_rad: of.scale_rad, angle, rate, motor })
         };
+        let feet = robot.feet.iter().map(|foot| find(MjtObjBase::mjOBJ_GEOM, "foot", foot));
+        let decision_steps = robot.decision_steps();
         Ok(Self {
             file: policy.to_owned(),
             session,
             keeps,
-            joints: (0..JOINTS).map(joint).collect::<Result<_, LegsError>>()?,
-            feet: LEGS.iter().map(|leg| find(MjtObjBase::mjOBJ_GEOM, "foot", leg)).collect::<Result<_, _>>()?,
-            targets_rad: std::array::from_fn(pose_rad),
-            last: [0.0; JOINTS],
+            joints: robot.joint.iter().map(joint).collect::<Result<_, LegsError>>()?,
+            feet: feet.collect::<Result<_, _>>()?,
+            walking: robot.walking,
+            standing: robot.standing,
+            rates_scale: robot.rates_scale,
+            joint_rates_scale: robot.joint_rates_scale,
+            decision_steps,
+            decision_s: decision_steps as f64 * STEP_S,
+            targets_rad: robot.joint.iter().map(|joint| joint.pose_rad).collect(),
+            last: vec![0.0; joints],
             command: Vector3::zeros(),
             moves: Vector3::zeros(),
             trim: Vector3::zeros(),
@@ -167,10 +164,16 @@ impl Legs {
         })
     }
 
+    /// The geoms of the feet.
+    #[must_use]
+    pub fn feet(&self) -> &[usize] {
+        &self.feet
+    }
+
     /// Puts the joints into the pose that the policy starts from.
     pub fn pose(&self, data: &mut MjData<Box<MjModel>>) {
-        for (i, joint) in self.joints.iter().enumerate() {
-            data.qpos_mut()[joint.angle] = pose_rad(i);
+        for joint in &self.joints {
+            data.qpos_mut()[joint.angle] = joint.pose_rad;
         }
         data.forward();
     }
@@ -186,12 +189,12 @@ impl Legs {
     /// # Errors
     /// Where the policy gives no numbers.
     pub fn drive(&mut self, data: &mut MjData<Box<MjModel>>, commanded: Twist2) -> Result<(), LegsError> {
-        if self.steps.is_multiple_of(STEPS) {
+        if self.steps.is_multiple_of(self.decision_steps) {
             self.decide(data, if commanded.is_finite() { commanded } else { Twist2::ZERO })?;
         }
         self.steps += 1;
-        let (stiffness, damping) = if self.stands { STANDING } else { WALKING };
-        for (joint, target_rad) in self.joints.iter().zip(self.targets_rad) {
+        let Gains { stiffness, damping } = if self.stands { self.standing } else { self.walking };
+        for (joint, target_rad) in self.joints.iter().zip(&self.targets_rad) {
             let off_rad = target_rad - data.qpos()[joint.angle];
             data.ctrl_mut()[joint.motor] = stiffness * off_rad - damping * data.qvel()[joint.rate];
         }
@@ -214,33 +217,35 @@ impl Legs {
             return Ok(());
         }
         let senses = self.senses(data, &attitude, &asked);
-        self.last = infer(&mut self.session, &senses)
-            .map_err(|what| LegsError::Policy { file: self.file.clone(), what })?
-            .map(|output| f64::from(output).clamp(-CLIP, CLIP));
-        self.targets_rad = std::array::from_fn(|i| pose_rad(i) + self.last[i] * SCALE_RAD[i % 3]);
+        let output = infer(&mut self.session, &senses, self.joints.len())
+            .map_err(|what| LegsError::Policy { file: self.file.clone(), what })?;
+        for (i, joint) in self.joints.iter().enumerate() {
+            self.last[i] = f64::from(output[i]).clamp(-CLIP, CLIP);
+            self.targets_rad[i] = joint.pose_rad + self.last[i] * joint.scale_rad;
+        }
         Ok(())
     }
 
     /// Goes from wherever the last step ended to an even stance: uneven legs push the body about.
     fn settle(&mut self) {
-        for (i, target_rad) in self.targets_rad.iter_mut().enumerate() {
-            *target_rad += (pose_rad(i) - *target_rad) * SETTLED;
+        for (joint, target_rad) in self.joints.iter().zip(&mut self.targets_rad) {
+            *target_rad += (joint.pose_rad - *target_rad) * SETTLED;
         }
         // Nothing is to be made up for once it walks again.
         self.trim = Vector3::zeros();
-        self.last = [0.0; JOINTS];
+        self.last.fill(0.0);
     }
 
     /// The command and its trim.
     fn keep(&mut self, commanded: Twist2, moves: Vector3<f64>, leans: bool) -> Vector3<f64> {
         let wanted = [commanded.vx_mps, commanded.vy_mps, commanded.wz_radps];
-        self.moves += (moves - self.moves) * (DECISION_S / (self.keeps.low_pass_s + DECISION_S));
+        self.moves += (moves - self.moves) * (self.decision_s / (self.keeps.low_pass_s + self.decision_s));
         for (axis, wanted) in wanted.into_iter().enumerate() {
             let (slew, limit) = (self.keeps.slew[axis], self.keeps.limit[axis]);
             self.command[axis] += (wanted - self.command[axis]).clamp(-slew, slew);
-            let more = self.keeps.gain_per_s[axis] * (self.command[axis] - self.moves[axis]) * DECISION_S;
+            let more = self.keeps.gain_per_s[axis] * (self.command[axis] - self.moves[axis]) * self.decision_s;
             self.trim[axis] = if leans {
-                self.trim[axis] * (1.0 - DECISION_S / FADES_S)
+                self.trim[axis] * (1.0 - self.decision_s / FADES_S)
             } else {
                 (self.trim[axis] + more).clamp(-limit, limit)
             };
@@ -253,41 +258,43 @@ impl Legs {
         self.feet.iter().all(touches)
     }
 
-    fn senses(
-        &self,
-        data: &MjData<Box<MjModel>>,
-        attitude: &UnitQuaternion<f64>,
-        asked: &Vector3<f64>,
-    ) -> [f32; SENSES] {
+    fn senses(&self, data: &MjData<Box<MjModel>>, attitude: &UnitQuaternion<f64>, asked: &Vector3<f64>) -> Vec<f32> {
         let (angles, rates) = (data.qpos(), data.qvel());
         // Gravity that is tilted in place of the floor is a ramp to the robot.
         let down = attitude.inverse() * Vector3::from(data.model().opt().gravity).normalize();
-        let mut senses = [0.0; SENSES];
+        let joints = self.joints.len();
+        let mut senses = vec![0.0; senses(joints)];
         for axis in 0..3 {
-            senses[axis] = 0.25 * rates[3 + axis];
+            senses[axis] = self.rates_scale * rates[3 + axis];
             senses[3 + axis] = down[axis];
             senses[6 + axis] = asked[axis];
         }
         for (i, joint) in self.joints.iter().enumerate() {
-            senses[9 + i] = angles[joint.angle] - pose_rad(i);
-            senses[21 + i] = 0.05 * rates[joint.rate];
-            senses[33 + i] = self.last[i];
+            senses[9 + i] = angles[joint.angle] - joint.pose_rad;
+            senses[9 + joints + i] = self.joint_rates_scale * rates[joint.rate];
+            senses[9 + 2 * joints + i] = self.last[i];
         }
-        senses.map(|sense: f64| sense.clamp(-CLIP, CLIP) as f32)
+        senses.into_iter().map(|sense: f64| sense.clamp(-CLIP, CLIP) as f32).collect()
     }
 }
 
-fn infer(session: &mut Session, senses: &[f32; SENSES]) -> Result<[f32; JOINTS], String> {
-    let input = TensorRef::from_array_view(([1, SENSES], &senses[..])).map_err(|error| error.to_string())?;
+/// What the policy is told: rates, gravity, command, angles, joint rates, its last output.
+fn senses(joints: usize) -> usize {
+    9 + 3 * joints
+}
+
+fn infer(session: &mut Session, senses: &[f32], joints: usize) -> Result<Vec<f32>, String> {
+    let input = TensorRef::from_array_view(([1, senses.len()], senses)).map_err(|error| error.to_string())?;
     let outputs = session.run(inference::inputs![input]).map_err(|error| error.to_string())?;
     if outputs.len() != 1 {
         return Err(format!("it has {} outputs, not one", outputs.len()));
     }
     let (_, output) = outputs[0].try_extract_tensor::<f32>().map_err(|error| error.to_string())?;
-    let output: [f32; JOINTS] =
-        output.try_into().map_err(|_| format!("it gives {} numbers, not {JOINTS}", output.len()))?;
+    if output.len() != joints {
+        return Err(format!("it gives {} numbers, not {joints}", output.len()));
+    }
     if output.iter().all(|number| number.is_finite()) {
-        Ok(output)
+        Ok(output.to_vec())
     } else {
         Err("it gives what is no number".to_owned())
     }

@@ -4,6 +4,7 @@ pub mod legs;
 pub mod motion;
 pub mod person;
 pub mod rays;
+pub mod robot;
 pub mod scene;
 pub mod sight;
 pub mod touch;

@@ -13,9 +13,10 @@ use world::{
     Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S, World,
 };
 
-use crate::legs::{self, BODY_M, Legs, VelocityLoop};
+use crate::legs::{self, Legs, VelocityLoop};
 use crate::person::{Person, PersonConfig};
 use crate::rays::Rays;
+use crate::robot::{Robot, RobotError};
 use crate::scene::{self, STEP_S, Scene};
 use crate::sight::Sight;
 use crate::touch::Touches;
@@ -77,6 +78,9 @@ pub enum MotionError {
     /// The scene cannot be built.
     #[error(transparent)]
     Scene(#[from] scene::SceneError),
+    /// What stands beside the model is wrong.
+    #[error(transparent)]
+    Robot(#[from] RobotError),
     /// The robot cannot walk.
     #[error(transparent)]
     Legs(#[from] legs::LegsError),
@@ -89,16 +93,17 @@ impl LeggedMotion {
     /// Where model or policy cannot be used.
     pub fn new(settings: &Settings, scenario: &Scenario, world: &World) -> Result<Self, MotionError> {
         let mujoco = &settings.simulation.mujoco;
-        let robot = mujoco.model.as_deref().ok_or(MotionError::NoFile("model"))?;
+        let file: &Path = mujoco.model.as_deref().ok_or(MotionError::NoFile("model"))?;
         let policy: &Path = mujoco.policy.as_deref().ok_or(MotionError::NoFile("policy"))?;
         let person = person(settings, mujoco);
-        let scene = Scene { robot, world, start: scenario.start, body_m: BODY_M, person: Some(person) };
+        let robot = Robot::of(file)?;
+        let scene = Scene { robot: file, world, start: scenario.start, body_m: robot.body_m, person: Some(person) };
         let mut model = scene.build()?;
         scene::scale_mass(&mut model, mujoco.mass_scale);
         scene::set_friction(&mut model, mujoco.friction);
-        let legs = Legs::new(&model, policy, VelocityLoop::from(mujoco.velocity_loop))?;
+        let legs = Legs::new(&model, &robot, policy, VelocityLoop::from(mujoco.velocity_loop))?;
         let person = Person::new(&model, person)?;
-        let touches = Touches::new(&model)?;
+        let touches = Touches::new(&model, legs.feet())?;
         let mut data = MjData::new(Box::new(model));
         // Recomputes what MuJoCo derives from the masses.
         data.set_const();

@@ -32,7 +32,7 @@ impl Collisions {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Owner {
     Robot,
-    /// What the robot walks on: feet and calves.
+    /// What the robot walks on: bodies that have a foot.
     Leg,
     Handler,
     Floor,
@@ -51,18 +51,18 @@ pub struct Touches {
 }
 
 impl Touches {
-    /// No touches yet, in a scene with a handler.
+    /// No touches yet, in a scene with a handler and a robot with those feet (geoms).
     ///
     /// # Errors
     /// Where the scene has none.
-    pub fn new(model: &MjModel) -> Result<Self, SceneError> {
+    pub fn new(model: &MjModel, feet: &[usize]) -> Result<Self, SceneError> {
         let missing = || SceneError { file: "the scene".to_owned(), what: format!("it has no body {BODY}") };
         let handler = model.name_to_id(MjtObjBase::mjOBJ_BODY, BODY).ok_or_else(missing)?;
         let passer = |number| model.name_to_id(MjtObjBase::mjOBJ_BODY, &scene::passer(number));
         let passers: Vec<usize> = (0..MAX_WALKERS).map_while(passer).collect();
         let owner = |geom: usize| {
             let body = model.geom_bodyid()[geom] as usize;
-            let is_leg = || model.id_to_name(MjtObjBase::mjOBJ_BODY, body).is_some_and(|name| name.ends_with("calf"));
+            let is_leg = || feet.iter().any(|foot| model.geom_bodyid()[*foot] as usize == body);
             match body {
                 0 if model.geom_type()[geom] == MjtGeomBase::mjGEOM_PLANE => Owner::Floor,
                 0 => Owner::World,

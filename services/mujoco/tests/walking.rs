@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use guidance::se2::{Point, Se2, se2};
-use guidedog_mujoco::legs::{BODY_M, Legs, LegsError, VelocityLoop, attitude};
+use guidedog_mujoco::legs::{Legs, LegsError, VelocityLoop, attitude};
 use guidedog_mujoco::person::{BODY_FROM_HANDLE_M, Person, PersonConfig};
 use guidedog_mujoco::rays::Rays;
+use guidedog_mujoco::robot::Robot as Kind;
 use guidedog_mujoco::scene::{self, Scene};
 use messages::{Pose2, Twist2};
 use mujoco_rs::prelude::*;
@@ -39,9 +40,15 @@ impl Robot {
     }
 
     fn with(person: Option<PersonConfig>, world: &World, keeps: VelocityLoop) -> Self {
-        let scene = Scene { robot: &brought("go2/go2.xml"), world, start: Pose2::default(), body_m: BODY_M, person };
+        let scene = Scene {
+            robot: &brought("go2/go2.xml"),
+            world,
+            start: Pose2::default(),
+            body_m: Kind::go2().body_m,
+            person,
+        };
         let model = scene.build().expect("a scene");
-        let legs = Legs::new(&model, &brought("go2/policy.onnx"), keeps).expect("legs");
+        let legs = Legs::new(&model, &Kind::go2(), &brought("go2/policy.onnx"), keeps).expect("legs");
         let person = person.map(|person| Person::new(&model, person).expect("the scene has a handler"));
         let mut data = MjData::new(Box::new(model));
         legs.pose(&mut data);
@@ -305,7 +312,8 @@ fn what_is_no_go2_is_refused_with_what_it_lacks() {
     let empty = world("");
     let scene = Scene { robot: &file, world: &empty, start: Pose2::default(), body_m: 1.0, person: None };
     let model = scene.build().expect("a scene");
-    let missing = Legs::new(&model, &brought("go2/policy.onnx"), VelocityLoop::SOFT).err().expect("refused");
+    let missing =
+        Legs::new(&model, &Kind::go2(), &brought("go2/policy.onnx"), VelocityLoop::SOFT).err().expect("refused");
     assert!(matches!(&missing, LegsError::Missing(what) if what == "joint FR_hip_joint"), "{missing}");
     std::fs::write(&file, "<mujoco><worldbody><body name='base'><geom size='1'/></body></worldbody></mujoco>")
         .expect("written");
@@ -313,4 +321,75 @@ fn what_is_no_go2_is_refused_with_what_it_lacks() {
     assert!(error.what.contains("not free"), "{error}");
     let error = Scene { robot: &folder.path().join("none.xml"), ..scene }.build().expect_err("refused");
     assert!(error.file.ends_with("none.xml"), "{error}");
+}
+
+/// A Go2 whose joints and motors have other names, in another folder, and the file that tells of them.
+fn renamed(folder: &Path, told: impl Fn(String) -> String) -> PathBuf {
+    let (model, assets) = (folder.join("dog.xml"), brought("go2/assets"));
+    let text = std::fs::read_to_string(brought("go2/go2.xml")).expect("a model");
+    let text = text.replace("_joint\"", "_axis\"").replace("meshdir=\"assets\"", &format!("meshdir={assets:?}"));
+    std::fs::write(&model, text).expect("written");
+    let go2 = Kind::go2();
+    let mut toml = "body_m = 0.32\ndecision_ms = 20.0\nrates_scale = 0.25\njoint_rates_scale = 0.05\n\
+        walking = { stiffness = 20.0, damping = 0.5 }\nstanding = { stiffness = 80.0, damping = 2.0 }\n"
+        .to_owned();
+    toml += &format!("feet = {:?}\n", go2.feet);
+    for joint in &go2.joint {
+        let name = joint.name.replace("_joint", "_axis");
+        let (motor, pose_rad, scale_rad) = (&joint.motor, joint.pose_rad, joint.scale_rad);
+        toml += &format!("[[joint]]\nname = {name:?}\nmotor = {motor:?}\n");
+        toml += &format!("pose_rad = {pose_rad:?}\nscale_rad = {scale_rad:?}\n");
+    }
+    std::fs::write(model.with_extension("toml"), told(toml)).expect("written");
+    model
+}
+
+#[test]
+fn a_robot_that_a_file_beside_its_model_tells_of_walks_as_it_says() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let walk = |file: &Path| {
+        let (kind, empty) = (Kind::of(file).expect("a description"), world(""));
+        let scene = Scene { robot: file, world: &empty, start: Pose2::default(), body_m: kind.body_m, person: None };
+        let model = scene.build().expect("a scene");
+        let legs = Legs::new(&model, &kind, &brought("go2/policy.onnx"), VelocityLoop::SOFT).expect("legs");
+        let mut data = MjData::new(Box::new(model));
+        legs.pose(&mut data);
+        let mut robot = Robot { data, legs, person: None, pull_max_n: 0.0, lean_max_rad: 0.0 };
+        robot.walk(2.0, 0.5, 0.1, 0.2);
+        robot.data.qpos().iter().map(|number| number.to_bits()).collect::<Vec<_>>()
+    };
+    let dog = renamed(folder.path(), |toml| toml);
+    assert_eq!(Kind::of(&brought("go2/go2.xml")).expect("no file"), Kind::go2());
+    assert_eq!(walk(&dog), walk(&brought("go2/go2.xml")));
+    assert_ne!(
+        walk(&renamed(folder.path(), |toml| toml.replace("damping = 0.5", "damping = 0.6"))),
+        walk(&brought("go2/go2.xml"))
+    );
+}
+
+#[test]
+fn a_wrong_file_beside_a_model_is_refused_with_its_place() {
+    let folder = tempfile::tempdir().expect("a folder");
+    for (from, to, told) in [
+        ("body_m = 0.32", "body_m = 0.0", "body_m = 0 is not over 0"),
+        ("decision_ms = 20.0", "decision_ms = 21.0", "decision_ms = 21 is no multiple of 2.5 ms"),
+        ("rates_scale = 0.25", "rates_scale = \"x\"", "line 3"),
+        ("scale_rad = 0.125", "scale = 0.125", "unknown field `scale`"),
+        ("damping = 2.0", "damping = nan", "standing.damping = NaN"),
+        ("FL_hip_axis", "FR_hip_axis", "joint 4 (FR_hip_axis): its joint or motor is named before"),
+    ] {
+        let file = renamed(folder.path(), |toml| toml.replacen(from, to, 1));
+        let error = Kind::of(&file).expect_err(told).to_string();
+        assert!(error.contains(told) && error.contains("dog.toml"), "{told}: {error}");
+    }
+    let file = renamed(folder.path(), |toml| toml.replacen("FR_hip_axis", "XX", 1));
+    let empty = world("");
+    let scene = Scene { robot: &file, world: &empty, start: Pose2::default(), body_m: 0.32, person: None };
+    let (model, kind) = (scene.build().expect("a scene"), Kind::of(&file).expect("well formed"));
+    let error = Legs::new(&model, &kind, &brought("go2/policy.onnx"), VelocityLoop::SOFT).err().expect("refused");
+    assert!(matches!(&error, LegsError::Missing(what) if what == "joint XX"), "{error}");
+    let mut few = Kind::go2();
+    few.joint.pop();
+    let error = Legs::new(&model, &few, &brought("go2/policy.onnx"), VelocityLoop::SOFT).err().expect("refused");
+    assert!(matches!(&error, LegsError::Policy { .. }), "{error}");
 }
