@@ -10,7 +10,9 @@ use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
-use floor::Floor;
+use floor::{Cells, Look, Plane};
+
+pub use floor::FloorCell;
 
 /// What is lower is floor or can be walked over, metres.
 const FLOOR_M: f64 = 0.08;
@@ -22,8 +24,13 @@ const SWAYING_FLOOR_PER_M: f64 = 0.015;
 const AHEAD_MIN: f64 = 0.05;
 /// Upper bound on columns, for any attitude of a real camera.
 const COLUMNS_MAX: f64 = 4096.0;
-/// One in this many rows, and of the sampled columns, is used to find the floor.
+/// One in this many rows, and of the sampled columns, is used to trim the floor,
 const FLOOR_OF: usize = 4;
+/// and this many times as many of the sampled columns, and about so many rows, to find its slope.
+const CELLS_OF: usize = 2;
+const CELL_ROWS: usize = 120;
+/// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
+const CAMERA_MIN_M: f64 = 0.1;
 /// What is higher is over everybody's head, metres.
 const HEAD_M: f64 = 1.90;
 /// About so many columns are looked at, but every row: a bar across the way is thin in height.
@@ -224,6 +231,7 @@ pub struct DepthView {
     whole: Range<usize>,
     /// Places that may be floor: ahead, left, height, metres.
     low: Vec<Vector3<f64>>,
+    cells: Cells,
     camera: Point,
     forward: Vector2<f64>,
     /// The robot of the frame's stamp, in the robot frame of now.
@@ -240,6 +248,7 @@ impl Default for DepthView {
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
+            cells: Cells::default(),
             camera: Point::origin(),
             forward: Vector2::x(),
             now_from_stamped: Se2::identity(),
@@ -332,7 +341,7 @@ impl DepthView {
             |axis: Vector3<f64>| Vector3::new(axis.xy().dot(&self.forward), self.forward.perp(&axis.xy()), axis.z);
         let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
         self.lay_out(header, &axes)?;
-        let floor = self.find_floor(header, pixels_mm, &axes, camera.z)?;
+        let plane = self.find_floor(header, pixels_mm, &axes, camera)?;
         let (width, stride, spacing) = (header.width as usize, stride(header), stride(header) as f64 / header.fx_px);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
@@ -350,7 +359,7 @@ impl DepthView {
                 let pixel = Pixel {
                     along_m: seen.x,
                     left_m: seen.y,
-                    height_m: camera.z + seen.z - floor.height_m(place.x, place.y),
+                    height_m: camera.z + seen.z - plane.height_m(place.x, place.y) - self.cells.over_m(seen.x, seen.y),
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
                 };
                 column.take(&pixel, camera.z, || agrees(pixels_mm, width, v * width + u));
@@ -384,27 +393,46 @@ impl DepthView {
         Ok(())
     }
 
+    /// The trimmed plane; the cells tell what is over it.
     fn find_floor(
         &mut self,
         header: &DepthHeader,
         pixels_mm: &[u16],
         axes: &Axes,
-        camera_m: f64,
-    ) -> Result<Floor, DepthError> {
-        let (width, step) = (header.width as usize, FLOOR_OF * stride(header));
+        camera: Point3<f64>,
+    ) -> Result<Plane, DepthError> {
+        let (width, step) = (header.width as usize, FLOOR_OF / CELLS_OF * stride(header));
+        let rows = (header.height as usize / CELL_ROWS).max(1);
         self.low.clear();
-        for v in (0..header.height as usize).step_by(FLOOR_OF) {
-            for u in (0..width).step_by(step).filter(|u| pixels_mm[v * width + u] != 0) {
-                let ray = axes.ray(left_of(header, u), up_of(header, v));
-                let seen = ray * (f64::from(pixels_mm[v * width + u]) / 1000.0);
-                let place = place(self.camera, self.forward, seen.x, seen.y);
-                self.low.push(Vector3::new(place.x, place.y, camera_m + seen.z));
+        self.cells.begin();
+        for v in (0..header.height as usize).step_by(rows) {
+            let (is_trimming, up) = (v % FLOOR_OF < rows, up_of(header, v));
+            for (number, u) in (0..width).step_by(step).enumerate().filter(|(_, u)| pixels_mm[v * width + u] != 0) {
+                let seen = axes.ray(left_of(header, u), up) * (f64::from(pixels_mm[v * width + u]) / 1000.0);
+                self.cells.take(seen.x, seen.y, camera.z + seen.z);
+                if is_trimming && number % CELLS_OF == 0 {
+                    let place = place(self.camera, self.forward, seen.x, seen.y);
+                    self.low.push(Vector3::new(place.x, place.y, camera.z + seen.z));
+                }
             }
         }
-        Floor::of(&self.low).ok_or_else(|| {
+        let (eye, forward) = (self.camera, self.forward);
+        let plane = Plane::of(&self.low);
+        let apart_at_1_m = rows as f64 / (header.fy_px * camera.z.max(CAMERA_MIN_M));
+        let look = Look { ahead_m: eye.coords.dot(&forward), apart_at_1_m };
+        self.cells.spread(&look, |along, left| {
+            let at = place(eye, forward, along, left);
+            plane.height_m(at.x, at.y)
+        });
+        let is_on_cell = |low: &Vector3<f64>| {
+            let to = low.xy() - eye.coords;
+            self.cells.holds(to.dot(&forward), forward.perp(&to), low.z)
+        };
+        if floor::falls_away(&self.low, is_on_cell) {
             self.clear();
-            DepthError::NoFloor
-        })
+            return Err(DepthError::NoFloor);
+        }
+        Ok(plane)
     }
 
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot
@@ -444,6 +472,7 @@ impl DepthView {
         self.stamped.clear();
         self.points.clear();
         self.columns.clear();
+        self.cells.clear();
         self.whole = 0..0;
         self.now_from_stamped = Se2::identity();
     }
@@ -473,6 +502,13 @@ impl DepthView {
         self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| bare(column, along)))
     }
 
+    /// What the cell of floor at a point (robot frame) shows. A frame of a body whose attitude is not known has none.
+    #[must_use]
+    pub fn floor_at(&self, point: Point) -> FloorCell {
+        let to = self.now_from_stamped.inverse() * point - self.camera;
+        self.cells.at(to.dot(&self.forward), self.forward.perp(&to))
+    }
+
     /// The columns to either side of a point, and how far along the camera's axis it is, metres; none where it is
     /// outside the field of view.
     fn beside(&self, point: Point) -> Option<(&[Column], f64)> {
@@ -494,5 +530,7 @@ impl DepthView {
     }
 }
 
+#[cfg(test)]
+mod ramp_tests;
 #[cfg(test)]
 mod tests;

@@ -1,7 +1,12 @@
 //! Finds the floor in a depth frame. Gravity is the reference, and the frame may only trim it: a plane that is fitted
-//! freely tips into the first hole.
+//! freely tips into the first hole. What goes on from it at the slope of a ramp is floor too, cell by cell.
+
+mod cells;
 
 use nalgebra::{Matrix3, Vector3};
+
+pub use cells::FloorCell;
+pub(super) use cells::{Cells, Look};
 
 /// Largest trim of the height of the floor under the robot, metres,
 const OFF_MAX_M: f64 = 0.03;
@@ -17,35 +22,27 @@ const REACH_M: f64 = 3.0;
 /// Points farther off the fitted floor are outliers, metres.
 const OUTSIDE_M: f64 = 0.04;
 const ROUNDS: usize = 3;
+/// No ramp within reach leads farther up or down, metres.
+const LOW_M: f64 = 0.5;
 
 /// Height of the floor over the level one: an offset under the robot, and a slope ahead and to the left.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Floor {
+pub(super) struct Plane {
     off_m: f64,
     ahead: f64,
     left: f64,
 }
 
-impl Floor {
+impl Plane {
     /// Fits the floor to points (robot frame: ahead, left, height over the level floor, metres), with the error of the
-    /// attitude as prior. Returns none if most low points lie below the floor: obstacles there could pass for floor.
-    pub(super) fn of(places: &[Vector3<f64>]) -> Option<Self> {
-        let gate_m = |place: &&Vector3<f64>| OFF_MAX_M + SLOPE_MAX * place.xy().norm();
-        let near = || places.iter().filter(|place| place.xy().norm() <= REACH_M);
-        let on_floor = near().filter(|place| place.z.abs() <= gate_m(place)).count();
-        let below = near().filter(|place| place.z < -gate_m(place)).count();
-        if below > on_floor {
-            return None;
-        }
-        let mut floor = Self::default();
+    /// attitude as prior.
+    pub(super) fn of(places: &[Vector3<f64>]) -> Self {
+        let mut plane = Self::default();
         for round in 0..ROUNDS {
-            let gate = |distance_m: f64| match round {
-                0 => OFF_MAX_M + SLOPE_MAX * distance_m,
-                _ => OUTSIDE_M,
-            };
-            floor = floor.fitted(places, gate);
+            let gate = |distance_m: f64| if round == 0 { gate_m(distance_m) } else { OUTSIDE_M };
+            plane = plane.fitted(places, gate);
         }
-        Some(floor)
+        plane
     }
 
     /// How high the floor is at a place, metres.
@@ -76,9 +73,29 @@ impl Floor {
     }
 }
 
+/// How far the level floor may be off at a distance, metres.
+fn gate_m(distance_m: f64) -> f64 {
+    OFF_MAX_M + SLOPE_MAX * distance_m
+}
+
+/// Whether most of the low points lie below the floor: obstacles there could pass for floor. `is_on_cell` tells whether a
+/// point lies on a cell that is floor.
+pub(super) fn falls_away(places: &[Vector3<f64>], is_on_cell: impl Fn(&Vector3<f64>) -> bool) -> bool {
+    let (mut on_floor, mut below) = (0, 0);
+    for place in places.iter().filter(|place| place.xy().norm() <= REACH_M) {
+        let gate_m = gate_m(place.xy().norm());
+        if place.z.abs() <= gate_m || (place.z.abs() < LOW_M && is_on_cell(place)) {
+            on_floor += 1;
+        } else if place.z < -gate_m {
+            below += 1;
+        }
+    }
+    below > on_floor
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Floor, SLOPE_MAX};
+    use super::{Plane, SLOPE_MAX, falls_away};
     use nalgebra::Vector3;
 
     fn places(height_m: impl Fn(f64, f64) -> f64) -> Vec<Vector3<f64>> {
@@ -88,28 +105,31 @@ mod tests {
 
     #[test]
     fn an_attitude_that_is_a_degree_off_is_found() {
-        let floor = Floor::of(&places(|x, y| 0.01 + 0.017 * x - 0.009 * y)).expect("a floor");
+        let floor = Plane::of(&places(|x, y| 0.01 + 0.017 * x - 0.009 * y));
         assert!((floor.height_m(2.0, 0.5) - (0.01 + 0.034 - 0.0045)).abs() < 2e-3, "{floor:?}");
     }
 
     #[test]
     fn a_hole_does_not_tip_it_and_a_box_does_not_lift_it() {
-        let hole = Floor::of(&places(|x, _| if x > 1.7 { -0.3 } else { 0.0 })).expect("a floor");
+        let hole = Plane::of(&places(|x, _| if x > 1.7 { -0.3 } else { 0.0 }));
         assert!(hole.height_m(1.4, 0.0).abs() < 0.003, "{hole:?}");
-        let low = Floor::of(&places(|x, y| if x > 1.2 && y.abs() < 0.3 { 0.08 } else { 0.0 })).expect("a floor");
+        let low = Plane::of(&places(|x, y| if x > 1.2 && y.abs() < 0.3 { 0.08 } else { 0.0 }));
         assert!(low.height_m(1.2, 0.0).abs() < 0.015, "{low:?}");
     }
 
     #[test]
     fn it_never_slopes_further_than_an_attitude_is_off() {
-        let ramp = Floor::of(&places(|x, _| 0.083 * x)).expect("a floor");
+        let ramp = Plane::of(&places(|x, _| 0.083 * x));
         assert!(ramp.ahead <= SLOPE_MAX && ramp.off_m.abs() <= 0.03, "{ramp:?}");
-        assert_eq!(Floor::of(&[]), Some(Floor::default()));
+        assert_eq!(Plane::of(&[]), Plane::default());
     }
 
     #[test]
     fn where_the_floor_falls_away_there_is_none_that_hides_what_stands_on_it() {
-        assert_eq!(Floor::of(&places(|x, _| -0.083 * x)), None, "a ramp of 1:12 down");
-        assert_eq!(Floor::of(&places(|x, y| -0.1 * x + if x > 1.2 && y.abs() < 0.2 { 0.15 } else { 0.0 })), None);
+        let falls = |places: &[Vector3<f64>]| falls_away(places, |_| false);
+        assert!(falls(&places(|x, _| if x > 0.8 { -0.3 } else { 0.0 })), "an edge");
+        assert!(falls(&places(|x, y| -0.3 * x + if x > 1.2 && y.abs() < 0.2 { 0.15 } else { 0.0 })));
+        assert!(!falls(&places(|x, _| if x > 2.5 { -0.3 } else { 0.0 })) && !falls(&[]));
+        assert!(!falls_away(&places(|x, _| -0.083 * x), |_| true), "a ramp down");
     }
 }
