@@ -18,6 +18,7 @@ mod links;
 mod odometry;
 mod peers;
 mod planned;
+mod ramps;
 mod record;
 mod recordings;
 mod replays;

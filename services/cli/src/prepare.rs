@@ -280,7 +280,12 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     let world = Arc::new(scenario.load_world().map_err(Failure::of_input)?);
     let file = settings.walk.scenario.as_ref().or(settings.walk.map.as_ref());
     let config = PhysicsConfig::from(&settings);
-    Physics::new(Arc::clone(&world), config, scenario.start).map_err(|error| {
+    // The start is checked on the level; MuJoCo knows ramps.
+    let mut level = Arc::clone(&world);
+    if settings.simulation.physics == settings::PhysicsKind::Mujoco {
+        Arc::make_mut(&mut level).flatten();
+    }
+    Physics::new(level, config, scenario.start).map_err(|error| {
         let file = file.map(|file| format!("{}: ", file.display())).unwrap_or_default();
         Failure::input(format!("{file}{}", crate::exit::chain(&error)))
     })?;

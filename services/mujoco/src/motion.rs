@@ -10,7 +10,7 @@ use nalgebra::{Rotation2, Vector2};
 use settings::{Mujoco, Settings};
 use transport::{FramePublisher, Io, Rhythm, TransportError};
 use world::{
-    Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S, World,
+    Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Ramp, Scenario, TICK_S, World,
 };
 
 use crate::legs::{self, Legs, VelocityLoop};
@@ -52,6 +52,8 @@ pub struct LeggedMotion {
     radii_m: [f64; 2],
     sensors: Option<Sensors>,
     standing_m: f64,
+    /// The floor that is not level.
+    ramps: Vec<Ramp>,
     distance_m: f64,
     steps: u64,
 }
@@ -118,6 +120,7 @@ impl LeggedMotion {
             radii_m: [settings.robot.radius_m.get(), settings.handler.radius_m.get()],
             sensors: None,
             standing_m: settings.robot.body_height_m.get(),
+            ramps: world.ramps().to_vec(),
             distance_m: 0.0,
             steps: 0,
         };
@@ -190,8 +193,12 @@ impl LeggedMotion {
 
     fn attitude(&self) -> Attitude {
         let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
+        let at = Point::new(self.data.qpos()[0], self.data.qpos()[1]);
+        // Over the floor under the body, as legs tell it.
+        let floor_m = self.ramps.iter().filter_map(|ramp| ramp.height_m(at)).fold(0.0, f64::max);
+        let height_m = self.data.qpos()[2] - floor_m;
         // Any stamp marks it as known. The publisher sets the real one.
-        Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m: self.data.qpos()[2], standing_m: self.standing_m }
+        Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m, standing_m: self.standing_m }
     }
 }
 

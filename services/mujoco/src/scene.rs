@@ -7,7 +7,7 @@ use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, SeenBy, World};
+use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -18,6 +18,13 @@ pub const STEP_S: f64 = 0.0025;
 const WALL_M: f64 = 0.02;
 /// The handler's body begins as high above the floor, metres.
 const CLEAR_M: f64 = 0.02;
+
+/// A ramp is so thick, metres: it reaches below the floor.
+const RAMP_M: f64 = 0.5;
+/// Bits by which MuJoCo tells what meets (`contype`). Anything else has the first, and meets all that has it. A ramp and
+/// the handler, who slides over the floor on a plane, have one of their own and do not meet.
+pub(crate) const RAMP_BIT: i32 = 2;
+const HANDLER_BIT: i32 = 4;
 
 /// Group of the geoms that stand still and that lidar and camera see. The Go2's own are in groups 2 and 3.
 pub const SEEN: i32 = 1;
@@ -63,7 +70,8 @@ impl Scene<'_> {
         let mut spec = MjSpec::from_xml(self.robot).map_err(|error| wrong(error.to_string()))?;
         spec.option_mut().timestep = STEP_S;
         let base = spec.body_mut("base").ok_or_else(|| wrong("it has no body named base".to_owned()))?;
-        *base.pos_mut() = [self.start.x_m, self.start.y_m, self.body_m];
+        let floor_m = self.world.floor_m(Point::new(self.start.x_m, self.start.y_m));
+        *base.pos_mut() = [self.start.x_m, self.start.y_m, floor_m + self.body_m];
         *base.quat_mut() = turned(self.start.yaw_rad);
         let still = spec.world_body_mut();
         add_plane(still, 0.0);
@@ -72,6 +80,7 @@ impl Scene<'_> {
             add_map(still, map, self.world.ceiling_m());
         }
         self.world.prisms().iter().for_each(|prism| add_prism(still, prism));
+        self.world.ramps().iter().for_each(|ramp| add_ramp(still, ramp));
         if let Some(person) = self.person {
             add_person(still, person);
         }
@@ -154,6 +163,7 @@ fn add_person(still: &mut MjsBody, person: PersonConfig) {
     *touching.pos_mut() = [0.0, 0.0, middle_m];
     *touching.size_mut() = [person.radius_m, half_m, 0.0];
     touching.set_mass(person.mass_kg);
+    touching.set_contype(HANDLER_BIT);
     let seen = body.add_geom().with_type(MjtGeomBase::mjGEOM_CYLINDER).with_group(PERSON);
     *seen.pos_mut() = [0.0, 0.0, middle_m];
     *seen.size_mut() = [person.radius_m.min(HANDLER_SEEN_RADIUS_M), half_m, 0.0];
@@ -236,6 +246,20 @@ fn add_prism(still: &mut MjsBody, prism: &Prism) {
             }
         }
     }
+}
+
+/// A ramp: its upper face is the floor there.
+fn add_ramp(still: &mut MjsBody, ramp: &Ramp) {
+    let slope_rad = ramp.rise_m.atan2(ramp.length_m);
+    // The nose of a body on it is up.
+    let turned = UnitQuaternion::from_euler_angles(0.0, -slope_rad, ramp.foot.yaw_rad);
+    let over_foot = Vector3::new(ramp.length_m.hypot(ramp.rise_m) / 2.0, 0.0, -RAMP_M / 2.0);
+    let middle = Vector3::new(ramp.foot.x_m, ramp.foot.y_m, ramp.from_m) + turned * over_foot;
+    let geom = still.add_geom().with_type(MjtGeomBase::mjGEOM_BOX).with_group(SEEN);
+    *geom.pos_mut() = middle.into();
+    *geom.quat_mut() = [turned.w, turned.i, turned.j, turned.k];
+    *geom.size_mut() = [over_foot.x, ramp.width_m / 2.0, RAMP_M / 2.0];
+    geom.set_contype(RAMP_BIT);
 }
 
 /// A box, `size` along its own x and y axes.

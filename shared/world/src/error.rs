@@ -61,6 +61,9 @@ pub enum WorldError {
     /// A run has neither a scenario nor a map with a start.
     #[error("neither a scenario nor a map with a start is given")]
     NoScenario,
+    /// The project's own world is flat.
+    #[error("ramps need --physics mujoco: this world is flat")]
+    Ramps,
     /// Robot and handler find no way in a floor plan.
     #[error("{file}: there is no corridor of {length_m} m with room for robot and handler")]
     NoWay {

@@ -2,7 +2,7 @@
 //! robot, handler and walking people in them.
 //!
 //! A world is a floor at z = 0, a ceiling, and [`Prism`]s: vertical faces over an outline, each from one height to
-//! another. A ROS map ([`GridMap`]) adds cells that reach from floor to ceiling. Everything is in the world frame
+//! another. [`Ramp`]s lie on the floor, for a physics that knows heights. A ROS map ([`GridMap`]) adds cells that reach from floor to ceiling. Everything is in the world frame
 //! (metres, x right on a map, y up, z up, yaw counter-clockwise) unless a name says otherwise.
 //!
 //! Files are read only by [`World::load`], [`GridMap::load`], [`Scenario::load`] and [`Route::load`]. All else is a
@@ -27,6 +27,7 @@ pub mod people;
 pub mod physics;
 mod polar;
 pub mod prism;
+pub mod ramp;
 mod raster;
 mod redwood;
 pub mod scenario;
@@ -50,6 +51,7 @@ pub use of_settings::scenario_of;
 pub use people::{Agent, People, Person, Walk};
 pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
 pub use prism::{Prism, SeenBy};
+pub use ramp::Ramp;
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
 pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
 pub use site::{Course, Opening, Side, Site};

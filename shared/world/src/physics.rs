@@ -189,12 +189,15 @@ impl Physics {
     /// Robot at `start` (world frame), handler at the default offset, both at rest.
     ///
     /// # Errors
-    /// Where the configuration is out of its bounds, the start is not finite, or robot or handler would stand in
-    /// something.
+    /// Where the configuration is out of its bounds, the start is not finite, robot or handler would stand in
+    /// something, or the world has ramps, which this physics does not know.
     pub fn new(world: Arc<World>, config: PhysicsConfig, start: Pose2) -> Result<Self, WorldError> {
         config.validate()?;
         if !start.is_finite() {
             return Err(WorldError::StartNotFinite);
+        }
+        if !world.ramps().is_empty() {
+            return Err(WorldError::Ramps);
         }
         let world_from_robot = se2(start);
         let body = |radius_m, height_m| Body {

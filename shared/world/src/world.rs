@@ -10,6 +10,7 @@ use crate::grid_map::GridMap;
 use crate::index::SideIndex;
 use crate::people::Person;
 use crate::prism::{Prism, SeenBy};
+use crate::ramp::Ramp;
 use crate::sweep::{free_share, to_segment, ways_apart};
 use crate::{WorldError, text_file, world_file};
 
@@ -25,6 +26,7 @@ pub struct World {
     index: SideIndex,
     map: Option<Arc<GridMap>>,
     people: Vec<Person>,
+    ramps: Vec<Ramp>,
 }
 
 impl World {
@@ -32,7 +34,7 @@ impl World {
     #[must_use]
     pub fn new(ceiling_m: f64, prisms: Vec<Prism>) -> Self {
         let index = SideIndex::new(&prisms);
-        Self { ceiling_m, prisms, index, map: None, people: Vec::new() }
+        Self { ceiling_m, prisms, index, map: None, people: Vec::new(), ramps: Vec::new() }
     }
 
     /// The same world on a floor plan.
@@ -54,6 +56,18 @@ impl World {
     pub fn with_people(mut self, people: Vec<Person>) -> Self {
         self.people = people;
         self
+    }
+
+    /// The same world with these ramps, which only MuJoCo knows.
+    #[must_use]
+    pub fn with_ramps(mut self, ramps: Vec<Ramp>) -> Self {
+        self.ramps = ramps;
+        self
+    }
+
+    /// Takes its ramps away.
+    pub fn flatten(&mut self) {
+        self.ramps.clear();
     }
 
     /// The same world with more in it.
@@ -102,6 +116,18 @@ impl World {
     #[must_use]
     pub fn map(&self) -> Option<&GridMap> {
         self.map.as_deref()
+    }
+
+    /// Its ramps and plateaus.
+    #[must_use]
+    pub fn ramps(&self) -> &[Ramp] {
+        &self.ramps
+    }
+
+    /// Height of the floor at a place: of the highest ramp there, metres.
+    #[must_use]
+    pub fn floor_m(&self, at: Point) -> f64 {
+        self.ramps.iter().filter_map(|ramp| ramp.height_m(at)).fold(0.0, f64::max)
     }
 
     /// Who walks in it, and how.

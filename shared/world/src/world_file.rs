@@ -30,6 +30,13 @@
 //! points = [[15, 3.5], [15, 0.5]]
 //! z = [0.1, 2.2]
 //!
+//! [[ramp]]                         # needs `--physics mujoco`; up, a plateau and down are three of them
+//! at = [4, 0]                      # middle of its foot
+//! yaw_deg = 0                      # the way up, default 0
+//! size = [3, 2.4]                  # its length over the floor, and its width
+//! from_m = 0                       # height of its foot, default 0
+//! rise_m = 0.25                    # 0: a plateau
+//!
 //! [[person]]
 //! path = [[28, 0.75], [16, 0.75]]  # one point: stands
 //! speed_mps = 0.6                  # default 0.8
@@ -43,11 +50,13 @@ use std::ops::Range;
 use std::path::Path;
 
 use guidance::se2::Point;
+use messages::Pose2;
 use serde::Deserialize;
 use toml::Spanned;
 
 use crate::people::{Person, Walk};
 use crate::prism::{Prism, SeenBy};
+use crate::ramp::Ramp;
 use crate::text_file::TomlText;
 use crate::world::DEFAULT_CEILING_M;
 use crate::{GridMap, World, WorldError};
@@ -60,6 +69,10 @@ const MAX_SIZE_M: f64 = 500.0;
 const MIN_SIZE_M: f64 = 0.01;
 /// The lowest and the highest that anything is, metres.
 const HEIGHTS_M: (f64, f64) = (0.0, 50.0);
+/// A ramp is at least so long and wide, metres, at most so steep, and leads at most so high, metres.
+const RAMP_MIN_M: f64 = 0.1;
+const RAMP_SLOPE_MAX: f64 = 0.5;
+const RAMP_HIGH_M: f64 = 5.0;
 /// The most corners in all, so that a slip of a generator is refused and not built.
 const MAX_CORNERS: usize = 200_000;
 
@@ -78,6 +91,8 @@ struct File {
     pillar: Vec<Spanned<Pillar>>,
     #[serde(default)]
     curtain: Vec<Spanned<Curtain>>,
+    #[serde(default)]
+    ramp: Vec<Spanned<Incline>>,
     #[serde(default)]
     person: Vec<Spanned<Somebody>>,
 }
@@ -128,6 +143,18 @@ struct Curtain {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
+struct Incline {
+    at: [f64; 2],
+    #[serde(default)]
+    yaw_deg: f64,
+    size: [f64; 2],
+    #[serde(default)]
+    from_m: f64,
+    rise_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
 struct Somebody {
     path: Vec<[f64; 2]>,
     #[serde(default = "walking_mps")]
@@ -173,7 +200,8 @@ pub(crate) fn parse(name: &str, text: &str, folder: &Path) -> Result<World, Worl
         let what = format!("there are over {} people", messages::MAX_WALKERS);
         return Err(reader.toml.refuse(&surplus.span(), "person", what));
     }
-    let world = World::new(ceiling_m, prisms).with_people(people);
+    let ramps = file.ramp.iter().map(|entry| reader.ramp(entry)).collect::<Result<Vec<_>, _>>()?;
+    let world = World::new(ceiling_m, prisms).with_people(people).with_ramps(ramps);
     Ok(match &file.map {
         Some(map) => world.with_map(GridMap::load(&folder.join(map))?),
         None => world,
@@ -244,6 +272,20 @@ impl Reader<'_> {
         let (span, curtain) = (entry.span(), entry.get_ref());
         let points = self.points(&span, "points", &curtain.points, 2)?;
         Ok(Prism::wall(points, self.heights(&span, Some(curtain.z))?))
+    }
+
+    fn ramp(&self, entry: &Spanned<Incline>) -> Result<Ramp, WorldError> {
+        let (span, ramp) = (entry.span(), entry.get_ref());
+        let [length_m, width_m] = ramp.size;
+        for length in ramp.size {
+            self.toml.check(&span, "size", length, (RAMP_MIN_M, MAX_SIZE_M))?;
+        }
+        self.toml.check(&span, "yaw_deg", ramp.yaw_deg, (-720.0, 720.0))?;
+        self.toml.check(&span, "rise_m", ramp.rise_m, (0.0, length_m * RAMP_SLOPE_MAX))?;
+        self.toml.check(&span, "from_m", ramp.from_m, (0.0, RAMP_HIGH_M - ramp.rise_m))?;
+        let at = self.point(&span, "at", ramp.at)?;
+        let foot = Pose2::new(at.x, at.y, ramp.yaw_deg.to_radians());
+        Ok(Ramp { foot, from_m: ramp.from_m, length_m, width_m, rise_m: ramp.rise_m })
     }
 
     fn person(&self, entry: &Spanned<Somebody>) -> Result<Person, WorldError> {

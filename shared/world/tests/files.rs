@@ -24,6 +24,10 @@ fn errors_of_a_world_name_file_line_and_key() {
         ("[[wall]]\npoints = [[0, 0], [1e9, 0]]\n", "w.toml:1: points: 1000000000 is not in"),
         ("[[curtain]]\npoints = [[0, 0], [1, 0]]\nz = [2, 1]\n", "w.toml:1: z: lower edge 2 is not under"),
         ("[[person]]\npath = [[0, 0]]\nwalk = \"hop\"\n", "w.toml:3: unknown variant `hop`"),
+        ("[[ramp]]\nat = [0, 0]\nsize = [3, 2]\n", "w.toml:1: missing field `rise_m`"),
+        ("[[ramp]]\nat = [0, 0]\nsize = [3, 0]\nrise_m = 0.2\n", "w.toml:1: size: 0 is not in"),
+        ("[[ramp]]\nat = [0, 0]\nsize = [3, 2]\nrise_m = 2\n", "w.toml:1: rise_m: 2 is not in"),
+        ("[[ramp]]\nat = [0, 0]\nsize = [3, 2]\nrise_m = 1\nfrom_m = 4.5\n", "w.toml:1: from_m: 4.5 is not in"),
         ("[[wall]\n", "w.toml:1: "),
         ("ceiling_m = -1\n", "w.toml:1: ceiling_m: -1 is not in"),
     ];

@@ -78,8 +78,8 @@ fn gate_m(distance_m: f64) -> f64 {
     OFF_MAX_M + SLOPE_MAX * distance_m
 }
 
-/// Whether most of the low points lie below the floor: obstacles there could pass for floor. `is_on_cell` tells whether a
-/// point lies on a cell that is floor.
+/// Whether most of the low points lie below the floor: obstacles there could pass for floor. `is_on_cell` tells whether
+/// a point lies on a cell that is floor.
 pub(super) fn falls_away(places: &[Vector3<f64>], is_on_cell: impl Fn(&Vector3<f64>) -> bool) -> bool {
     let (mut on_floor, mut below) = (0, 0);
     for place in places.iter().filter(|place| place.xy().norm() <= REACH_M) {

@@ -1,7 +1,7 @@
 //! Tells a ramp from a kerb: the floor in cells, each no further above or below its neighbour than a ramp leads.
 //!
-//! Cells lie along the camera's axis. A cell's height is a robust one of its low points. The floor spreads from the feet
-//! outward. A step between two cells ends it, up or down; the way up beside a kerb goes round.
+//! Cells lie along the camera's axis. A cell's height is a robust one of its low points. The floor spreads from the
+//! feet outward. A step between two cells ends it, up or down.
 
 /// Side of a cell, metres.
 pub(crate) const CELL_M: f64 = 0.2;
@@ -26,8 +26,8 @@ const BLIND_SLOPE: f64 = 0.0833;
 const BLIND_M: f64 = 0.01;
 const BLIND_UP_M: f64 = 0.075;
 const BLIND_DOWN_M: f64 = 0.095;
-/// Farther to the side than this the first floor in view is level, metres: there the error of the attitude could lower a
-/// kerb further. Else it has to go on from the floor beside it.
+/// Farther to the side than this the first floor in view is level, metres: there the error of the attitude could lower
+/// a kerb further. Else it has to go on from the floor beside it.
 const BLIND_SIDE_M: f64 = 0.7;
 const BLIND_LEVEL_M: f64 = 0.045;
 /// A ramp that the robot stands on goes on as it began: how far it may be off, metres.
