@@ -21,8 +21,8 @@ const CLEAR_M: f64 = 0.02;
 
 /// A ramp is so thick, metres: it reaches below the floor.
 const RAMP_M: f64 = 0.5;
-/// Bits by which MuJoCo tells what meets (`contype`). Anything else has the first, and meets all that has it. A ramp and
-/// the handler, who slides over the floor on a plane, have one of their own and do not meet.
+/// Bits by which MuJoCo tells what meets (`contype`). Anything else has the first, and meets all that has it. A ramp
+/// and the handler, who slides over the floor on a plane, have one of their own and do not meet.
 pub(crate) const RAMP_BIT: i32 = 2;
 const HANDLER_BIT: i32 = 4;
 

@@ -407,6 +407,10 @@ impl DepthView {
         self.cells.begin();
         for v in (0..header.height as usize).step_by(rows) {
             let (is_trimming, up) = (v % FLOOR_OF < rows, up_of(header, v));
+            if [0, width - 1].into_iter().all(|u| axes.ray(left_of(header, u), up).z >= 0.0) {
+                // What lies higher than the camera is no floor.
+                continue;
+            }
             for (number, u) in (0..width).step_by(step).enumerate().filter(|(_, u)| pixels_mm[v * width + u] != 0) {
                 let seen = axes.ray(left_of(header, u), up) * (f64::from(pixels_mm[v * width + u]) / 1000.0);
                 self.cells.take(seen.x, seen.y, camera.z + seen.z);

@@ -14,7 +14,7 @@ const BIN_M: f64 = 0.02;
 /// A cell's height is that of its lowest point but this share: the foot of a box counts, a pixel below the floor not.
 const LOW_SHARE: f64 = 0.2;
 /// A cell of fewer points says nothing.
-const POINTS_MIN: u32 = 2;
+const POINTS_MIN: u16 = 2;
 /// The steepest ramp, 1:8. A ramp for wheelchairs is 1:12.
 const SLOPE_MAX: f64 = 0.125;
 /// Error of a cell's height against its neighbour's, metres, and per metre of distance.
@@ -79,7 +79,9 @@ pub(crate) struct Look {
 /// The floor in cells. Reused from frame to frame.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Cells {
-    bins: Vec<[u16; BINS]>,
+    bins: Vec<[u8; BINS]>,
+    /// Points of each cell.
+    counts: Vec<u16>,
     cells: Vec<FloorCell>,
     /// Height of the floor of each cell over the trimmed plane: of its own, or of the one before it, metres.
     over_m: Vec<f64>,
@@ -95,6 +97,8 @@ impl Cells {
     pub(crate) fn begin(&mut self) {
         self.bins.resize(ROWS * COLUMNS, [0; BINS]);
         self.bins.fill([0; BINS]);
+        self.counts.clear();
+        self.counts.resize(ROWS * COLUMNS, 0);
         self.cells.clear();
         self.cells.resize(ROWS * COLUMNS, FloorCell::Unseen);
         self.over_m.resize(ROWS * COLUMNS, 0.0);
@@ -107,14 +111,19 @@ impl Cells {
             && let Some(cell) = number(along_m, left_m)
         {
             let count = &mut self.bins[cell][bin.max(0.0) as usize];
-            *count = count.saturating_add(1);
+            if *count < u8::MAX {
+                *count += 1;
+                self.counts[cell] += 1;
+            }
         }
     }
 
     /// Spreads the floor. `plane_m` is the height of the trimmed plane at a place along the axis and to the left.
     pub(crate) fn spread(&mut self, look: &Look, plane_m: impl Fn(f64, f64) -> f64) {
-        for (cell, bins) in self.cells.iter_mut().zip(&self.bins) {
-            *cell = low_m(bins).map_or(FloorCell::Unseen, FloorCell::Apart);
+        for ((cell, bins), count) in self.cells.iter_mut().zip(&self.bins).zip(&self.counts) {
+            if *count >= POINTS_MIN {
+                *cell = FloorCell::Apart(low_m(bins, *count));
+            }
         }
         for row in 0..ROWS {
             for column in 0..COLUMNS {
@@ -271,19 +280,15 @@ fn begins(height_m: f64, ahead_m: f64, left_m: f64, slope: f64) -> bool {
 }
 
 /// Height below which a share of the points lies, metres.
-fn low_m(bins: &[u16; BINS]) -> Option<f64> {
-    let count: u32 = bins.iter().map(|count| u32::from(*count)).sum();
-    if count < POINTS_MIN {
-        return None;
-    }
+fn low_m(bins: &[u8; BINS], count: u16) -> f64 {
     let wanted = f64::from(count) * LOW_SHARE;
     let mut below = 0.0;
     for (bin, count) in bins.iter().enumerate().filter(|(_, count)| **count > 0) {
         let count = f64::from(*count);
         if below + count >= wanted {
-            return Some((bin as f64 - (BINS / 2) as f64 + (wanted - below) / count) * BIN_M);
+            return (bin as f64 - (BINS / 2) as f64 + (wanted - below) / count) * BIN_M;
         }
         below += count;
     }
-    None
+    BINS as f64 / 2.0 * BIN_M
 }
