@@ -132,6 +132,10 @@ struct Column {
     /// The nearest obstacle: along the camera's axis over the floor, and to the left of it, metres.
     near_m: f64,
     near_left_m: f64,
+    /// Height of that over the camera, metres.
+    near_rise_m: f64,
+    /// Tangent of the elevation of its highest ray: what hangs higher is out of view.
+    top: f64,
     /// Nothing between floor and head is nearer, as far as the image reaches up, metres.
     free_m: f64,
     /// How far its rays reach within the band between floor and head, metres.
@@ -147,7 +151,18 @@ struct Column {
 impl Column {
     fn new(left: f64) -> Self {
         let none = f64::INFINITY;
-        Self { left, near_m: none, near_left_m: none, free_m: none, far_m: 0.0, floor_m: none, unknown: 0, known: 0 }
+        Self {
+            left,
+            near_m: none,
+            near_left_m: none,
+            near_rise_m: 0.0,
+            top: f64::NEG_INFINITY,
+            free_m: none,
+            far_m: 0.0,
+            floor_m: none,
+            unknown: 0,
+            known: 0,
+        }
     }
 
     /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
@@ -159,7 +174,7 @@ impl Column {
     /// A pixel that says something; `agrees` tells whether its neighbours are about as near.
     fn take(&mut self, pixel: &Pixel, camera_m: f64, agrees: impl FnOnce() -> bool) {
         (self.unknown, self.known) = (0, self.known + 1);
-        let Pixel { along_m, left_m, height_m, floor_m } = *pixel;
+        let Pixel { along_m, left_m, rise_m, height_m, floor_m } = *pixel;
         if !(floor_m..=HEAD_M).contains(&height_m) {
             // The ray left the band before it ended.
             let edge_m = if height_m < floor_m { floor_m } else { HEAD_M };
@@ -176,7 +191,7 @@ impl Column {
         }
         self.free_m = self.free_m.min(along_m);
         if agrees() {
-            (self.near_m, self.near_left_m) = (along_m, left_m);
+            (self.near_m, self.near_left_m, self.near_rise_m) = (along_m, left_m, rise_m);
         }
     }
 
@@ -193,12 +208,20 @@ struct Row {
     rise: f64,
 }
 
-/// What a pixel sees: how far along the camera's axis over the floor and to the left of it, how high over the floor,
-/// and up to which height that is floor, metres.
+impl Row {
+    /// Tangent of its rays' elevation; those that hardly lead ahead have none.
+    fn elevation(&self) -> f64 {
+        if self.along > AHEAD_MIN { self.rise / self.along } else { f64::NEG_INFINITY }
+    }
+}
+
+/// What a pixel sees: how far along the camera's axis over the floor and to the left of it, how high over the camera
+/// and over the floor, and up to which height that is floor, metres.
 #[derive(Debug, Clone, Copy)]
 struct Pixel {
     along_m: f64,
     left_m: f64,
+    rise_m: f64,
     height_m: f64,
     floor_m: f64,
 }
@@ -226,6 +249,8 @@ pub struct DepthView {
     stamped: Vec<Point>,
     /// The same in the robot frame of now.
     points: Vec<Point>,
+    /// How high over the camera each is, metres.
+    rises_m: Vec<f64>,
     columns: Vec<Column>,
     /// The columns that every row of the image reaches. The others show obstacles, but cannot show that space is free.
     whole: Range<usize>,
@@ -245,6 +270,7 @@ impl Default for DepthView {
         Self {
             stamped: Vec::new(),
             points: Vec::new(),
+            rises_m: Vec::new(),
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
@@ -291,9 +317,10 @@ impl DepthView {
         }
         for i in 0..self.columns.len() {
             self.columns[i].end();
-            let Column { near_m, near_left_m, .. } = self.columns[i];
+            let Column { near_m, near_left_m, near_rise_m, .. } = self.columns[i];
             if near_m.is_finite() {
                 self.stamped.push(self.place(near_m, near_left_m));
+                self.rises_m.push(near_rise_m);
             }
         }
         self.points.clone_from(&self.stamped);
@@ -313,6 +340,7 @@ impl DepthView {
             let up = up_of(header, v);
             let row = Row { along: cos + up * sin, rise: up * cos - sin };
             for (column, u) in self.columns.iter_mut().zip((0..width).step_by(stride)) {
+                column.top = column.top.max(row.elevation());
                 if row_mm[u] == 0 {
                     column.take_unknown(header.fy_px);
                     continue;
@@ -321,6 +349,7 @@ impl DepthView {
                 let pixel = Pixel {
                     along_m: depth_m * row.along,
                     left_m: column.left * depth_m,
+                    rise_m: depth_m * row.rise,
                     height_m: mount.z_m + depth_m * row.rise,
                     floor_m: FLOOR_M,
                 };
@@ -350,6 +379,7 @@ impl DepthView {
                 let ray = axes.ray(left_of(header, u), up);
                 let number = ((leftmost - ray.y / ray.x) / spacing + 0.5) as usize;
                 let Some(column) = self.columns.get_mut(number).filter(|_| ray.x > AHEAD_MIN) else { continue };
+                column.top = column.top.max(ray.z / ray.x);
                 if row_mm[u] == 0 {
                     column.take_unknown(header.fy_px);
                     continue;
@@ -359,6 +389,7 @@ impl DepthView {
                 let pixel = Pixel {
                     along_m: seen.x,
                     left_m: seen.y,
+                    rise_m: seen.z,
                     height_m: camera.z + seen.z - plane.height_m(place.x, place.y) - self.cells.over_m(seen.x, seen.y),
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
                 };
@@ -475,6 +506,7 @@ impl DepthView {
     pub fn clear(&mut self) {
         self.stamped.clear();
         self.points.clear();
+        self.rises_m.clear();
         self.columns.clear();
         self.cells.clear();
         self.whole = 0..0;
@@ -493,17 +525,26 @@ impl DepthView {
         &self.points
     }
 
+    /// How high over the camera each of [`Self::points`] is, metres.
+    #[must_use]
+    pub fn rises_m(&self) -> &[f64] {
+        &self.rises_m
+    }
+
     /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.
     #[must_use]
     pub fn sees_free(&self, point: Point) -> bool {
         self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| column.free_m > along))
     }
 
-    /// The same down to the floor: near the robot the floor is below the image, and what is low may still be there.
+    /// The same from the floor up to a height over the camera, metres: near the robot the floor is below the image, and
+    /// what hangs above it; either may still be there.
     #[must_use]
-    pub fn sees_bare_floor(&self, point: Point) -> bool {
-        let bare = |column: &Column, along: f64| column.free_m > along && column.floor_m <= along;
-        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| bare(column, along)))
+    pub fn sees_free_up_to(&self, point: Point, rise_m: f64) -> bool {
+        let is_free = |column: &Column, along: f64| {
+            column.free_m > along && column.floor_m <= along && column.top * along >= rise_m
+        };
+        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| is_free(column, along)))
     }
 
     /// What the cell of floor at a point (robot frame) shows. A frame of a body whose attitude is not known has none.

@@ -100,6 +100,8 @@ impl Odometer {
 struct Spot {
     cell: (i32, i32),
     odom: Point,
+    /// How high over the camera it was seen, at the most, metres.
+    rise_m: f64,
     source: Source,
     sight: Sight,
     seen_ns: u64,
@@ -192,12 +194,13 @@ impl Memory {
         }
         self.look_again(odom_from_robot, beams, depth, handler);
         for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !handler.masks(beam.end)) {
-            self.see(odom_from_robot, beam.end, Source::Lidar, 0);
+            self.see(odom_from_robot, beam.end, f64::NEG_INFINITY, Source::Lidar, 0);
         }
         let frame = depth.map_or(0, DepthView::number);
-        for point in depth.map_or(&[][..], DepthView::points) {
+        let (points, rises_m) = depth.map_or((&[][..], &[][..]), |depth| (depth.points(), depth.rises_m()));
+        for (point, rise_m) in points.iter().zip(rises_m) {
             if !handler.masks(*point) && !ends_at(beams, *point) {
-                self.see(odom_from_robot, *point, Source::Camera, frame);
+                self.see(odom_from_robot, *point, *rise_m, Source::Camera, frame);
             }
         }
         self.keep(|spot| spot.sight != Sight::Due);
@@ -217,7 +220,7 @@ impl Memory {
             let place = robot_from_odom * spot.odom;
             let visible = match spot.source {
                 Source::Lidar => on_handler(place) || sees_as_far_as(beams, place, handler),
-                Source::Camera => depth.is_some_and(|depth| depth.sees_bare_floor(place)),
+                Source::Camera => depth.is_some_and(|depth| depth.sees_free_up_to(place, spot.rise_m)),
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
@@ -244,8 +247,8 @@ impl Memory {
         }
     }
 
-    /// A point that a sensor sees; `frame` is the number of the camera's frame.
-    fn see(&mut self, odom_from_robot: &Se2, place: Point, source: Source, frame: u64) {
+    /// A point that a sensor sees, so high over the camera; `frame` is the number of the camera's frame.
+    fn see(&mut self, odom_from_robot: &Se2, place: Point, rise_m: f64, source: Source, frame: u64) {
         let distance_m = place.coords.norm();
         if distance_m >= REACH_M {
             return;
@@ -254,7 +257,8 @@ impl Memory {
         let cell = cell_of(odom);
         let (seen_ns, seen_at, kept_ns) = (self.stamp_ns, self.odometer, self.config.kept_ns);
         let evidence = (FOOTPRINT_M / distance_m).powi(2).min(1.0);
-        let mut spot = Spot { cell, odom, source, sight: Sight::Seen, seen_ns, seen_at, kept_ns, evidence, frame };
+        let sight = Sight::Seen;
+        let mut spot = Spot { cell, odom, rise_m, source, sight, seen_ns, seen_at, kept_ns, evidence, frame };
         let number = &mut self.numbers[slot_of(cell)];
         match usize::from(*number).checked_sub(1) {
             Some(i) => {
@@ -262,6 +266,7 @@ impl Memory {
                 if old.cell == cell {
                     // The lidar that meets its edge takes nothing from what the camera knows of it.
                     spot.evidence = spot.evidence.max(old.evidence);
+                    spot.rise_m = spot.rise_m.max(old.rise_m);
                     spot.kept_ns = kept_ns.max(old.kept_ns);
                 }
                 if old.cell == cell && old.source == source {

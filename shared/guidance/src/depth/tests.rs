@@ -77,8 +77,8 @@ fn near_the_camera_the_floor_is_below_the_image() {
     let mut view = DepthView::default();
     view.fill(&header(), &pixels).expect("usable");
     let (near, far) = (Point::new(0.6, 0.0), Point::new(1.6, 0.0));
-    assert!(view.sees_free(near) && !view.sees_bare_floor(near));
-    assert!(view.sees_bare_floor(far));
+    assert!(view.sees_free(near) && !view.sees_free_up_to(near, -0.4));
+    assert!(view.sees_free_up_to(far, -0.4));
 }
 
 #[test]
@@ -177,7 +177,7 @@ fn a_bare_floor_is_none_however_the_body_is_held_and_a_low_block_stands_where_it
         view.fill_tilted(&header, &seen(&header, &tilt, None), Some(&tilt)).expect("usable");
         let near = view.points().iter().filter(|p| p.x < 4.8).count();
         assert_eq!(near, 0, "{roll_deg} {pitch_deg}: {:?}", view.points());
-        assert!(view.sees_bare_floor(Point::new(2.0, 0.2)) && view.sees_free(Point::new(4.5, 0.0)));
+        assert!(view.sees_free_up_to(Point::new(2.0, 0.2), 0.0) && view.sees_free(Point::new(4.5, 0.0)));
         view.fill_tilted(&header, &seen(&header, &tilt, Some(block)), Some(&tilt)).expect("usable");
         let on_block = |p: &&Point| (1.15..1.45).contains(&p.x) && p.y.abs() < 0.13;
         let found = view.points().iter().filter(on_block).count();

@@ -154,9 +154,8 @@ fn see_often(memory: &mut Memory, frames: u64, beams: &Beams, low_at_m: f64) {
     }
 }
 
-/// One frame more.
-fn fill(view: &mut DepthView, low_at_m: Option<f64>, columns: std::ops::Range<usize>) {
-    let header = DepthHeader {
+fn frame_header() -> DepthHeader {
+    DepthHeader {
         width: 64,
         height: 48,
         fx_px: 32.0,
@@ -165,7 +164,12 @@ fn fill(view: &mut DepthView, low_at_m: Option<f64>, columns: std::ops::Range<us
         cy_px: 23.5,
         robot_from_camera: Pose3 { x_m: 0.25, z_m: 0.45, ..Pose3::default() },
         ..DepthHeader::default()
-    };
+    }
+}
+
+/// One frame more.
+fn fill(view: &mut DepthView, low_at_m: Option<f64>, columns: std::ops::Range<usize>) {
+    let header = frame_header();
     let pixels: Vec<u16> = (0..64 * 48)
         .map(|i| {
             let below = ((i / 64) as f64 - 23.5) / 32.0;
@@ -403,10 +407,10 @@ fn a_thing_seen_again_is_averaged_and_one_of_another_kind_takes_its_place() {
     // Another cell: both are there until the scan after.
     memory.update(200 * MS, &Se2::identity(), &one(1.06), None, &handler());
     assert!((memory.spots[0].odom.x - 1.06).abs() < 1e-9 && memory.spots.len() == 1, "{:?}", memory.spots);
-    memory.see(&Se2::identity(), Point::new(1.07, 0.0), super::Source::Camera, 1);
+    memory.see(&Se2::identity(), Point::new(1.07, 0.0), 0.0, super::Source::Camera, 1);
     assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 1.07), "nothing is averaged between sensors");
     // The same slot eight metres on is another cell.
-    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), super::Source::Camera, 2);
+    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), 0.0, super::Source::Camera, 2);
     assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 9.09));
 }
 
@@ -576,4 +580,34 @@ proptest! {
             prop_assert!(before[right % 360].min(before[(right + 1) % 360]) > range + 0.03 - 1e-9);
         }
     }
+}
+
+/// Near by the camera looks beneath what hangs, and sees the floor there.
+#[test]
+fn what_hangs_is_not_gone_where_the_camera_looks_beneath_it() {
+    let (open, header) = (scan(&[HANDLER]), frame_header());
+    let frame = |bar_at_m: Option<f64>| {
+        let ray_mm = |i: usize| {
+            let up = -((i / 64) as f64 - 23.5) / 32.0;
+            let behind_m = if up < 0.0 { (-0.45 / up).min(9.0) } else { 9.0 };
+            let bar_m = bar_at_m.filter(|at| (0.65..0.85).contains(&(at * up)));
+            (bar_m.unwrap_or(behind_m) * 1000.0) as u16
+        };
+        let (mut view, pixels) = (DepthView::default(), (0..64 * 48).map(ray_mm).collect::<Vec<_>>());
+        view.fill(&header, &pixels).expect("usable");
+        view
+    };
+    // Seen 1.6 m before the camera, in so many frames of their own.
+    let mut memory = memory();
+    for i in 0..12 {
+        memory.update(i, &Se2::identity(), &open, Some(&frame(Some(1.6))), &handler());
+    }
+    let ahead = |memory: &super::Memory| memory.hidden().iter().any(|spot| spot.place.y.abs() < 0.1);
+    // One metre on, the highest ray is 0.44 m over the camera where the bar is at 0.65.
+    memory.update(1000 * MS, &Se2::translation(1.0, 0.0), &open, Some(&frame(Some(0.6))), &handler());
+    assert!(ahead(&memory), "{:?}", memory.hidden());
+    // From farther back the camera sees as high, and sees it gone.
+    memory.update(1100 * MS, &Se2::translation(0.1, 0.0), &open, Some(&frame(None)), &handler());
+    memory.update(1200 * MS, &Se2::translation(1.0, 0.0), &open, Some(&frame(None)), &handler());
+    assert!(!ahead(&memory), "{:?}", memory.hidden());
 }
