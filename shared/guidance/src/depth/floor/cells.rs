@@ -85,6 +85,8 @@ pub(crate) struct Cells {
     cells: Vec<FloorCell>,
     /// Height of the floor of each cell over the trimmed plane: of its own, or of the one before it, metres.
     over_m: Vec<f64>,
+    /// All of them are 0: no pixel need ask.
+    is_flat: bool,
 }
 
 impl Cells {
@@ -137,10 +139,14 @@ impl Cells {
             }
         }
         self.fill(&plane_m);
+        self.is_flat = self.over_m.iter().all(|over_m| *over_m == 0.0);
     }
 
     /// Height of the floor at a place over the trimmed plane, metres.
     pub(crate) fn over_m(&self, along_m: f64, left_m: f64) -> f64 {
+        if self.is_flat {
+            return 0.0;
+        }
         let index = |metres: f64, count: usize| ((metres / CELL_M).max(0.0) as usize).min(count - 1);
         let (row, column) = (index(along_m, ROWS), index(left_m + HALF_M, COLUMNS));
         self.over_m.get(row * COLUMNS + column).copied().unwrap_or(0.0)
