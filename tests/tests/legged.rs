@@ -162,20 +162,22 @@ fn stops_before(depth_m: f64, z_m: [f64; 2], velocity_loop: &str) {
     place.assert_empty();
 }
 
-/// The robot would fit under it, the handler would not.
+/// The robot would fit under it, the handler would not. Near by the camera looks beneath it.
 #[test]
-fn a_bar_at_the_height_of_a_thigh_stops_a_go2_that_would_fit_under_it() {
+fn a_bar_at_the_height_of_a_chest_stops_a_go2_that_would_fit_under_it() {
     if has_legs() {
-        stops_before(0.05, [0.58, 0.62], "soft");
+        stops_before(0.05, [1.18, 1.22], "soft");
     }
 }
 
 #[test]
 #[ignore = "a minute: scripts/nightly physics"]
-fn a_kerb_and_a_low_bar_stop_a_go2() {
+fn a_kerb_and_bars_stop_a_go2() {
     for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
         stops_before(0.3, [0.0, 0.1], velocity_loop);
         stops_before(0.05, [0.58, 0.62], velocity_loop);
+        // Near by the camera looks beneath it.
+        stops_before(0.05, [1.18, 1.22], velocity_loop);
     }
 }
 
