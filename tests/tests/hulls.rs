@@ -44,8 +44,8 @@ fn robot_and_handler_stay_within_the_permits_hulls() {
     place.assert_empty();
 }
 
-/// The pair that nobody here wrote: a Go2 in MuJoCo, whose handler pushes it on. Now and then a decision's hull does not
-/// hold them whole. They leave it by a little more than the shield's margin at most.
+/// A Go2 in MuJoCo, whose handler pushes it on: now and then a decision's hull does not hold them whole. They leave it
+/// by a little more than the shield's margin at most.
 #[test]
 #[ignore = "ten minutes: scripts/nightly physics"]
 fn robot_and_handler_in_mujoco_stay_within_the_permits_hulls() {

@@ -178,14 +178,14 @@ fn lean_at_zero_rad(ways: &[[f64; 2]], at_m: [f64; 3], pull_n: f64) -> f64 {
     lean_max_rad
 }
 
-/// By statics alone a lasting pull topples a robot of 15 kg from 34 N ahead and 25 N to a side on, at the handle (0.82 m
-/// above the floor; its feet are 0.19 m ahead of its middle and behind it, 0.14 m beside it), and from 87 and 65 N on at
-/// the body's own height. The 100 N of a handler who falls are beyond that, but for a pull to the back, which the legs
-/// walk with.
+/// By statics alone a lasting pull topples a robot of 15 kg from 34 N ahead and 25 N to a side on, at the handle
+/// (0.82 m above the floor; its feet are 0.19 m ahead of its middle and behind it, 0.14 m beside it), and from 87
+/// and 65 N on at the body's own height. The 100 N of a handler who falls are beyond that, but for a pull to the back,
+/// which the legs walk with.
 ///
-/// Measured at four moments of a step, on all four floors, 128 zeros for each pull: none toppled with 20 N for 0.2 s at
-/// the handle or 60 N at the body. With 30 N at the handle 2 did, and 1 with 10 N for 2 s, which statics do not explain.
-/// 60 N at the handle, ahead or to the left, topple it nearly always.
+/// Measured at four moments of a step, on all four floors, 128 zeros for each pull: none toppled with 20 N for 0.2 s
+/// at the handle or 60 N at the body. With 30 N at the handle 2 did, and 1 with 10 N for 2 s. Statics do not explain
+/// those. 60 N at the handle, ahead or to the left, topple it nearly always.
 #[test]
 fn a_zero_at_full_speed_under_a_light_pull_topples_no_robot() {
     let back = WAYS[1];

@@ -88,7 +88,7 @@ impl HandlerBody {
         self.mask_centers().any(|center| (end - center).norm_squared() <= mask_m * mask_m)
     }
 
-    /// What the discs are about within which a beam ends on the handler: where they are taken to be, and where the beams
+    /// Middles of the discs within which a beam ends on the handler: where they are taken to be, and where the beams
     /// met them.
     pub(crate) fn mask_centers(&self) -> impl Iterator<Item = Point> {
         let seen = self.seen.map(|seen| seen.at).filter(|at| self.is_apart(at));

@@ -124,6 +124,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             scan: &header,
             ranges: &ranges,
             obstacles: guard.depth.points(),
+            handler: None,
             odom_from_robot: truth.world_from_robot,
             odometry_incarnation: 1,
             start_from_robot: pose2(&(cue_start.inverse() * robot)),

@@ -100,11 +100,14 @@ impl Surroundings {
         self.scan_usable
     }
 
-    /// Takes in a depth frame, or lets it wait until the attitude after its stamp is on the track. One that waits
-    /// already is looked at first.
+    /// Takes in a depth frame, or lets it wait until the attitude after its stamp is on the track, where the frame before
+    /// is young enough to be judged on meanwhile. One that waits already is looked at first.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) {
         self.look_at_once(track);
-        if track.awaits_attitude(header.header.stamp_ns) {
+        let stamp_ns = header.header.stamp_ns;
+        let before = self.depth_header.filter(|_| self.depth_usable).map_or(0, |before| before.header.stamp_ns);
+        let is_young = age_ns(stamp_ns.saturating_add(WAIT_MAX_NS), before) <= self.depth_max_age_ns;
+        if is_young && track.awaits_attitude(stamp_ns) {
             self.waiting.header = Some(*header);
             self.waiting.pixels_mm.clear();
             self.waiting.pixels_mm.extend_from_slice(pixels_mm);
@@ -288,7 +291,9 @@ mod tests {
             robot_from_camera: Pose3 { z_m: 0.4, ..Pose3::default() },
             ..DepthHeader::default()
         };
-        surroundings.take_depth(&header, &[3000; 48], track);
+        // The floor, under a wall 3 m ahead.
+        let pixels_mm: Vec<u16> = (0..48).map(|i| (3200 / (i / 8).max(1)).min(3000)).collect();
+        surroundings.take_depth(&header, &pixels_mm, track);
     }
 
     #[test]
@@ -316,10 +321,15 @@ mod tests {
         assert_eq!(seen_ms(&surroundings), Some(1090));
         surroundings.look_at_once(&track);
         assert_eq!(seen_ms(&surroundings), Some(1120));
+        // Nothing else can be judged on.
+        take(&mut surroundings, 1290, &track);
+        assert_eq!(seen_ms(&surroundings), Some(1290));
         // A new odometry frame has no place for it.
-        take(&mut surroundings, 1150, &track);
+        told(&mut track, 1290);
+        take(&mut surroundings, 1300, &track);
+        take(&mut surroundings, 1310, &track);
         surroundings.lose_place();
         surroundings.look_at_once(&track);
-        assert_eq!(seen_ms(&surroundings), Some(1120));
+        assert_eq!(seen_ms(&surroundings), Some(1300));
     }
 }
