@@ -100,8 +100,8 @@ impl Surroundings {
         self.scan_usable
     }
 
-    /// Takes in a depth frame, or lets it wait until the attitude after its stamp is on the track, where the frame before
-    /// is young enough to be judged on meanwhile. One that waits already is looked at first.
+    /// Takes in a depth frame, or lets it wait until the attitude after its stamp is on the track, where the frame
+    /// before is young enough to be judged on meanwhile. One that waits already is looked at first.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16], track: &PoseTrack) {
         self.look_at_once(track);
         let stamp_ns = header.header.stamp_ns;

@@ -101,8 +101,10 @@ impl Memory {
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &mut self.cells[slot_of(key)];
-            if cell.key != key || self.now > cell.seen + self.kept {
+            if cell.key != key {
                 *cell = Cell { key, ..Cell::default() };
+            } else if self.now > cell.seen + self.kept {
+                *cell = Cell { key, glimpsed: cell.glimpsed, ..Cell::default() };
             }
             let occupied = cell.known == Known::Occupied;
             let place = robot_from_odom * if occupied { cell.hit } else { centre_of(key) };
