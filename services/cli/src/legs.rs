@@ -57,13 +57,14 @@ fn is_known(name: &str, sha256: &str) -> bool {
     known.any(|(digest, file)| file.ends_with(name) && digest == sha256)
 }
 
-/// What a report says of model and policy: their files, their digests, and whether they are the known ones. Null where
-/// no legs walk.
+/// What a report says of model and policy: their files, their digests, and whether they are the known ones. A model with
+/// a description beside it is another robot's. Null where no legs walk.
 #[must_use]
 pub fn about(settings: &Settings) -> Value {
     let mujoco = &settings.simulation.mujoco;
     let file = |name: &str, file: &Option<ConfigPath>, sha256: &Option<String>| {
-        let is_known = sha256.as_ref().is_some_and(|sha256| is_known(name, sha256));
+        let is_described = || file.as_ref().is_some_and(|file| file.as_ref().with_extension("toml").exists());
+        let is_known = sha256.as_ref().is_some_and(|sha256| is_known(name, sha256)) && !is_described();
         let note = (!is_known).then(|| format!("this is not the {name} that scripts/mujoco brings"));
         json!({ "path": file, "sha256": sha256, "known": is_known, "note": note })
     };

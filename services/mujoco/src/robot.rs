@@ -1,4 +1,4 @@
-//! What a policy of joint positions has to be told of its robot, and what drives the joints: a file beside the model.
+//! What a policy of joint positions needs to know of its robot, and what drives the joints: a file beside the model.
 
 use std::path::{Path, PathBuf};
 
@@ -94,10 +94,10 @@ impl Robot {
     /// Where that file cannot be read or is wrong.
     pub fn of(model: &Path) -> Result<Self, RobotError> {
         let file = model.with_extension("toml");
-        if !file.exists() {
+        let wrong = |what: String| RobotError { file: file.clone(), what };
+        if !file.try_exists().map_err(|error| wrong(error.to_string()))? {
             return Ok(Self::go2());
         }
-        let wrong = |what: String| RobotError { file: file.clone(), what };
         let text = std::fs::read_to_string(&file).map_err(|error| wrong(error.to_string()))?;
         let robot: Self = toml::from_str(&text).map_err(|error| wrong(error.to_string().trim_end().to_owned()))?;
         robot.check().map_err(wrong)?;

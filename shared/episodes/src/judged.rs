@@ -43,7 +43,7 @@ impl Judged {
     pub fn new(shape: Shape, world_from_robot: Se2, handler: HandlerBody, discs: Discs) -> Self {
         let robots = shape.robot_discs();
         // Those of now come first: robot and handler. Then the robot's end, the handler's, and where they rest.
-        let now = robots + 1 + handler.elsewhere().count();
+        let now = robots + 1 + usize::from(handler.elsewhere().is_some());
         let body = |i: usize| usize::from(i >= robots);
         let ends = discs[now..].iter().take(robots + 2).enumerate();
         let ends: Vec<_> = ends.map(|(i, disc)| (body(i), disc.center, disc.radius_m)).collect();

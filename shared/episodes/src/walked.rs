@@ -25,6 +25,11 @@ struct Verdict {
     granted: Option<(Discs, HandlerBody)>,
 }
 
+/// Takes the first of a queue where that holds of it.
+fn next_if<T>(queue: &mut VecDeque<T>, is_due: impl FnOnce(&T) -> bool) -> Option<T> {
+    if queue.front().is_some_and(is_due) { queue.pop_front() } else { None }
+}
+
 /// A run's permits, held against the truth of its world. Messages are taken in the order of their publication.
 pub struct Walked {
     shape: Shape,
@@ -83,10 +88,10 @@ impl Walked {
     /// Where it was not judged on the poses and scans before it: its hull cannot be made anew.
     pub fn take_permit(&mut self, permit: &Permit) -> Result<(), String> {
         let now_ns = permit.header.stamp_ns;
-        while let Some(odometry) = self.poses.pop_front_if(|pose| pose.header.seq <= permit.odometry_seq) {
+        while let Some(odometry) = next_if(&mut self.poses, |pose| pose.header.seq <= permit.odometry_seq) {
             self.awareness.take_odometry(&odometry);
         }
-        while let Some((header, ranges_m)) = self.scans.pop_front_if(|(scan, _)| scan.header.seq <= permit.scan_seq) {
+        while let Some((header, ranges_m)) = next_if(&mut self.scans, |(scan, _)| scan.header.seq <= permit.scan_seq) {
             self.awareness.take_scan(now_ns, self.step_share(now_ns), &header, &ranges_m);
         }
         if permit.cause == PermitCause::Decision {
@@ -122,7 +127,7 @@ impl Walked {
 
     /// Where robot and handler are.
     pub fn take_truth(&mut self, truth: &WorldTruth) {
-        while let Some(verdict) = self.verdicts.pop_front_if(|verdict| verdict.stamp_ns <= truth.header.stamp_ns) {
+        while let Some(verdict) = next_if(&mut self.verdicts, |verdict| verdict.stamp_ns <= truth.header.stamp_ns) {
             self.begin(&verdict, se2(truth.world_from_robot));
         }
         if let Some(held) = &mut self.held {

@@ -134,7 +134,7 @@ struct Column {
     near_left_m: f64,
     /// Height of that over the camera, metres.
     near_rise_m: f64,
-    /// Tangent of the elevation of its highest ray: what hangs higher is out of view.
+    /// Tangent of the elevation of its highest ray that says something: what hangs higher is out of view.
     top: f64,
     /// Nothing between floor and head is nearer, as far as the image reaches up, metres.
     free_m: f64,
@@ -340,11 +340,11 @@ impl DepthView {
             let up = up_of(header, v);
             let row = Row { along: cos + up * sin, rise: up * cos - sin };
             for (column, u) in self.columns.iter_mut().zip((0..width).step_by(stride)) {
-                column.top = column.top.max(row.elevation());
                 if row_mm[u] == 0 {
                     column.take_unknown(header.fy_px);
                     continue;
                 }
+                column.top = column.top.max(row.elevation());
                 let depth_m = f64::from(row_mm[u]) / 1000.0;
                 let pixel = Pixel {
                     along_m: depth_m * row.along,
@@ -379,11 +379,11 @@ impl DepthView {
                 let ray = axes.ray(left_of(header, u), up);
                 let number = ((leftmost - ray.y / ray.x) / spacing + 0.5) as usize;
                 let Some(column) = self.columns.get_mut(number).filter(|_| ray.x > AHEAD_MIN) else { continue };
-                column.top = column.top.max(ray.z / ray.x);
                 if row_mm[u] == 0 {
                     column.take_unknown(header.fy_px);
                     continue;
                 }
+                column.top = column.top.max(ray.z / ray.x);
                 let seen = ray * (f64::from(row_mm[u]) / 1000.0);
                 let place = place(self.camera, self.forward, seen.x, seen.y);
                 let pixel = Pixel {
@@ -541,10 +541,14 @@ impl DepthView {
     /// what hangs above it; either may still be there.
     #[must_use]
     pub fn sees_free_up_to(&self, point: Point, rise_m: f64) -> bool {
-        let is_free = |column: &Column, along: f64| {
-            column.free_m > along && column.floor_m <= along && column.top * along >= rise_m
-        };
-        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| is_free(column, along)))
+        let Some((columns, along)) = self.beside(point) else { return false };
+        // The camera sways, and stood higher or lower when it saw what may hang there.
+        let up_to_m = rise_m + SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * along;
+        let is_free =
+            |column: &Column| column.free_m > along && column.floor_m <= along && column.top * along >= up_to_m;
+        // Floor that rises may be the kerb that was seen there.
+        let left_m = self.forward.perp(&(self.now_from_stamped.inverse() * point - self.camera));
+        columns.iter().all(is_free) && self.cells.over_m(along, left_m) <= 0.0
     }
 
     /// What the cell of floor at a point (robot frame) shows. A frame of a body whose attitude is not known has none.

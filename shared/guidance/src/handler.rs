@@ -91,13 +91,13 @@ impl HandlerBody {
     /// Middles of the discs within which a beam ends on the handler: where they are taken to be, and where the beams
     /// met them.
     pub(crate) fn mask_centers(&self) -> impl Iterator<Item = Point> {
-        let seen = self.seen.map(|seen| seen.at).filter(|at| self.is_apart(at));
-        iter::once(self.center).chain(seen)
+        iter::once(self.center).chain(self.elsewhere())
     }
 
     /// Where they may be instead: a model pulls the estimate to where they should walk, and a person takes longer.
-    pub fn elsewhere(&self) -> impl Iterator<Item = Point> {
-        self.seen.into_iter().flat_map(|seen| [seen.at, seen.next]).filter(|at| self.is_apart(at))
+    #[must_use]
+    pub fn elsewhere(&self) -> Option<Point> {
+        self.seen.map(|seen| seen.at).filter(|at| self.is_apart(at))
     }
 
     fn is_apart(&self, at: &Point) -> bool {
@@ -145,6 +145,15 @@ impl HandlerEstimate {
         estimate
     }
 
+    fn default_place(&self) -> Point {
+        place(&self.model.robot_from_default())
+    }
+
+    /// As far from there the estimate follows the handler, metres.
+    fn stray_max_m(&self) -> f64 {
+        self.astray_m() + STRAY_MAX_M
+    }
+
     fn astray_m(&self) -> f64 {
         self.model.astray_m(self.limits.speed_max_mps)
     }
@@ -176,8 +185,7 @@ impl HandlerEstimate {
     /// The disc that holds the handler wherever the estimate would follow them, robot frame.
     #[must_use]
     pub fn everywhere(&self) -> Disc {
-        let center = self.model.robot_from_default() * Point::origin();
-        Disc { center, radius_m: self.limits.radius_m + self.astray_m() + STRAY_MAX_M }
+        Disc { center: self.default_place(), radius_m: self.limits.radius_m + self.stray_max_m() }
     }
 
     /// A decision begins: the step is made once per decision.
@@ -219,11 +227,12 @@ impl HandlerEstimate {
 
     fn seen(&self) -> Option<Seen> {
         let robot_from_odom = self.odom_from_robot.inverse();
+        // What one scan shows may be a thing beside them, and a person does not leap.
         let [at, before] = self.odom_from_seen;
-        let (at, before) = (at?, before.or(at)?);
+        let went = at? - before?;
         // The next verdict comes a little after the next scan.
-        let went = (at - before).cap_magnitude(WENT_MAX_M) * UNTIL_NEXT;
-        Some(Seen { at: robot_from_odom * at, next: robot_from_odom * (at + went) })
+        let next = at? + went * UNTIL_NEXT;
+        (went.norm() <= WENT_MAX_M).then_some(Seen { at: robot_from_odom * at?, next: robot_from_odom * next })
     }
 
     /// Takes in what the lidar sees there.
@@ -233,7 +242,8 @@ impl HandlerEstimate {
             let guess = self.nearest_within_widening(beams, center)?;
             self.fit(beams, guess)
         });
-        self.odom_from_seen = [seen.map(|middle| self.odom_from_robot * middle), self.odom_from_seen[0]];
+        let kept = seen.filter(|middle| (middle - self.default_place()).norm() <= self.stray_max_m());
+        self.odom_from_seen = [kept.map(|middle| self.odom_from_robot * middle), self.odom_from_seen[0]];
         if let Some(middle) = seen {
             self.absent_since_ns = None;
             self.draw_towards(middle);
@@ -294,8 +304,8 @@ impl HandlerEstimate {
         let error = seen - place(&self.robot_from_handler);
         let step = (error * GAIN).cap_magnitude(CORRECTION_MAX_M);
         let moved = self.robot_from_handler.translation.vector + step;
-        let default = self.model.robot_from_default().translation.vector;
-        let bounded = default + (moved - default).cap_magnitude(self.astray_m() + STRAY_MAX_M);
+        let default = self.default_place().coords;
+        let bounded = default + (moved - default).cap_magnitude(self.stray_max_m());
         let correction = bounded - self.robot_from_handler.translation.vector;
         self.robot_from_handler.translation.vector = bounded;
         // The step goes on from where the handler must have been to be here now.

@@ -96,7 +96,7 @@ pub struct Observation<'a> {
     pub ranges: &'a [f32],
     /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
     pub obstacles: &'a [Point],
-    /// Where the handler was seen, robot frame; none: the engine's own model tells.
+    /// Where the handler is taken to be, robot frame; none: the engine's own model tells.
     pub handler: Option<Point>,
     /// The robot in the odometry frame, when the scan was taken.
     pub odom_from_robot: Pose2,

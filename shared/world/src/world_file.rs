@@ -281,7 +281,7 @@ impl Reader<'_> {
             self.toml.check(&span, "size", length, (RAMP_MIN_M, MAX_SIZE_M))?;
         }
         self.toml.check(&span, "yaw_deg", ramp.yaw_deg, (-720.0, 720.0))?;
-        self.toml.check(&span, "rise_m", ramp.rise_m, (0.0, length_m * RAMP_SLOPE_MAX))?;
+        self.toml.check(&span, "rise_m", ramp.rise_m, (0.0, (length_m * RAMP_SLOPE_MAX).min(RAMP_HIGH_M)))?;
         self.toml.check(&span, "from_m", ramp.from_m, (0.0, RAMP_HIGH_M - ramp.rise_m))?;
         let at = self.point(&span, "at", ramp.at)?;
         let foot = Pose2::new(at.x, at.y, ramp.yaw_deg.to_radians());

@@ -67,7 +67,7 @@ impl<'a> Present<'a> {
         let mut now = Discs::none();
         push_robot(&mut now, config, &Se2::identity());
         now.push(handler_disc);
-        for center in handler.elsewhere() {
+        if let Some(center) = handler.elsewhere() {
             now.push(Disc { center, ..handler_disc });
         }
         let hull = OnceCell::new();
@@ -154,6 +154,10 @@ impl<'a> Present<'a> {
             let follows = self.config.reach.robot_from_rest.map_or(self.handler.center, |rest| place(&rest));
             discs.push(handler(self.carried * follows));
             discs.push(handler(place(&motion.handler)));
+        }
+        // They are not there yet: nothing there is excused as if they were.
+        if let Some(seen) = self.handler.seen.filter(|seen| seen.next != seen.at) {
+            discs.push(handler(seen.next));
         }
         discs
     }
@@ -301,14 +305,16 @@ impl<'a> Present<'a> {
     /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does
     /// not.
     fn gets_closer(&self, point: Point, motion: &Motion) -> bool {
-        let (nose_m, handler) = (self.config.reach.nose_m, self.handler_disc.center);
+        let nose_m = self.config.reach.nose_m;
         let (from_m, to_m) = if nose_m > 0.0 {
             (from_axis_m(&Se2::identity(), nose_m, point), nearest_to_axis_m(&motion.robot, nose_m, point))
         } else {
             (point.coords.norm(), nearest_on_arc(&log(&motion.robot, 1.0), point))
         };
-        to_m < from_m - CLOSER_M
-            || nearest_on_line(handler, place(&motion.handler), point) < (point - handler).norm() - CLOSER_M
+        let handler = [Some(self.handler.center), self.handler.elsewhere()];
+        let goes_closer =
+            |from: Point| nearest_on_line(from, place(&motion.handler), point) < (point - from).norm() - CLOSER_M;
+        to_m < from_m - CLOSER_M || handler.into_iter().flatten().any(goes_closer)
     }
 
     /// Whether the camera sees, or one of the last scans saw, that an unknown beam's way beyond the present hull is

@@ -14,7 +14,7 @@ pub const CLEARANCE_MAX_M: f64 = 1.0;
 const PASS_M: f64 = 0.12;
 /// Round the robot and the handler the floor is free: they stand on it, metres.
 const STANDING_M: f64 = 0.25;
-/// What the camera sees is there if it saw it before, in one of the last so many updates: a single frame may be noise.
+/// What the camera sees is there if it saw it in one of this many updates before as well: a single frame may be noise.
 const GLIMPSED: u64 = 3;
 
 /// What is known of a cell.

@@ -265,7 +265,7 @@ fn middle(row: usize, column: usize) -> (f64, f64) {
     ((row as f64 + 0.5) * CELL_M, (column as f64 + 0.5) * CELL_M - HALF_M)
 }
 
-/// The cell so many rows nearer to the camera on the line to it.
+/// The cell a number of rows nearer to the camera on the line to it.
 fn inward(row: usize, column: usize, rows: usize) -> (usize, usize) {
     let (along_m, left_m) = middle(row, column);
     let nearer_m = along_m - rows as f64 * CELL_M;

@@ -20,7 +20,7 @@ fn what_hangs_is_not_gone_where_the_camera_looks_beneath_it() {
         view.fill(&header, &pixels).expect("usable");
         view
     };
-    // Seen 1.6 m before the camera, in so many frames of their own.
+    // Seen 1.6 m before the camera, in frames of their own.
     let mut memory = memory();
     for i in 0..12 {
         memory.update(i, &Se2::identity(), &open, Some(&frame(Some(1.6))), &handler());
