@@ -57,8 +57,8 @@ fn is_known(name: &str, sha256: &str) -> bool {
     known.any(|(digest, file)| file.ends_with(name) && digest == sha256)
 }
 
-/// What a report says of model and policy: their files, their digests, and whether they are the known ones. A model with
-/// a description beside it is another robot's. Null where no legs walk.
+/// What a report says of model and policy: their files, their digests, and whether they are the known ones. A model
+/// with a description beside it is another robot's. Null where no legs walk.
 #[must_use]
 pub fn about(settings: &Settings) -> Value {
     let mujoco = &settings.simulation.mujoco;
