@@ -11,6 +11,7 @@ use settings::{Mujoco, Settings};
 use transport::{FramePublisher, Io, Rhythm, TransportError};
 use world::{
     Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Ramp, Scenario, TICK_S, World,
+    ramp,
 };
 
 use crate::legs::{self, Legs, VelocityLoop};
@@ -195,8 +196,7 @@ impl LeggedMotion {
         let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
         let at = Point::new(self.data.qpos()[0], self.data.qpos()[1]);
         // Over the floor under the body, as legs tell it.
-        let floor_m = self.ramps.iter().filter_map(|ramp| ramp.height_m(at)).fold(0.0, f64::max);
-        let height_m = self.data.qpos()[2] - floor_m;
+        let height_m = self.data.qpos()[2] - ramp::floor_m(&self.ramps, at);
         // Any stamp marks it as known. The publisher sets the real one.
         Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m, standing_m: self.standing_m }
     }

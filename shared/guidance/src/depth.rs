@@ -24,10 +24,11 @@ const SWAYING_FLOOR_PER_M: f64 = 0.015;
 const AHEAD_MIN: f64 = 0.05;
 /// Upper bound on columns, for any attitude of a real camera.
 const COLUMNS_MAX: f64 = 4096.0;
-/// One in this many rows, and of the sampled columns, is used to trim the floor,
+/// One in this many rows, and of the sampled columns, is used to trim the floor.
 const FLOOR_OF: usize = 4;
-/// and this many times as many of the sampled columns, and about so many rows, to find its slope.
+/// One in this many of the sampled columns is used to find its slope.
 const CELLS_OF: usize = 2;
+/// About this many rows are used for that.
 const CELL_ROWS: usize = 120;
 /// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
 const CAMERA_MIN_M: f64 = 0.1;

@@ -101,7 +101,7 @@ impl HandlerBody {
     }
 
     fn is_apart(&self, at: &Point) -> bool {
-        (at - self.center).norm() > APART_M
+        (at - self.center).norm_squared() > APART_M * APART_M
     }
 }
 

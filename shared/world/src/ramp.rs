@@ -28,9 +28,15 @@ impl Ramp {
     }
 }
 
+/// Height of the floor at a place, metres: of the highest ramp there.
+#[must_use]
+pub fn floor_m(ramps: &[Ramp], at: Point) -> f64 {
+    ramps.iter().filter_map(|ramp| ramp.height_m(at)).fold(0.0, f64::max)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::Ramp;
+    use super::{Ramp, floor_m};
     use guidance::se2::Point;
     use messages::Pose2;
 
@@ -43,5 +49,8 @@ mod tests {
         for beside in [(2.5, 0.9), (2.5, 4.1), (3.1, 2.5), (0.9, 2.5)] {
             assert_eq!(ramp.height_m(Point::new(beside.0, beside.1)), None, "{beside:?}");
         }
+        let plateau = Ramp { from_m: 0.15, rise_m: 0.0, ..ramp };
+        assert!((floor_m(&[plateau, ramp], Point::new(2.5, 2.5)) - 0.225).abs() < 1e-12, "the higher one");
+        assert_eq!(floor_m(&[plateau, ramp], Point::new(2.5, 0.9)), 0.0);
     }
 }

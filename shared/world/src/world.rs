@@ -124,12 +124,6 @@ impl World {
         &self.ramps
     }
 
-    /// Height of the floor at a place: of the highest ramp there, metres.
-    #[must_use]
-    pub fn floor_m(&self, at: Point) -> f64 {
-        self.ramps.iter().filter_map(|ramp| ramp.height_m(at)).fold(0.0, f64::max)
-    }
-
     /// Who walks in it, and how.
     #[must_use]
     pub fn people(&self) -> &[Person] {

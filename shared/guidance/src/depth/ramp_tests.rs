@@ -13,7 +13,7 @@ const BIASES: [[f64; 2]; 5] = [[0.0, 0.0], [0.5, 0.5], [-0.5, 0.5], [0.5, -0.5],
 const STEP_M: f64 = 0.01;
 const REACH_M: f64 = 6.0;
 
-/// What the camera sees of ground whose height over that under the robot is told for a place, metres.
+/// What the camera sees of the ground. `ground_m` is its height at a place over the ground under the robot, metres.
 fn seen(header: &DepthHeader, ground_m: &impl Fn(f64, f64) -> f64) -> Vec<u16> {
     let (mount, tilt) = (header.robot_from_camera, held(2.0, 3.0));
     let eye = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
@@ -59,7 +59,7 @@ fn not_floor(what: &str, ground_m: impl Fn(f64, f64) -> f64) -> Vec<String> {
     not_found(what, ground_m, 0, |_| false)
 }
 
-/// What is wrong where not so many columns find a thing whose points are `on` it, or find anything else.
+/// Failures: at least `least` columns must see the thing, whose points are `on` it, and no column anything else.
 fn not_found(what: &str, ground_m: impl Fn(f64, f64) -> f64, least: usize, on: impl Fn(&Point) -> bool) -> Vec<String> {
     let looks = obstacles(ground_m).into_iter().zip(BIASES);
     let wrong = looks.filter_map(|(found, bias)| {

@@ -37,7 +37,7 @@ const CARRIED_ROWS: usize = 4;
 /// A floor that is no further off the trimmed plane is that plane, metres, and per metre of distance.
 const FLAT_M: f64 = 0.01;
 const FLAT_PER_M: f64 = 0.005;
-/// So many cells to either side tell where the floor of a cell would be that shows none.
+/// Where a cell shows no floor, this many cells to either side tell how high it is.
 const BESIDE: usize = 2;
 /// A point so near to its cell's height lies on it, metres.
 const ON_CELL_M: f64 = 0.06;
