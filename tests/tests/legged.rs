@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use guidedog_tests::{Place, has_legs};
+use guidedog_tests::{Live, Place, has_legs};
 use recording::Reader;
 use serde_json::Value;
 
@@ -35,6 +35,54 @@ fn a_go2_guides_a_handler_down_a_corridor_and_two_walks_are_one() {
 #[test]
 fn a_robot_that_sways_in_the_flat_world_guides_a_handler_round_a_corner() {
     two_walks_are_one("l-turn", &["--noise", "legged"]);
+}
+
+/// A configuration in which no source tells the attitude.
+fn seen(place: &Place, velocity_loop: &str) -> String {
+    let path = place.path().join("seen.toml");
+    let text = format!("odometry.attitude = \"depth\"\nsimulation.mujoco.velocity_loop = {velocity_loop:?}\n");
+    fs::write(&path, text).expect("written");
+    path.to_string_lossy().into_owned()
+}
+
+/// What `doctor`, `status` and the report have to say where no source tells the attitude.
+const SEEN: &str = "from depth images alone";
+
+#[test]
+fn a_robot_whose_attitude_only_the_camera_tells_guides_a_handler_round_a_corner() {
+    let place = Place::new();
+    let config = seen(&place, "soft");
+    let report = two_walks_are_one("l-turn", &["--noise", "legged", "--config", &config]);
+    assert!(report["notes"].to_string().contains(SEEN), "{report:#}");
+    let (doctor, _) = place.json(&["doctor", "--config", &config, "--json"]);
+    let row = doctor["checks"].as_array().expect("checks").iter().find(|check| check["name"] == "attitude");
+    assert!(row.is_some_and(|row| row["ok"] == true && row["found"].to_string().contains(SEEN)), "{doctor:#}");
+    let mut run = Live::up(&place, "seen", &["--config", &config]);
+    run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
+    assert_eq!(run.status().attitude.as_deref(), Some("depth"));
+    let output = place.guidedog(&["status", "--run", "seen"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains(SEEN), "{output:?}");
+    let _ = run.end();
+    place.assert_empty();
+}
+
+/// A few minutes: `scripts/nightly physics` runs it.
+#[test]
+#[ignore = "a few minutes: scripts/nightly physics"]
+fn a_go2_whose_attitude_only_the_camera_tells_is_guided() {
+    if !has_legs() {
+        return;
+    }
+    let place = Place::new();
+    for velocity_loop in ["soft", "stiff"] {
+        let config = seen(&place, velocity_loop);
+        for scenario in ["corridor", "curve", "l-turn", "left-at-tee", "crossing"] {
+            let report = walk(scenario, &["--physics", "mujoco", "--config", &config]);
+            let what = format!("{scenario}, {velocity_loop}");
+            assert_eq!((touches(&report), faults(&report)), ([0, 0], Vec::new()), "{what}: {report:#}");
+            assert_eq!(report["reached"], true, "{what}");
+        }
+    }
 }
 
 fn two_walks_are_one(scenario: &str, options: &[&str]) -> Value {

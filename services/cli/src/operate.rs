@@ -6,6 +6,7 @@ use control::{
 use messages::stops::{STOPS, StopInfo};
 use messages::{CueKind, MicrophoneState, ModeClass, SpeechPhase, StopKind};
 use serde_json::{Value, json};
+use settings::AttitudeSource;
 
 use crate::args::{InjectArgs, RunArg};
 use crate::exit::Failure;
@@ -178,8 +179,11 @@ fn status_lines(status: &Status) -> Vec<String> {
         format!("said     {}", said_line(status)),
         format!("hears    {}", hears_line(status.microphone.as_ref())),
         format!("streams  {}", ages_line(status)),
-        String::new(),
     ];
+    if status.attitude.as_deref() == Some(AttitudeSource::Depth.name()) {
+        lines.push("attitude from depth images alone: a ramp or a low step counts as a tilt of the body".to_owned());
+    }
+    lines.push(String::new());
     let rows: Vec<Vec<String>> = status.services.iter().map(service_row).collect();
     lines.extend(table(&["service", "state", "pid", "life", "restarts", "critical"], &rows));
     lines.extend(notes(&status.notes, 5));

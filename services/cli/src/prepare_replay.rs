@@ -4,7 +4,7 @@ use std::path::Path;
 
 use messages::{ServiceId, TopicId};
 use recording::{Info, Reader, Record};
-use settings::{Ask, CueOrigin, LinkKind, Profile, Replay, Settings, Source};
+use settings::{Ask, AttitudeSource, CueOrigin, LinkKind, Profile, Replay, Settings, Source};
 
 use crate::args::{PaceArgs, ReplayArgs, Stream, WorldArgs};
 use crate::exit::Failure;
@@ -161,8 +161,9 @@ impl Streams<'_> {
             return Err(self.lacks(TopicId::LidarScan));
         }
         (settings.lidar.source, settings.odometry.source) = (Source::Replayed, Source::Replayed);
-        // The recorded poses are corrected already.
+        // The recorded poses are corrected already, and have their attitude.
         settings.odometry.matching.on = Some(false);
+        settings.odometry.attitude = AttitudeSource::Told;
         if settings.depth.source != Source::Absent {
             if !self.has(TopicId::DepthFrame) {
                 let Failure { message, .. } = self.lacks(TopicId::DepthFrame);
@@ -195,6 +196,7 @@ impl Streams<'_> {
                 Stream::Odometry => {
                     settings.odometry.source = Source::Replayed;
                     settings.odometry.matching.on = Some(false);
+                    settings.odometry.attitude = AttitudeSource::Told;
                     TopicId::Odometry
                 }
                 Stream::Depth => {

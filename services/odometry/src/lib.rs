@@ -1,17 +1,20 @@
-//! The odometry driver: poses from a source, corrected by the lidar's scans where that is wanted. A new incarnation is
-//! a new odometry frame.
+//! The odometry driver: poses from a source, corrected by the lidar's scans where that is wanted, with an attitude from
+//! the camera where no source tells one. A new incarnation is a new odometry frame.
 
 mod matching;
 mod robot;
+mod seen;
 mod simulated;
 mod tracked;
 
 use messages::Odometry;
-use settings::{OdometryDevice, Source};
-use transport::{Io, Publisher, Service, TransportError};
+use settings::{AttitudeSource, OdometryDevice, Source};
+use transport::{FromChild, Io, Publisher, Service, TransportError};
 
 pub use matching::ScanMatching;
 pub use robot::RobotOdometry;
+use seen::AlwaysLevel;
+pub use seen::SeenAttitude;
 pub use simulated::SimulatedOdometry;
 pub use tracked::TrackedOdometry;
 
@@ -31,6 +34,9 @@ pub trait PoseSource {
 pub struct OdometryDriver {
     source: Box<dyn PoseSource>,
     matching: Option<ScanMatching>,
+    seen: Option<SeenAttitude>,
+    /// Where the source is a real one and tells the attitude.
+    always_level: Option<AlwaysLevel>,
     poses: Publisher<Odometry>,
 }
 
@@ -52,13 +58,22 @@ impl OdometryDriver {
             }
         };
         let matching = if settings.matches_scans() { Some(ScanMatching::open(&settings, io)?) } else { None };
-        Ok(Self { source, matching, poses: io.publisher()? })
+        let is_seen = settings.odometry.attitude == AttitudeSource::Depth;
+        let seen = if is_seen { Some(SeenAttitude::open(&settings, io)?) } else { None };
+        let is_real = settings.odometry.source == Source::Device && !settings.simulation.emulated.on;
+        let always_level = (is_real && !is_seen).then(AlwaysLevel::default);
+        Ok(Self { source, matching, seen, always_level, poses: io.publisher()? })
     }
 }
 
 impl Service for OdometryDriver {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
+        self.seen.as_mut().map_or(Ok(()), |seen| seen.look(io))?;
         while let Some((stamp_ns, pose)) = self.source.poll(io)? {
+            if let Some(text) = self.always_level.as_mut().and_then(|level| level.note(&pose.attitude)) {
+                io.tell(&FromChild::Note { text: text.to_owned() });
+            }
+            let pose = self.seen.as_ref().map_or(pose, |seen| seen.hold(pose));
             let pose = self.matching.as_mut().map_or(pose, |matching| matching.correct(stamp_ns, pose));
             self.poses.publish(stamp_ns, pose)?;
         }

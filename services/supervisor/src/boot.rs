@@ -173,6 +173,7 @@ impl Supervisor {
             machine: Machine::new(plan),
             children: Children::new(io.domain.dir.path())?,
             physics: settings.simulation.physics,
+            attitude: settings.odometry.attitude,
             server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,

@@ -31,7 +31,7 @@ use messages::{
     ServiceId, SpeechSaid, StopKind, WorldTruth,
 };
 use serde_json::Value;
-use settings::PhysicsKind;
+use settings::{AttitudeSource, PhysicsKind};
 use transport::{FromChild, Io, Janitor, Oversleep, Publisher, Received, RunDir, Service, Subscriber};
 use transport::{ToChild, TransportError, monotonic_ns};
 
@@ -69,6 +69,8 @@ pub struct Supervisor {
     children: Children,
     /// What moves the simulated world, where there is one.
     physics: PhysicsKind,
+    /// Where the body's attitude comes from.
+    attitude: AttitudeSource,
     server: ControlServer,
     figures: Figures,
     janitor: Janitor,

@@ -6,7 +6,7 @@ use control::{
 use messages::{
     CueAnswer, CueKind, CueRequest, LocomotionState, ModeClass, ServiceId, StopKind, WorldTruth, s_from_ns,
 };
-use settings::PolicyModel;
+use settings::{AttitudeSource, PolicyModel};
 use transport::{Io, TransportError};
 
 use crate::machine::Event;
@@ -123,6 +123,7 @@ impl Supervisor {
             stream_age_ms: ages.map(|(topic, age_ns)| (topic.name().to_owned(), age_ns as f64 / 1e6)).collect(),
             published: self.figures.published(),
             world: self.last_truth.as_ref().map(world_status),
+            attitude: (self.attitude != AttitudeSource::Told).then(|| self.attitude.name().to_owned()),
             locomotion: self.last_locomotion.as_ref().map(locomotion_status),
             said: self.last_said.as_ref().map(report::said_status),
             microphone: self.figures.microphone().map(report::microphone_status),

@@ -27,6 +27,10 @@ pub struct Status {
     pub published: BTreeMap<String, u64>,
     /// What is true in a simulated or replayed world.
     pub world: Option<WorldStatus>,
+    /// Where roll, pitch and height of the body come from, if no source tells them: `depth` images (`[odometry]
+    /// attitude`). Not there otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub attitude: Option<String>,
     /// What locomotion commands the robot; none before its first word.
     pub locomotion: Option<LocomotionStatus>,
     /// The sentence that the robot said last.

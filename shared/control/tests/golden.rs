@@ -137,6 +137,7 @@ fn a_whole_status_is_told_to_the_byte() {
             distance_m: 12.0,
             collisions: Collisions { robot: 1, handler: 2, hit_by_others: 3 },
         }),
+        attitude: Some("depth".to_owned()),
         locomotion: Some(LocomotionStatus { velocity: [0.5, 0.0, -0.1], limited_by: "none".to_owned(), decision: 11 }),
         said: Some(SaidStatus {
             text: "Ready.".to_owned(),
@@ -154,7 +155,7 @@ fn a_whole_status_is_told_to_the_byte() {
         notes: vec![Note { at_s: 0.0, text: "hello".to_owned() }],
     };
     let line = concat!(
-        r#"{"invalid_messages":{"estop":{"supervisor":4}},"#,
+        r#"{"attitude":"depth","invalid_messages":{"estop":{"supervisor":4}},"#,
         r#""locomotion":{"decision":11,"limited_by":"none","velocity":[0.5,0.0,-0.1]},"#,
         r#""microphone":{"above_floor_db":12.5,"clipped":0.0010000000474974513,"level_dbfs":-31.100000381469727,"#,
         r#""state":"warming_up"},"#,

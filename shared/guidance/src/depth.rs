@@ -1,6 +1,7 @@
 //! What a depth frame adds to the lidar: obstacles that its plane misses, as points, and what is seen free.
 
 mod floor;
+mod stance;
 
 use std::ops::Range;
 
@@ -13,6 +14,7 @@ use crate::tilt::Tilt;
 use floor::{Cells, Look, Plane};
 
 pub use floor::FloorCell;
+pub use stance::Stance;
 
 /// What is lower is floor or can be walked over, metres.
 const FLOOR_M: f64 = 0.08;

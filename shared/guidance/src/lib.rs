@@ -25,7 +25,7 @@ pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
 pub use awareness::{Awareness, AwarenessConfig, Pose};
-pub use depth::{DepthView, FloorCell};
+pub use depth::{DepthView, FloorCell, Stance};
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Discs, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};

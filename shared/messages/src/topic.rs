@@ -290,7 +290,7 @@ topics! {
         name: "depth/frame",
         publishers: &[Depth, Replay],
         live_publishers: 1,
-        subscribers: &[Policy, Shield, Recorder],
+        subscribers: &[Odometry, Policy, Shield, Recorder],
         buffer: 2,
         borrowed: 3,
         loans: 2,

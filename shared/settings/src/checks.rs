@@ -6,10 +6,13 @@ use messages::topic::{AgeLimit, TOPICS};
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Origin,
-    Robot, Settings, Source, VoiceSource,
+    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow,
+    OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
+
+/// The least depth images a second that an attitude may come from: one holds for 100 ms.
+const ATTITUDE_HZ: f64 = 15.0;
 
 /// Whether the settings go together.
 ///
@@ -138,6 +141,7 @@ fn check_devices(settings: &Settings) -> Result<(), String> {
         return Err(format!("odometry.source = \"device\" is the robot's own: locomotion.link has to be {links}"));
     }
     check_matching(settings)?;
+    check_attitude(settings)?;
     if settings.commands_robot() {
         for (key, source) in settings.sources() {
             if source != Source::Device {
@@ -226,6 +230,24 @@ fn check_matching(settings: &Settings) -> Result<(), String> {
     }
     if settings.lidar.source == Source::Absent {
         return Err("odometry.matching.on needs a lidar, and lidar.source is \"absent\"".to_owned());
+    }
+    Ok(())
+}
+
+/// An attitude that depth images tell needs a camera, young images, and poses that this run makes.
+fn check_attitude(settings: &Settings) -> Result<(), String> {
+    if settings.odometry.attitude != AttitudeSource::Depth {
+        return Ok(());
+    }
+    let refused = |why: &str| Err(format!("odometry.attitude = \"depth\" needs {why}"));
+    if matches!(settings.odometry.source, Source::Replayed | Source::Absent) {
+        return refused("odometry.source \"simulated\" or \"device\": poses that are replayed keep their attitude");
+    }
+    if settings.depth.source == Source::Absent {
+        return refused("a camera, and depth.source is \"absent\"");
+    }
+    if settings.depth.rate_hz.get() < ATTITUDE_HZ {
+        return refused("depth.rate_hz of 15 or more: an attitude holds for 100 ms");
     }
     Ok(())
 }
@@ -394,6 +416,9 @@ mod tests {
             ("[odometry]\nsource = \"device\"\n", "odometry.source"),
             ("[odometry]\nsource = \"replayed\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
             ("[lidar]\nsource = \"absent\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
+            ("[odometry]\nsource = \"replayed\"\nattitude = \"depth\"\n", "odometry.attitude"),
+            ("[depth]\nrate_hz = 10\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
+            ("[depth]\nsource = \"absent\"\nneeded = false\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
             ("[simulation.emulated]\non = true\n", "simulation.emulated.on"),
             (&elsewhere, "locomotion.unitree.robot"),
             ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),

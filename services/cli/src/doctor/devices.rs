@@ -12,7 +12,7 @@ use grabber::realsense::{self, Kind};
 use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
 use rustix::fs::{Access, OFlags};
 use serial::{SerialError, SerialPort};
-use settings::{DdsSettings, Reach, Settings, VoiceSource};
+use settings::{AttitudeSource, DdsSettings, Reach, Settings, VoiceSource};
 
 use super::Check;
 
@@ -42,6 +42,7 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
         checks.push(Check { name: "tone", ok: false, found, fix: "[speak] on = true".to_owned() });
     }
     checks.extend(response(settings));
+    checks.extend(attitude(settings));
     if settings.simulation.emulated.on {
         return checks;
     }
@@ -80,6 +81,14 @@ fn look(name: &'static str, reach: Reach<'_>) -> Option<Check> {
 }
 
 /// A program of others, where the shell would find it.
+/// Where no source tells roll and pitch, the operator has to know it.
+fn attitude(settings: &Settings) -> Option<Check> {
+    let found = "roll, pitch and height come from depth images alone (odometry.attitude = \"depth\"): a ramp or a low \
+                 step counts as a tilt of the body, and falls are not detected";
+    let check = Check { name: "attitude", ok: true, found: found.to_owned(), fix: String::new() };
+    (settings.odometry.attitude == AttitudeSource::Depth).then_some(check)
+}
+
 fn program(name: &'static str, key: &str, words: &[String]) -> Check {
     let program = words.first().map_or("", String::as_str);
     let folders = std::env::var_os("PATH").unwrap_or_default();

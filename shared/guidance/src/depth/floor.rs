@@ -3,7 +3,7 @@
 
 mod cells;
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 pub use cells::FloorCell;
 pub(super) use cells::{Cells, Look};
@@ -12,18 +12,27 @@ pub(super) use cells::{Cells, Look};
 const OFF_MAX_M: f64 = 0.03;
 /// and of its slope on either axis: two degrees.
 const SLOPE_MAX: f64 = 0.035;
-/// Error of the attitude, one standard deviation: metres, and half a degree.
-const OFF_SIGMA_M: f64 = 0.015;
-const SLOPE_SIGMA: f64 = 0.009;
+/// A source's attitude is off by half a degree.
+const TRIM: Prior = Prior { off_sigma_m: 0.015, slope_sigma: 0.009, off_max_m: OFF_MAX_M, slope_max: SLOPE_MAX };
 /// Error of a floor point in a pixel, one standard deviation at 1 m, metres. It grows with the distance.
 const PLACE_SIGMA_M: f64 = 0.01;
 /// Points farther away are not used, metres.
-const REACH_M: f64 = 3.0;
+pub(super) const REACH_M: f64 = 3.0;
 /// Points farther off the fitted floor are outliers, metres.
 const OUTSIDE_M: f64 = 0.04;
 const ROUNDS: usize = 3;
 /// No ramp within reach leads farther up or down, metres.
 const LOW_M: f64 = 0.5;
+
+/// What is known of the floor before it is looked at: one standard deviation of its height under the robot, metres, and
+/// of its slope on either axis, and the most of each.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Prior {
+    pub(super) off_sigma_m: f64,
+    pub(super) slope_sigma: f64,
+    pub(super) off_max_m: f64,
+    pub(super) slope_max: f64,
+}
 
 /// Height of the floor over the level one: an offset under the robot, and a slope ahead and to the left.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -40,9 +49,19 @@ impl Plane {
         let mut plane = Self::default();
         for round in 0..ROUNDS {
             let gate = |distance_m: f64| if round == 0 { gate_m(distance_m) } else { OUTSIDE_M };
-            plane = plane.fitted(places, gate);
+            plane = plane.fitted(places, gate, &TRIM);
         }
         plane
+    }
+
+    /// One that leads through the robot's place, with a slope ahead and to the left.
+    pub(super) fn sloped(ahead: f64, left: f64) -> Self {
+        Self { off_m: 0.0, ahead, left }
+    }
+
+    /// Its slope ahead and to the left.
+    pub(super) fn slope(&self) -> Vector2<f64> {
+        Vector2::new(self.ahead, self.left)
     }
 
     /// How high the floor is at a place, metres.
@@ -50,8 +69,10 @@ impl Plane {
         self.off_m + self.ahead * x_m + self.left * y_m
     }
 
-    fn fitted(&self, places: &[Vector3<f64>], gate_m: impl Fn(f64) -> f64) -> Self {
-        let prior = Vector3::new(OFF_SIGMA_M, SLOPE_SIGMA, SLOPE_SIGMA).map(|sigma| sigma.powi(-2));
+    /// The plane through the places that lie within a gate of this one, at their distance from the robot.
+    pub(super) fn fitted(&self, places: &[Vector3<f64>], gate_m: impl Fn(f64) -> f64, known: &Prior) -> Self {
+        let sigmas = Vector3::new(known.off_sigma_m, known.slope_sigma, known.slope_sigma);
+        let prior = sigmas.map(|sigma| sigma.powi(-2));
         let (mut normal, mut right) = (Matrix3::from_diagonal(&prior), Vector3::zeros());
         for place in places {
             let distance_m = place.xy().norm();
@@ -66,9 +87,9 @@ impl Plane {
         // The prior makes it regular.
         let Some(solution) = normal.cholesky().map(|factor| factor.solve(&right)) else { return *self };
         Self {
-            off_m: solution.x.clamp(-OFF_MAX_M, OFF_MAX_M),
-            ahead: solution.y.clamp(-SLOPE_MAX, SLOPE_MAX),
-            left: solution.z.clamp(-SLOPE_MAX, SLOPE_MAX),
+            off_m: solution.x.clamp(-known.off_max_m, known.off_max_m),
+            ahead: solution.y.clamp(-known.slope_max, known.slope_max),
+            left: solution.z.clamp(-known.slope_max, known.slope_max),
         }
     }
 }

@@ -14,7 +14,7 @@ const STEP_M: f64 = 0.01;
 const REACH_M: f64 = 6.0;
 
 /// What the camera sees of the ground. `ground_m` is its height at a place over the ground under the robot, metres.
-fn seen(header: &DepthHeader, ground_m: &impl Fn(f64, f64) -> f64) -> Vec<u16> {
+pub(super) fn seen(header: &DepthHeader, ground_m: &impl Fn(f64, f64) -> f64) -> Vec<u16> {
     let (mount, tilt) = (header.robot_from_camera, held(2.0, 3.0));
     let eye = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
     let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);

@@ -51,6 +51,28 @@ const T265: DeviceRow<OdometrySettings> = DeviceRow {
     emulated: None,
 };
 
+/// How roll, pitch and height of the body are known.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum AttitudeSource {
+    /// The source of the poses tells them.
+    #[default]
+    Told,
+    /// The odometry driver finds them in depth images.
+    Depth,
+}
+
+impl AttitudeSource {
+    /// Its name in the settings.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Told => "told",
+            Self::Depth => "depth",
+        }
+    }
+}
+
 /// The odometry driver.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -61,6 +83,8 @@ pub struct OdometrySettings {
     pub device: OdometryDevice,
     /// Poses a second, at most 100 in this version.
     pub rate_hz: Positive,
+    /// Where the body's attitude comes from.
+    pub attitude: AttitudeSource,
     /// Drift of the simulated odometry: one standard deviation of its scale, drawn once for each incarnation.
     pub scale_sigma: f64,
     /// Drift of the simulated odometry: one standard deviation of the yaw after 1 m, radians.
@@ -83,6 +107,7 @@ impl Default for OdometrySettings {
             source: Source::Simulated,
             device: OdometryDevice::Robot,
             rate_hz: Positive::of(50.0),
+            attitude: AttitudeSource::Told,
             scale_sigma: 0.01,
             yaw_walk_rad_per_sqrt_m: 0.01,
             attitude_bias_deg: 0.0,
