@@ -31,13 +31,16 @@ fn transport_tells_how_long_messages_of_both_programs_took() {
 }
 
 #[test]
-fn shield_world_and_decoders_measure_every_row() {
+fn shield_world_depth_and_decoders_measure_every_row() {
     let shield = rows(&["shield", "--times", "20"]);
     assert_eq!(shield.len(), 6, "two tables with three scans");
     assert_each(&shield, &["/ours_us/p50", "/pseudo_code_us/p50", "/ratio"]);
     let world = rows(&["world", "--times", "1"]);
     assert_eq!(world.len(), 5);
     assert_each(&world, &["/decisions_per_s/p50", "/decisions_per_s/n"]);
+    let depth = rows(&["depth", "--times", "16"]);
+    assert_eq!(depth.len(), 3, "three sizes");
+    assert_each(&depth, &["/level_us/p50", "/swaying_us/p50", "/attitude_us/p50", "/attitude_us/n"]);
     assert_each(&rows(&["decoders", "--times", "1"]), &["/bytes_per_s/p50", "/samples_per_s"]);
 }
 

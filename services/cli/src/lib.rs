@@ -101,6 +101,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
             Bench::Transport { seconds } => done(bench::transport::bench(seconds, json)),
             Bench::Shield { times } => done(bench::shield::bench(times, json)),
             Bench::Decoders { times } => done(bench::decoders::bench(times, json)),
+            Bench::Depth { times } => done(bench::depth::bench(times, json)),
             Bench::Link { seconds } => done(bench::link::bench(seconds, json)),
             Bench::World { times } => done(bench::world::bench(times, json)),
             Bench::Odometry { logs, relations } => done(bench::odometry::bench(&logs, relations.as_deref(), json)),

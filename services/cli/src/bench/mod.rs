@@ -1,6 +1,7 @@
 //! `bench`: figures of this machine.
 
 pub mod decoders;
+pub mod depth;
 pub mod faults;
 pub mod idle;
 pub mod link;
