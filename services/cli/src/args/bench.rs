@@ -39,7 +39,7 @@ pub enum Bench {
     /// What the shield makes of one depth frame, and how its floor tells the attitude, one core
     Depth {
         /// Measurements of each row
-        #[arg(long, default_value_t = 500, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+        #[arg(long, default_value_t = 99, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
         times: u32,
     },
     /// How evenly the link to a robot sends, with and without real-time priority, quiet and busy
