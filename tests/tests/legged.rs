@@ -40,7 +40,9 @@ fn a_robot_that_sways_in_the_flat_world_guides_a_handler_round_a_corner() {
 /// A configuration in which no source tells the attitude.
 fn seen(place: &Place, velocity_loop: &str) -> String {
     let path = place.path().join("seen.toml");
-    let text = format!("odometry.attitude = \"depth\"\nsimulation.mujoco.velocity_loop = {velocity_loop:?}\n");
+    let text = format!(
+        "odometry.attitude = \"depth\"\ndepth.rate_hz = 30\nsimulation.mujoco.velocity_loop = {velocity_loop:?}\n"
+    );
     fs::write(&path, text).expect("written");
     path.to_string_lossy().into_owned()
 }

@@ -73,7 +73,7 @@ impl Service for OdometryDriver {
             if let Some(text) = self.always_level.as_mut().and_then(|level| level.note(&pose.attitude)) {
                 io.tell(&FromChild::Note { text: text.to_owned() });
             }
-            let pose = self.seen.as_ref().map_or(pose, |seen| seen.hold(pose));
+            let pose = self.seen.as_mut().map_or(pose, |seen| seen.hold(io, pose));
             let pose = self.matching.as_mut().map_or(pose, |matching| matching.correct(stamp_ns, pose));
             self.poses.publish(stamp_ns, pose)?;
         }

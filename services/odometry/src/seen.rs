@@ -1,8 +1,8 @@
-//! Attitudes from the camera, for robots that no source tells the attitude of: see [`Stance`].
+//! Attitudes from the camera, for robots that do not measure theirs: see [`Stance`].
 
 use guidance::Stance;
-use messages::{Attitude, DepthFrame, Odometry};
-use settings::Settings;
+use messages::{Attitude, DepthFrame, NS_PER_S, Odometry, age_ns};
+use settings::{Settings, Source};
 use transport::{FrameSubscriber, FromChild, Io, TransportError};
 
 /// What every operator has to know of such a run.
@@ -11,6 +11,8 @@ const NOTE: &str = "roll, pitch and height come from depth images alone: a ramp 
 
 /// Poses in a row whose roll and pitch are exactly 0, after which the operator is told.
 const LEVEL_TELL: u32 = 100;
+/// The most that the operator is told.
+const TOLD_MAX: usize = 16;
 const LEVEL_NOTE: &str = "the source of the poses tells a roll and a pitch of exactly 0: if it does not measure them, \
                           set odometry.attitude = \"depth\"";
 
@@ -29,16 +31,27 @@ impl AlwaysLevel {
     }
 }
 
+/// Without floor in view for longer, a body counts as level: it stands before something. One that stumbles and leans
+/// further than the camera can tell is up again by then, nanoseconds.
+const LEVEL_AFTER_NS: u64 = NS_PER_S;
+const NO_FLOOR_NOTE: &str = "there was no floor in view for a second: the body counts as level while there is none";
+const MEASURED_NOTE: &str = "the source of the poses measures roll and pitch, and odometry.attitude = \"depth\" puts \
+                             those of depth images in their place: remove it";
+
 /// How the body is held, as the newest depth frame shows it.
 #[derive(Debug)]
 pub struct SeenAttitude {
     frames: FrameSubscriber<DepthFrame>,
     stance: Stance,
     standing_m: f64,
-    /// Unknown before the first frame.
+    /// Stale before the first frame, which is not the same as unknown: an unknown attitude counts as level.
     newest: Attitude,
-    /// The last reason why a frame could not be used; it is not told again.
-    told: String,
+    /// Stamp of the last frame that showed the floor, nanoseconds.
+    found_ns: u64,
+    /// Whether the source is a real one, which may know better.
+    is_real: bool,
+    /// What the operator was told already.
+    told: Vec<String>,
 }
 
 impl SeenAttitude {
@@ -48,12 +61,15 @@ impl SeenAttitude {
     /// Where the topic cannot be opened.
     pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
         io.tell(&FromChild::Note { text: NOTE.to_owned() });
+        let standing_m = settings.robot.body_height_m.get();
         Ok(Self {
             frames: io.frame_subscriber()?,
             stance: Stance::default(),
-            standing_m: settings.robot.body_height_m.get(),
-            newest: Attitude::default(),
-            told: String::new(),
+            standing_m,
+            newest: Attitude::at_height(1, 0.0, 0.0, standing_m),
+            found_ns: 0,
+            is_real: settings.odometry.source == Source::Device && !settings.simulation.emulated.on,
+            told: Vec::new(),
         })
     }
 
@@ -63,8 +79,15 @@ impl SeenAttitude {
     /// Where the topic is broken.
     pub fn look(&mut self, io: &Io) -> Result<(), TransportError> {
         while let Some(frame) = self.frames.take()? {
+            let stamp_ns = frame.meta().header.stamp_ns;
             match self.stance.attitude(frame.meta(), frame.data(), self.standing_m) {
-                Ok(attitude) => self.newest = attitude,
+                Ok(Some(attitude)) => (self.newest, self.found_ns) = (attitude, stamp_ns),
+                // Until then the last one grows old, and nothing is judged on.
+                Ok(None) if age_ns(stamp_ns, self.found_ns) <= LEVEL_AFTER_NS => {}
+                Ok(None) => {
+                    self.newest = Attitude::at_height(stamp_ns, 0.0, 0.0, self.standing_m);
+                    self.tell(io, NO_FLOOR_NOTE.to_owned());
+                }
                 Err(error) => self.tell(io, format!("no attitude from the camera: {error}")),
             }
         }
@@ -72,15 +95,17 @@ impl SeenAttitude {
     }
 
     /// The pose with the newest attitude in place of what its source tells.
-    #[must_use]
-    pub fn hold(&self, pose: Odometry) -> Odometry {
+    pub fn hold(&mut self, io: &Io, pose: Odometry) -> Odometry {
+        if self.is_real && pose.attitude.is_known() && [pose.attitude.roll_rad, pose.attitude.pitch_rad] != [0.0; 2] {
+            self.tell(io, MEASURED_NOTE.to_owned());
+        }
         Odometry { attitude: self.newest, ..pose }
     }
 
     fn tell(&mut self, io: &Io, text: String) {
-        if self.told != text {
+        if !self.told.contains(&text) && self.told.len() < TOLD_MAX {
             io.tell(&FromChild::Note { text: text.clone() });
-            self.told = text;
+            self.told.push(text);
         }
     }
 }

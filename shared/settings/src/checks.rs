@@ -11,8 +11,9 @@ use crate::sections::{
 };
 use crate::units::Millis;
 
-/// The least depth images a second that an attitude may come from: one holds for 100 ms.
-const ATTITUDE_HZ: f64 = 15.0;
+/// The least depth images a second that an attitude may come from. One holds for 100 ms: the period of the images, the
+/// camera's latency and the period of the poses together.
+const ATTITUDE_HZ: f64 = 30.0;
 
 /// Whether the settings go together.
 ///
@@ -243,11 +244,14 @@ fn check_attitude(settings: &Settings) -> Result<(), String> {
     if matches!(settings.odometry.source, Source::Replayed | Source::Absent) {
         return refused("odometry.source \"simulated\" or \"device\": poses that are replayed keep their attitude");
     }
-    if settings.depth.source == Source::Absent {
-        return refused("a camera, and depth.source is \"absent\"");
+    if matches!(settings.depth.source, Source::Replayed | Source::Absent) {
+        return refused("depth.source \"simulated\" or \"device\": images of this robot, now");
+    }
+    if !settings.depth.needed {
+        return refused("depth.needed = true: without images the attitude is unknown");
     }
     if settings.depth.rate_hz.get() < ATTITUDE_HZ {
-        return refused("depth.rate_hz of 15 or more: an attitude holds for 100 ms");
+        return refused("depth.rate_hz of 30 or more: an attitude holds for 100 ms");
     }
     Ok(())
 }
@@ -417,8 +421,9 @@ mod tests {
             ("[odometry]\nsource = \"replayed\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
             ("[lidar]\nsource = \"absent\"\n[odometry.matching]\non = true\n", "odometry.matching.on"),
             ("[odometry]\nsource = \"replayed\"\nattitude = \"depth\"\n", "odometry.attitude"),
-            ("[depth]\nrate_hz = 10\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
+            ("[depth]\nrate_hz = 15\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
             ("[depth]\nsource = \"absent\"\nneeded = false\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
+            ("[depth]\nrate_hz = 30\nneeded = false\n[odometry]\nattitude = \"depth\"\n", "odometry.attitude"),
             ("[simulation.emulated]\non = true\n", "simulation.emulated.on"),
             (&elsewhere, "locomotion.unitree.robot"),
             ("[locomotion]\ncharge_stop_percent = 30\n", "locomotion.charge_stop_percent"),

@@ -15,10 +15,15 @@ use guidance::se2::{Point, se2};
 use guidance::{DepthView, Stance, Tilt};
 use guidedog_world::{DepthConfig, DepthSensor, Prism, Scene, World};
 use messages::{Attitude, Pose2, Pose3};
+use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+/// Largest pitch and roll of a body whose attitude only the camera tells, degrees.
+const SEEN_SWAY_DEG: f64 = 10.0;
+/// What it finds is at most this far off, degrees.
+const SEEN_OFF_DEG: f64 = 0.5;
 /// Largest pitch and roll, degrees; bias and noise of the source for each of them; and the error of its stamp.
 const SWAY_DEG: f64 = 12.0;
 const BIAS_DEG: f64 = 0.5;
@@ -59,9 +64,13 @@ struct Body {
 }
 
 impl Body {
-    fn new(seed: u64) -> Self {
+    fn new(seed: u64, source: Source) -> Self {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let amplitude_deg = [0, 1].map(|_| random.random_range(0.0..SWAY_DEG));
+        let sway_deg = match source {
+            Source::Told => SWAY_DEG,
+            Source::Depth => SEEN_SWAY_DEG,
+        };
+        let amplitude_deg = [0, 1].map(|_| random.random_range(0.0..sway_deg));
         let phase = [0, 1].map(|_| random.random_range(0.0..TAU));
         let bias_deg = [0, 1].map(|_| if random.random_bool(0.5) { BIAS_DEG } else { -BIAS_DEG });
         Self { random, amplitude_deg, phase, bias_deg }
@@ -97,6 +106,8 @@ struct Eye {
     source: Source,
     pixels_mm: Vec<u16>,
     view: DepthView,
+    /// The most that an attitude that the camera found was off on either axis, radians.
+    off_max_rad: f64,
 }
 
 impl Eye {
@@ -104,7 +115,7 @@ impl Eye {
         let robot_from_camera = Pose3 { x_m: 0.28, z_m: 0.40, ..Pose3::default() };
         let config = DepthConfig { width, height, redwood: 1.0, robot_from_camera, ..DepthConfig::default() };
         let camera = DepthSensor::new(config, 1, 1).expect("a camera");
-        Self { pixels_mm: vec![0; camera.pixels()], camera, source, view: DepthView::default() }
+        Self { pixels_mm: vec![0; camera.pixels()], camera, source, view: DepthView::default(), off_max_rad: 0.0 }
     }
 
     /// Looks at the world from a place, held so, with what the source tells of that. Whether the frame can be used.
@@ -116,7 +127,11 @@ impl Eye {
             Source::Told => Some(*told),
             Source::Depth => {
                 let seen = Stance::default().attitude(&header, &self.pixels_mm, STANDING_M).expect("a frame");
-                Tilt::of(&Attitude { stamp_ns: 1, ..seen })
+                let seen = Tilt::of(&Attitude { stamp_ns: 1, ..seen.expect("floor is in view") }).expect("known");
+                let off_rad =
+                    [Vector3::x(), Vector3::y()].map(|axis| (seen.direction(axis).z - held.direction(axis).z).abs());
+                self.off_max_rad = self.off_max_rad.max(off_rad[0]).max(off_rad[1]);
+                Some(seen)
             }
         };
         self.view.fill_tilted(&header, &self.pixels_mm, tilt.as_ref()).is_ok()
@@ -137,7 +152,7 @@ fn bare_floor(width: usize, height: usize, count: usize, source: Source) -> [usi
     let (world, mut eye) = (room(Vec::new()), Eye::new(width, height, source));
     let (mut wrong, mut refused) = (0, 0);
     for i in 0..count {
-        let mut body = Body::new(i as u64);
+        let mut body = Body::new(i as u64, source);
         eye.camera.reseed(i as u64);
         let at = Pose2::new(body.random.random_range(0.0..5.0), body.random.random_range(-1.0..1.0), body.normal(0.4));
         let held = body.held(0.0);
@@ -152,6 +167,7 @@ fn bare_floor(width: usize, height: usize, count: usize, source: Source) -> [usi
         }
         wrong += usize::from(false_point.is_some());
     }
+    assert!(eye.off_max_rad < SEEN_OFF_DEG.to_radians(), "{} rad off", eye.off_max_rad);
     println!(
         "{width}x{height}, {source:?}: of {count} frames of bare floor {wrong} with a false obstacle, {refused} refused"
     );
@@ -162,7 +178,7 @@ fn bare_floor(width: usize, height: usize, count: usize, source: Source) -> [usi
 fn approaches(width: usize, height: usize, high_m: f64, count: usize, source: Source) -> [usize; 2] {
     let (mut eye, mut seen, mut kept) = (Eye::new(width, height, source), 0, 0);
     for i in 0..count {
-        let mut body = Body::new(1_000_000 + i as u64);
+        let mut body = Body::new(1_000_000 + i as u64, source);
         eye.camera.reseed(i as u64);
         let thing = Point::new(4.0, body.random.random_range(-0.35..0.35));
         let turned_rad = body.random.random_range(0.0..TAU);
@@ -186,6 +202,7 @@ fn approaches(width: usize, height: usize, high_m: f64, count: usize, source: So
             println!("approach {i}: seen in {frames} frames, at {:.2}, turned {turned_rad:.2}", thing.y);
         }
     }
+    assert!(eye.off_max_rad < SEEN_OFF_DEG.to_radians(), "{} rad off", eye.off_max_rad);
     println!("{width}x{height}, {source:?}, {high_m} m: of {count} approaches seen in {seen}, kept in {kept}");
     [seen, kept]
 }

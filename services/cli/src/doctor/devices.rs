@@ -80,7 +80,6 @@ fn look(name: &'static str, reach: Reach<'_>) -> Option<Check> {
     })
 }
 
-/// A program of others, where the shell would find it.
 /// Where no source tells roll and pitch, the operator has to know it.
 fn attitude(settings: &Settings) -> Option<Check> {
     let found = "roll, pitch and height come from depth images alone (odometry.attitude = \"depth\"): a ramp or a low \
@@ -89,6 +88,7 @@ fn attitude(settings: &Settings) -> Option<Check> {
     (settings.odometry.attitude == AttitudeSource::Depth).then_some(check)
 }
 
+/// A program of others, where the shell would find it.
 fn program(name: &'static str, key: &str, words: &[String]) -> Check {
     let program = words.first().map_or("", String::as_str);
     let folders = std::env::var_os("PATH").unwrap_or_default();
