@@ -60,8 +60,7 @@ impl OdometryDriver {
         let matching = if settings.matches_scans() { Some(ScanMatching::open(&settings, io)?) } else { None };
         let is_seen = settings.odometry.attitude == AttitudeSource::Depth;
         let seen = if is_seen { Some(SeenAttitude::open(&settings, io)?) } else { None };
-        let is_real = settings.odometry.source == Source::Device && !settings.simulation.emulated.on;
-        let always_level = (is_real && !is_seen).then(AlwaysLevel::default);
+        let always_level = (settings.has_real_odometry() && !is_seen).then(AlwaysLevel::default);
         Ok(Self { source, matching, seen, always_level, poses: io.publisher()? })
     }
 }

@@ -2,7 +2,7 @@
 
 use guidance::Stance;
 use messages::{Attitude, DepthFrame, NS_PER_S, Odometry, age_ns};
-use settings::{Settings, Source};
+use settings::Settings;
 use transport::{FrameSubscriber, FromChild, Io, TransportError};
 
 /// What every operator has to know of such a run.
@@ -34,7 +34,7 @@ impl AlwaysLevel {
 /// Without floor in view for longer, a body counts as level: it stands before something. One that stumbles and leans
 /// further than the camera can tell is up again by then, nanoseconds.
 const LEVEL_AFTER_NS: u64 = NS_PER_S;
-const NO_FLOOR_NOTE: &str = "there was no floor in view for a second: the body counts as level while there is none";
+const NO_FLOOR_NOTE: &str = "the camera has seen no floor for a second: until it does, the body counts as level";
 const MEASURED_NOTE: &str = "the source of the poses measures roll and pitch, and odometry.attitude = \"depth\" puts \
                              those of depth images in their place: remove it";
 
@@ -68,7 +68,7 @@ impl SeenAttitude {
             standing_m,
             newest: Attitude::at_height(1, 0.0, 0.0, standing_m),
             found_ns: 0,
-            is_real: settings.odometry.source == Source::Device && !settings.simulation.emulated.on,
+            is_real: settings.has_real_odometry(),
             told: Vec::new(),
         })
     }

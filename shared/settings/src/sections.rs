@@ -116,6 +116,12 @@ impl Settings {
         self.locomotion.link.is_device() && !self.simulation.emulated.on
     }
 
+    /// Whether poses come from a device that is really there.
+    #[must_use]
+    pub fn has_real_odometry(&self) -> bool {
+        self.odometry.source == Source::Device && !self.simulation.emulated.on
+    }
+
     /// Whether the link leads to this very machine, where only an emulated robot can be.
     #[must_use]
     pub fn robot_is_here(&self) -> bool {
