@@ -160,7 +160,7 @@ impl OpenFloor {
         let motion = Shield::predict(handler, &self.table.actions()[action].start_from_end());
         let body = handler.body(self.lidar.config().sigma_m);
         let discs = self.shield.swept(&motion, self.moves, body);
-        Judged::new(self.shape, world_from_robot, body, discs)
+        Judged::new(self.shape, world_from_robot, &self.moves, body, discs)
     }
 
     fn carry_out<E>(

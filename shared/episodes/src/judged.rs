@@ -1,25 +1,25 @@
 //! A hull that was judged, held against where robot and handler really are.
 
 use guidance::se2::{Point, Se2, se2};
-use guidance::{Discs, HandlerBody, Hull};
-use messages::WorldTruth;
+use guidance::{Discs, HandlerBody, Hull, Reach};
+use messages::{Twist2, WorldTruth};
 use settings::Settings;
 
 /// Room that robot and handler really take.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Shape {
-    nose_m: f64,
+    reach: Reach,
     radii_m: [f64; 2],
 }
 
 impl Shape {
     pub fn of(settings: &Settings) -> Self {
         let radii_m = [settings.robot.radius_m.get(), settings.handler.radius_m.get()];
-        Self { nose_m: settings.robot.nose_m, radii_m }
+        Self { reach: settings.shield_config().reach, radii_m }
     }
 
     fn robot_discs(&self) -> usize {
-        if self.nose_m > 0.0 { 2 } else { 1 }
+        if self.reach.nose_m > 0.0 { 2 } else { 1 }
     }
 }
 
@@ -39,13 +39,16 @@ pub(crate) struct Judged {
 }
 
 impl Judged {
-    /// The hull of these discs (robot frame), as `guidance::Shield::swept` orders them for that handler.
-    pub fn new(shape: Shape, world_from_robot: Se2, handler: HandlerBody, discs: Discs) -> Self {
+    /// The hull of these discs (robot frame), as `guidance::Shield::swept` orders them for that handler and a robot
+    /// that moves so.
+    pub fn new(shape: Shape, world_from_robot: Se2, moves: &Twist2, handler: HandlerBody, discs: Discs) -> Self {
         let robots = shape.robot_discs();
-        // Those of now come first: robot and handler. Then the robot's end, the handler's, and where they rest.
+        // Those of now come first: robot and handler. Then the robot's end, the handler's, and those of their rest.
         let now = robots + 1 + usize::from(handler.elsewhere().is_some());
         let body = |i: usize| usize::from(i >= robots);
-        let ends = discs[now..].iter().take(robots + 2).enumerate();
+        let rests = [shape.reach.robot_from_rest.is_some(), shape.reach.walks_on(moves).is_some()];
+        let handlers = 1 + rests.iter().filter(|has| **has).count();
+        let ends = discs[now..].iter().take(robots + handlers).enumerate();
         let ends: Vec<_> = ends.map(|(i, disc)| (body(i), disc.center, disc.radius_m)).collect();
         let missed_m = vec![f64::INFINITY; ends.len()];
         Self { shape, world_from_robot, hull: Hull::new(discs), ends, missed_m, beyond_m: [f64::NEG_INFINITY; 2] }
@@ -56,7 +59,7 @@ impl Judged {
         let then_from_world = self.world_from_robot.inverse();
         let robot = then_from_world * se2(truth.world_from_robot);
         let handler = then_from_world * se2(truth.world_from_handler);
-        let Shape { nose_m, radii_m } = self.shape;
+        let Shape { reach: Reach { nose_m, .. }, radii_m } = self.shape;
         let noses = [nose_m, -nose_m].map(|ahead_m| robot * Point::new(ahead_m, 0.0));
         let discs = [(0, noses[0]), (0, noses[1]), (1, Point::from(handler.translation.vector))];
         for (body, at) in discs {

@@ -8,7 +8,7 @@ use std::collections::VecDeque;
 
 use guidance::se2::{Se2, se2};
 use guidance::{Awareness, AwarenessConfig, Discs, HandlerBody, Shield};
-use messages::{Odometry, Outcome, Permit, PermitCause, ScanHeader, WorldTruth, s_from_ns};
+use messages::{Odometry, Outcome, Permit, PermitCause, ScanHeader, Twist2, WorldTruth, s_from_ns};
 use settings::Settings;
 
 use crate::Excess;
@@ -21,8 +21,8 @@ const SAME_M: f64 = 1e-6;
 struct Verdict {
     stamp_ns: u64,
     decision: u64,
-    /// The hull's discs (robot frame) and the handler of then; none: no permit was granted.
-    granted: Option<(Discs, HandlerBody)>,
+    /// The hull's discs (robot frame), the handler of then and how the robot moved; none: no permit was granted.
+    granted: Option<(Discs, HandlerBody, Twist2)>,
 }
 
 /// Takes the first of a queue where that holds of it.
@@ -111,7 +111,7 @@ impl Walked {
 
     /// What was judged: the way to the end of the action and one scan period more, or where the permit ends with the
     /// action, to that.
-    fn hull(&mut self, permit: &Permit) -> Result<(Discs, HandlerBody), String> {
+    fn hull(&mut self, permit: &Permit) -> Result<(Discs, HandlerBody, Twist2), String> {
         let handler = self.awareness.handler();
         let apart = handler.robot_from_handler().inverse() * se2(permit.robot_from_handler);
         if apart.translation.vector.norm() > SAME_M {
@@ -122,7 +122,7 @@ impl Walked {
         let left_ns = (permit.action_end_ns + more_ns).saturating_sub(permit.header.stamp_ns);
         let motion = Shield::remainder(handler, self.awareness.odom_from_robot(), permit.velocity, s_from_ns(left_ns));
         let (body, moves) = (self.awareness.body(), self.awareness.evidence(permit.header.stamp_ns).moves);
-        Ok((self.shield.swept(&motion, moves, body), body))
+        Ok((self.shield.swept(&motion, moves, body), body, moves))
     }
 
     /// Where robot and handler are.
@@ -141,14 +141,14 @@ impl Walked {
     }
 
     fn begin(&mut self, verdict: &Verdict, world_from_robot: Se2) {
-        let Some((discs, handler)) = verdict.granted else { return };
+        let Some((discs, handler, moves)) = verdict.granted else { return };
         if self.decision != Some(verdict.decision) {
             self.decision = Some(verdict.decision);
             self.excess.decisions += 1;
             self.excess.robot_beyond_m.push(f64::NEG_INFINITY);
             self.excess.handler_beyond_m.push(f64::NEG_INFINITY);
         }
-        self.held = Some(Judged::new(self.shape, world_from_robot, handler, discs));
+        self.held = Some(Judged::new(self.shape, world_from_robot, &moves, handler, discs));
     }
 
     /// What came of it: for each decision that was granted, by how much robot and handler left its hulls.

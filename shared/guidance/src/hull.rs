@@ -32,8 +32,8 @@ pub struct Discs {
 }
 
 impl Discs {
-    /// The most that there are: a robot of two and a handler, now, carried on, at the end and at rest.
-    pub const MAX: usize = 15;
+    /// The most that there are: a robot of two and a handler, now, carried on, at the end, walking on and at rest.
+    pub const MAX: usize = 16;
 
     /// No disc yet.
     #[must_use]

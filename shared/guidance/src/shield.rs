@@ -4,15 +4,16 @@
 mod judging;
 
 use messages::{MAX_ACTIONS, Pose2, Twist2, UnsafeCause};
+use nalgebra::Vector2;
 
 use crate::action::ActionTable;
 use crate::depth::DepthView;
 use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::hull::Discs;
-use crate::interaction::Interaction;
+use crate::interaction::{Interaction, place};
 use crate::memory::Memory;
 use crate::scan::Beams;
-use crate::se2::{Se2, exp, se2};
+use crate::se2::{Point, Se2, exp, se2};
 use crate::seed::mixed;
 use judging::{Present, Sorted};
 
@@ -35,7 +36,7 @@ pub struct ShieldConfig {
 
 /// Shape of the robot, and where robot and handler come to rest after a stop. The default is one disc that stands at
 /// once.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Reach {
     /// Two discs stand for the body, so far ahead of its middle and behind it, metres; 0 is one disc.
     pub nose_m: f64,
@@ -44,6 +45,9 @@ pub struct Reach {
     pub carried_s: [f64; 3],
     /// Where the handler comes to rest (robot frame). None: the hull ends with the motion.
     pub robot_from_rest: Option<Se2>,
+    /// Before they come to rest, the handler walks on for so long at the robot's speed ahead, seconds: beyond where
+    /// they come to rest, and back. It counts where they come to rest at all.
+    pub walks_on_s: f64,
 }
 
 impl Reach {
@@ -52,6 +56,14 @@ impl Reach {
     fn carries_to(&self, moves: &Twist2) -> Se2 {
         let [ahead_s, aside_s, turn_s] = self.carried_s;
         se2(Pose2::new(moves.vx_mps * ahead_s, moves.vy_mps * aside_s, moves.wz_radps * turn_s))
+    }
+
+    /// How far the handler comes before they go back to rest, where the robot moves so when it stops (robot frame).
+    #[must_use]
+    pub fn walks_on(&self, moves: &Twist2) -> Option<Point> {
+        let ahead_m = moves.vx_mps * self.walks_on_s;
+        let rest = self.robot_from_rest.filter(|_| ahead_m > 0.0)?;
+        Some(place(&rest) + Vector2::new(ahead_m, 0.0))
     }
 }
 

@@ -291,6 +291,7 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
     let mujoco = &settings.simulation.mujoco;
     let others = [
         ("handler.radius_m", settings.handler.radius_m.get(), 0.05, 2.0),
+        ("handler.walks_on_s", settings.handler.walks_on_s, 0.0, 1.5),
         ("handler.seen_radius_m", settings.handler.seen_radius_m.get(), 0.05, settings.handler.radius_m.get()),
         // From the finest that a camera counts in to a centimetre.
         ("depth.gstreamer.unit_m", settings.depth.gstreamer.unit_m.get(), 1e-5, 0.01),

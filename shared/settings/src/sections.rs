@@ -233,6 +233,7 @@ impl Settings {
             nose_m: robot.nose_m,
             carried_s,
             robot_from_rest: rest.map(|model| model.robot_from_default()),
+            walks_on_s: self.handler.walks_on_s,
         }
     }
 
@@ -293,6 +294,9 @@ pub struct Handler {
     pub rod_grip_m: [f64; 2],
     /// Rod: from the grip to the handler's middle, metres.
     pub rod_length_m: Positive,
+    /// How long they walk on at the robot's speed when it stops, before they come to rest, seconds. The hull holds it
+    /// where it goes on to their rest (`shield.until_rest`).
+    pub walks_on_s: f64,
 }
 
 impl Default for Handler {
@@ -305,6 +309,7 @@ impl Default for Handler {
             alpha: Share::of(0.4),
             rod_grip_m: [-0.3, 0.0],
             rod_length_m: Positive::of(0.8),
+            walks_on_s: 0.0,
         }
     }
 }

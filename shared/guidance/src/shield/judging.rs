@@ -50,6 +50,8 @@ pub(super) struct Present<'a> {
     now: Discs,
     /// Where the robot is carried by what it moved before.
     carried: Se2,
+    /// Where the handler of a robot that stands comes to on their way to rest (robot frame).
+    walks_on: Option<Point>,
     handler_disc: Disc,
     /// The present hull, all at once: only few ask for it.
     hull: OnceCell<Hull>,
@@ -72,7 +74,9 @@ impl<'a> Present<'a> {
         }
         let hull = OnceCell::new();
         let carried = config.reach.carries_to(&moves);
-        let mut present = Self { config, beams, depth, memory, handler, now, carried, handler_disc, hull, sorted };
+        let walks_on = config.reach.walks_on(&moves);
+        let mut present =
+            Self { config, beams, depth, memory, handler, now, carried, walks_on, handler_disc, hull, sorted };
         present.sort(&Boundary::of(&now));
         present
     }
@@ -146,6 +150,9 @@ impl<'a> Present<'a> {
         discs.push(handler(place(&(self.carried * motion.handler))));
         if let Some(rest) = &self.config.reach.robot_from_rest {
             discs.push(handler(place(&(stands_at * rest))));
+        }
+        if let Some(beyond_rest) = self.walks_on {
+            discs.push(handler(stands_at * beyond_rest));
         }
         // Where it is carried another way than it is to go, the hull of beginning and end leaves out the corners.
         if !is_along(&self.carried, &motion.robot) {

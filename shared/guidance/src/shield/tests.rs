@@ -401,7 +401,7 @@ fn who_turns_on_the_spot_does_not_swing_the_nose_against_what_stands_beside_it()
 #[test]
 fn the_hull_ends_where_robot_and_handler_come_to_rest() {
     let rest = se2(Pose2::new(-0.75, -0.35, 0.0));
-    let reach = Reach { nose_m: 0.18, carried_s: [0.14, 0.12, 0.17], robot_from_rest: Some(rest) };
+    let reach = Reach { nose_m: 0.18, carried_s: [0.14, 0.12, 0.17], robot_from_rest: Some(rest), walks_on_s: 0.0 };
     let stands = ShieldConfig { reach, ..long_body() };
     let (table, beams) = (ActionTable::eight(), scan(&header(), 360, &[]));
     let handler = handler();
@@ -427,4 +427,30 @@ fn the_hull_ends_where_robot_and_handler_come_to_rest() {
         let beam = beams.fan().nearest(at_rest).expect("all around");
         assert!(stands[beam] > (at_rest - beams.origin()).norm(), "{action:?}");
     }
+}
+
+#[test]
+fn the_hull_holds_the_way_that_a_handler_walks_on_after_the_robot_stops() {
+    let rest = se2(Pose2::new(-0.75, -0.35, 0.0));
+    let at_once = Reach { nose_m: 0.18, robot_from_rest: Some(rest), ..Reach::default() };
+    let handler = handler();
+    let forward = Twist2 { vx_mps: 0.5, ..Twist2::ZERO };
+    let depth_m = |reach: Reach, moves: Twist2, at: Point| {
+        let motion = Shield::predict(&handler, &se2(Pose2::new(0.1, 0.0, 0.0)));
+        let shield = ShieldConfig { reach, ..long_body() };
+        -Hull::new(Shield::new(shield).swept(&motion, moves, handler.body(0.0))).signed_distance_m(at)
+    };
+    // The handler's own right edge, 20 cm further ahead than where they come to rest: 0.5 m/s for 0.4 s.
+    let edge = Point::new(0.1 - 0.75 + 0.2, -0.35 - 0.25);
+    let slow = Reach { walks_on_s: 0.4, ..at_once };
+    let margin_m = long_body().margin_m;
+    assert!(depth_m(at_once, forward, edge) < 0.0, "{}", depth_m(at_once, forward, edge));
+    assert!((depth_m(slow, forward, edge) - margin_m).abs() < 1e-9, "{}", depth_m(slow, forward, edge));
+    // Beside a robot that stands or turns on the spot, a handler has no speed to walk on with.
+    for moves in [Twist2::ZERO, Twist2 { wz_radps: 0.9, ..Twist2::ZERO }] {
+        assert_eq!(depth_m(slow, moves, edge), depth_m(at_once, moves, edge));
+    }
+    // Where the hull ends with the motion, nothing comes after it.
+    let ends = Reach { robot_from_rest: None, ..slow };
+    assert_eq!(depth_m(ends, forward, edge), depth_m(Reach { walks_on_s: 0.0, ..ends }, forward, edge));
 }
