@@ -5,6 +5,7 @@ mod bad_input;
 mod benches;
 mod camera;
 mod devices;
+mod edges;
 mod enrol;
 mod evaluate;
 mod fault_matrix;

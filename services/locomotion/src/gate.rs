@@ -3,7 +3,7 @@
 use guidance::accord::{Accord, Response};
 use messages::{
     Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopClass, StopInput, StopKind,
-    StopReason, TopicId, Twist2, age_ns,
+    StopReason, TopicId, Twist2, UnsafeCause, age_ns,
 };
 use settings::{EstopSource, Settings};
 
@@ -374,6 +374,9 @@ impl Gate {
             Outcome::Granted => {}
             Outcome::ActionEnded => return unusable(TopicId::PolicyAction),
             Outcome::Stop => return Err((StopReason::of(StopKind::PolicyStop), true)),
+            Outcome::AllUnsafe | Outcome::RemainderUnsafe if permit.unsafe_cause == UnsafeCause::DropOff => {
+                return sudden(StopKind::DropOff);
+            }
             Outcome::AllUnsafe => return sudden(StopKind::AllUnsafe),
             Outcome::RemainderUnsafe => return sudden(StopKind::RemainderUnsafe),
             Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),

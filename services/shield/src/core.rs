@@ -2,13 +2,13 @@
 
 use guidance::contact;
 use guidance::se2::pose2;
-use guidance::shield::{choose, suppress};
+use guidance::shield::{choose, suppress, waits_at_edge};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, InteractionModel, Judgement, Pose, Se2, Shield, ShieldConfig,
 };
 use messages::{
-    DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
-    ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
+    PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
 
@@ -266,6 +266,10 @@ impl Core {
         let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
         running.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
+        let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
+        if self.is_cued_forward() && waits_at_edge(&self.config.table, &self.judgements, wanted) {
+            running.unsafe_mask = (1 << count) - 1;
+        }
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
         running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
@@ -276,10 +280,13 @@ impl Core {
         } else {
             Outcome::Granted
         };
-        let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
         running.judgement = self.judgements[if suppressed.all_unsafe { wanted } else { running.index }];
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
+    }
+
+    fn is_cued_forward(&self) -> bool {
+        self.mode.is_some_and(|mode| mode.cue.valid && mode.cue.cue.kind == CueKind::Forward)
     }
 
     /// A decision that could not be drawn for want of usable input is drawn on the first scan that has it.

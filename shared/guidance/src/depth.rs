@@ -1,5 +1,6 @@
 //! What a depth frame adds to the lidar: obstacles that its plane misses, as points, and what is seen free.
 
+mod column;
 mod floor;
 mod stance;
 
@@ -11,6 +12,7 @@ use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
+use column::{Column, Eye, Pixel};
 use floor::{Cells, Look, Plane};
 
 pub use floor::FloorCell;
@@ -22,6 +24,8 @@ const FLOOR_M: f64 = 0.08;
 /// the attitude grows with the distance.
 const SWAYING_FLOOR_M: f64 = 0.05;
 const SWAYING_FLOOR_PER_M: f64 = 0.015;
+/// Edges farther away are not told: a row of pixels is too wide there, metres.
+const EDGE_REACH_M: f64 = 3.0;
 /// Rays that hardly lead ahead are skipped: their column is not defined.
 const AHEAD_MIN: f64 = 0.05;
 /// Upper bound on columns, for any attitude of a real camera.
@@ -34,8 +38,6 @@ const CELLS_OF: usize = 2;
 const CELL_ROWS: usize = 120;
 /// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
 const CAMERA_MIN_M: f64 = 0.1;
-/// What is higher is over everybody's head, metres.
-const HEAD_M: f64 = 1.90;
 /// About so many columns are looked at, but every row: a bar across the way is thin in height.
 const COLUMNS: usize = 160;
 /// A pixel is an obstacle where the next one to the right or below is about as near; one alone is noise.
@@ -44,8 +46,6 @@ const AGREE_M: f64 = 0.10;
 const AGREE_SHARE: f64 = 0.03;
 /// Of so many pixels at least one must say something, or the camera is covered.
 const KNOWN_OF: usize = 20;
-/// Pixels that say nothing hide something that is higher than this, metres.
-const HIDDEN_M: f64 = 0.05;
 
 /// A camera that sees nothing stands before something where at least so many beams end in its view,
 const BEFORE_BEAMS: usize = 8;
@@ -78,9 +78,6 @@ pub enum DepthError {
         /// Pixels looked at.
         looked_at: usize,
     },
-    /// Most low points lie below the expected floor: the attitude is wrong, or the floor drops.
-    #[error("the floor is not where the attitude says")]
-    NoFloor,
     /// Focal length or mounting pose is not usable.
     #[error("the depth frame's {0} is not usable")]
     Geometry(&'static str),
@@ -97,6 +94,11 @@ fn check(header: &DepthHeader, pixels: usize) -> Result<(), DepthError> {
     let mount = header.robot_from_camera;
     let numbers = [mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad, mount.pitch_rad, header.cx_px, header.cy_px];
     if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(DepthError::Geometry("mounting pose")) }
+}
+
+/// How far two rows of pixels of a camera of that height are apart on the floor at 1 m, metres.
+fn apart_at_1_m(header: &DepthHeader, camera_m: f64) -> f64 {
+    1.0 / (header.fy_px * camera_m.max(CAMERA_MIN_M))
 }
 
 /// Step between the sampled columns, pixels.
@@ -127,82 +129,6 @@ fn place(camera: Point, forward: Vector2<f64>, along: f64, left: f64) -> Point {
     camera + forward * along + Vector2::new(-forward.y, forward.x) * left
 }
 
-/// One column of the image.
-#[derive(Debug, Clone, Copy)]
-struct Column {
-    /// Tangent of the angle to the left of the camera's axis.
-    left: f64,
-    /// The nearest obstacle: along the camera's axis over the floor, and to the left of it, metres.
-    near_m: f64,
-    near_left_m: f64,
-    /// Height of that over the camera, metres.
-    near_rise_m: f64,
-    /// Tangent of the elevation of its highest ray that says something: what hangs higher is out of view.
-    top: f64,
-    /// Nothing between floor and head is nearer, as far as the image reaches up, metres.
-    free_m: f64,
-    /// How far its rays reach within the band between floor and head, metres.
-    far_m: f64,
-    /// From here on its rays reach down to the floor, metres.
-    floor_m: f64,
-    /// Pixels in a row, up to here, that say nothing.
-    unknown: u32,
-    /// Pixels that say something.
-    known: u32,
-}
-
-impl Column {
-    fn new(left: f64) -> Self {
-        let none = f64::INFINITY;
-        Self {
-            left,
-            near_m: none,
-            near_left_m: none,
-            near_rise_m: 0.0,
-            top: f64::NEG_INFINITY,
-            free_m: none,
-            far_m: 0.0,
-            floor_m: none,
-            unknown: 0,
-            known: 0,
-        }
-    }
-
-    /// A pixel that says nothing. A run of them hides what is higher than [`HIDDEN_M`] from where it is so wide on.
-    fn take_unknown(&mut self, fy_px: f64) {
-        self.unknown += 1;
-        self.free_m = self.free_m.min(HIDDEN_M * fy_px / f64::from(self.unknown));
-    }
-
-    /// A pixel that says something; `agrees` tells whether its neighbours are about as near.
-    fn take(&mut self, pixel: &Pixel, camera_m: f64, agrees: impl FnOnce() -> bool) {
-        (self.unknown, self.known) = (0, self.known + 1);
-        let Pixel { along_m, left_m, rise_m, height_m, floor_m } = *pixel;
-        if !(floor_m..=HEAD_M).contains(&height_m) {
-            // The ray left the band before it ended.
-            let edge_m = if height_m < floor_m { floor_m } else { HEAD_M };
-            let share = ((edge_m - camera_m) / (height_m - camera_m)).clamp(0.0, 1.0);
-            self.far_m = self.far_m.max(along_m * share);
-            if height_m < floor_m {
-                self.floor_m = self.floor_m.min(along_m * share);
-            }
-            return;
-        }
-        self.far_m = self.far_m.max(along_m);
-        if along_m >= self.near_m {
-            return;
-        }
-        self.free_m = self.free_m.min(along_m);
-        if agrees() {
-            (self.near_m, self.near_left_m, self.near_rise_m) = (along_m, left_m, rise_m);
-        }
-    }
-
-    fn end(&mut self) {
-        self.free_m = self.free_m.min(self.near_m).min(self.far_m);
-    }
-}
-
 /// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the
 /// camera.
 #[derive(Debug, Clone, Copy)]
@@ -216,17 +142,6 @@ impl Row {
     fn elevation(&self) -> f64 {
         if self.along > AHEAD_MIN { self.rise / self.along } else { f64::NEG_INFINITY }
     }
-}
-
-/// What a pixel sees: how far along the camera's axis over the floor and to the left of it, how high over the camera
-/// and over the floor, and up to which height that is floor, metres.
-#[derive(Debug, Clone, Copy)]
-struct Pixel {
-    along_m: f64,
-    left_m: f64,
-    rise_m: f64,
-    height_m: f64,
-    floor_m: f64,
 }
 
 /// Image axis, image left and image up of a camera on a body that sways: along its axis over the floor, to the left of
@@ -254,6 +169,11 @@ pub struct DepthView {
     points: Vec<Point>,
     /// How high over the camera each is, metres.
     rises_m: Vec<f64>,
+    /// The last floor before a drop, in the robot frame of the frame's stamp, and of now.
+    stamped_edges: Vec<Point>,
+    edges: Vec<Point>,
+    /// Distance between two rows of pixels on the floor at 1 m, metres. It grows with the distance's square.
+    apart_at_1_m: f64,
     columns: Vec<Column>,
     /// The columns that every row of the image reaches. The others show obstacles, but cannot show that space is free.
     whole: Range<usize>,
@@ -274,6 +194,9 @@ impl Default for DepthView {
             stamped: Vec::new(),
             points: Vec::new(),
             rises_m: Vec::new(),
+            stamped_edges: Vec::new(),
+            edges: Vec::new(),
+            apart_at_1_m: 0.0,
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
@@ -326,8 +249,16 @@ impl DepthView {
                 self.rises_m.push(near_rise_m);
             }
         }
+        self.find_edges();
         self.points.clone_from(&self.stamped);
+        self.edges.clone_from(&self.stamped_edges);
         Ok(())
+    }
+
+    /// A camera of that height over the floor.
+    fn eye(&mut self, header: &DepthHeader, height_m: f64) -> Eye {
+        self.apart_at_1_m = apart_at_1_m(header, height_m);
+        Eye { height_m, apart_at_1_m: self.apart_at_1_m }
     }
 
     fn look_level(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
@@ -338,6 +269,7 @@ impl DepthView {
         self.columns.extend((0..width).step_by(stride).map(|u| Column::new(left_of(header, u))));
         self.whole = 0..self.columns.len();
         let (sin, cos) = mount.pitch_rad.sin_cos();
+        let eye = self.eye(header, mount.z_m);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
             // The camera is tilted down: its axis loses height with distance.
             let up = up_of(header, v);
@@ -355,8 +287,9 @@ impl DepthView {
                     rise_m: depth_m * row.rise,
                     height_m: mount.z_m + depth_m * row.rise,
                     floor_m: FLOOR_M,
+                    drop_m: FLOOR_M + depth_m * row.along / header.fy_px,
                 };
-                column.take(&pixel, mount.z_m, || agrees(pixels_mm, width, v * width + u));
+                column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
             }
         }
     }
@@ -373,8 +306,9 @@ impl DepthView {
             |axis: Vector3<f64>| Vector3::new(axis.xy().dot(&self.forward), self.forward.perp(&axis.xy()), axis.z);
         let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
         self.lay_out(header, &axes)?;
-        let plane = self.find_floor(header, pixels_mm, &axes, camera)?;
+        let plane = self.find_floor(header, pixels_mm, &axes, camera);
         let (width, stride, spacing) = (header.width as usize, stride(header), stride(header) as f64 / header.fx_px);
+        let eye = self.eye(header, camera.z);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
             let up = up_of(header, v);
@@ -395,8 +329,9 @@ impl DepthView {
                     rise_m: seen.z,
                     height_m: camera.z + seen.z - plane.height_m(place.x, place.y) - self.cells.over_m(seen.x, seen.y),
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
+                    drop_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x + seen.x / header.fy_px,
                 };
-                column.take(&pixel, camera.z, || agrees(pixels_mm, width, v * width + u));
+                column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
             }
         }
         Ok(())
@@ -428,13 +363,7 @@ impl DepthView {
     }
 
     /// The trimmed plane; the cells tell what is over it.
-    fn find_floor(
-        &mut self,
-        header: &DepthHeader,
-        pixels_mm: &[u16],
-        axes: &Axes,
-        camera: Point3<f64>,
-    ) -> Result<Plane, DepthError> {
+    fn find_floor(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera: Point3<f64>) -> Plane {
         let (width, step) = (header.width as usize, FLOOR_OF / CELLS_OF * stride(header));
         let rows = (header.height as usize / CELL_ROWS).max(1);
         self.low.clear();
@@ -456,21 +385,26 @@ impl DepthView {
         }
         let (eye, forward) = (self.camera, self.forward);
         let plane = Plane::of(&self.low);
-        let apart_at_1_m = rows as f64 / (header.fy_px * camera.z.max(CAMERA_MIN_M));
+        let apart_at_1_m = rows as f64 * apart_at_1_m(header, camera.z);
         let look = Look { ahead_m: eye.coords.dot(&forward), apart_at_1_m };
         self.cells.spread(&look, |along, left| {
             let at = place(eye, forward, along, left);
             plane.height_m(at.x, at.y)
         });
-        let is_on_cell = |low: &Vector3<f64>| {
-            let to = low.xy() - eye.coords;
-            self.cells.holds(to.dot(&forward), forward.perp(&to), low.z)
-        };
-        if floor::falls_away(&self.low, is_on_cell) {
-            self.clear();
-            return Err(DepthError::NoFloor);
+        plane
+    }
+
+    /// An edge counts where a column beside it shows it too: one alone is noise.
+    fn find_edges(&mut self) {
+        for i in 0..self.columns.len() {
+            let Column { left, edge_m, .. } = self.columns[i];
+            let near_m = AGREE_M + AGREE_SHARE * edge_m;
+            let beside = &self.columns[i.saturating_sub(1)..self.columns.len().min(i + 2)];
+            let agreeing = beside.iter().filter(|other| (other.edge_m - edge_m).abs() <= near_m).count();
+            if edge_m < EDGE_REACH_M && agreeing > 1 {
+                self.stamped_edges.push(self.place(edge_m, left * edge_m));
+            }
         }
-        Ok(plane)
     }
 
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot
@@ -479,6 +413,8 @@ impl DepthView {
         self.now_from_stamped = *now_from_stamped;
         self.points.clear();
         self.points.extend(self.stamped.iter().map(|point| now_from_stamped * point));
+        self.edges.clear();
+        self.edges.extend(self.stamped_edges.iter().map(|edge| now_from_stamped * edge));
     }
 
     fn place(&self, along: f64, left: f64) -> Point {
@@ -510,6 +446,8 @@ impl DepthView {
         self.stamped.clear();
         self.points.clear();
         self.rises_m.clear();
+        self.stamped_edges.clear();
+        self.edges.clear();
         self.columns.clear();
         self.cells.clear();
         self.whole = 0..0;
@@ -532,6 +470,21 @@ impl DepthView {
     #[must_use]
     pub fn rises_m(&self) -> &[f64] {
         &self.rises_m
+    }
+
+    /// The last floor before a drop, in each column that shows one, robot frame.
+    #[must_use]
+    pub fn edges(&self) -> &[Point] {
+        &self.edges
+    }
+
+    /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.
+    #[must_use]
+    pub fn sees_floor(&self, point: Point) -> bool {
+        self.beside(point).is_some_and(|(columns, along)| {
+            let beyond_m = self.apart_at_1_m * along * along;
+            columns.iter().all(|column| column.sees_floor(along, beyond_m))
+        })
     }
 
     /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.
@@ -583,6 +536,8 @@ impl DepthView {
 }
 
 #[cfg(test)]
-mod ramp_tests;
+mod edge_tests;
 #[cfg(test)]
-mod tests;
+pub(crate) mod ramp_tests;
+#[cfg(test)]
+pub(crate) mod tests;

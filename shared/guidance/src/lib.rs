@@ -32,7 +32,7 @@ pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionMode
 pub use memory::{Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
-pub use shield::{Draw, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};
+pub use shield::{Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};
 pub use tilt::Tilt;
 pub use track::{Held, Pace, PoseTrack};
 pub use travel_line::{Foot, TravelLine};

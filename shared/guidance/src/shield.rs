@@ -32,6 +32,17 @@ pub struct ShieldConfig {
     pub unseen_limit_m2: Option<f64>,
     /// Shape of the robot, and where robot and handler come to rest.
     pub reach: Reach,
+    /// How far it keeps from an edge.
+    pub edges: EdgeDistance,
+}
+
+/// How far the hull of a motion stays from an edge of the floor. In between the direction of the way decides.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct EdgeDistance {
+    /// From one that the robot goes towards, metres.
+    pub ahead_m: f64,
+    /// From one beside its way or behind it, metres.
+    pub beside_m: f64,
 }
 
 /// Shape of the robot, and where robot and handler come to rest after a stop. The default is one disc that stands at
@@ -283,6 +294,17 @@ pub fn suppress_in_place(probabilities: &mut [f64], is_unsafe: impl Fn(usize) ->
         probabilities.iter_mut().for_each(|p| *p /= sum);
     }
     all_unsafe
+}
+
+/// Whether a robot that was cued forward waits before an edge: `wanted`, the policy's first choice, leads ahead over it
+/// and no action that leads ahead is left. The handler says where to turn.
+#[must_use]
+pub fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -> bool {
+    let leads_ahead = |i: usize| table.actions().get(i).is_some_and(|action| action.velocity(1.0).vx_mps > 0.0);
+    let is_left = |(i, judgement): (usize, &Judgement)| judgement.safe && leads_ahead(i);
+    judgements.get(wanted).is_some_and(|judgement| judgement.cause == UnsafeCause::DropOff)
+        && leads_ahead(wanted)
+        && !judgements.iter().enumerate().any(is_left)
 }
 
 /// Chooses an action of decision `n`.

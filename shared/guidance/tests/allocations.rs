@@ -4,8 +4,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use guidedog_guidance::{
-    ActionTable, Beams, DelayedHarness, Evidence, HandlerEstimate, HandlerLimits, Memory, MemoryConfig, Reach, Se2,
-    Shield, ShieldConfig,
+    ActionTable, Beams, DelayedHarness, EdgeDistance, Evidence, HandlerEstimate, HandlerLimits, Memory, MemoryConfig,
+    Reach, Se2, Shield, ShieldConfig,
 };
 use messages::ScanHeader;
 
@@ -40,6 +40,7 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         escape: true,
         unseen_limit_m2: Some(10.0),
         reach: Reach::default(),
+        edges: EdgeDistance::default(),
     };
     let limits = HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
     let mut handler = HandlerEstimate::new(DelayedHarness::default(), limits);

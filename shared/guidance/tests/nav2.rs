@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use guidedog_guidance::se2::{Point, exp};
-use guidedog_guidance::{Beams, Evidence, HandlerBody, Motion, Reach, ScanError, Shield, ShieldConfig};
+use guidedog_guidance::{Beams, EdgeDistance, Evidence, HandlerBody, Motion, Reach, ScanError, Shield, ShieldConfig};
 use messages::{ScanHeader, Twist2};
 use serde_json::Value;
 
@@ -69,6 +69,7 @@ fn is_free(radius_m: f64, velocity: Twist2, time_s: f64, beams: &Beams) -> bool 
         escape: false,
         unseen_limit_m2: None,
         reach: Reach::default(),
+        edges: EdgeDistance::default(),
     });
     let robot = exp(velocity, time_s);
     let alone = HandlerBody { center: Point::origin(), radius_m, mask_radius_m: None, seen: None };

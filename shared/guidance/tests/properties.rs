@@ -8,7 +8,9 @@ use guidedog_guidance::boundary::{Boundary, Directions};
 use guidedog_guidance::interaction::place;
 use guidedog_guidance::se2::{Point, Se2, exp, log, pose2, se2};
 use guidedog_guidance::shield::suppress;
-use guidedog_guidance::{Beams, Disc, Evidence, HandlerBody, Hull, Judgement, Motion, Reach, Shield, ShieldConfig};
+use guidedog_guidance::{
+    Beams, Disc, EdgeDistance, Evidence, HandlerBody, Hull, Judgement, Motion, Reach, Shield, ShieldConfig,
+};
 use messages::{Pose2, ScanHeader, UnsafeCause};
 use nalgebra::Vector2;
 use proptest::prelude::*;
@@ -116,6 +118,7 @@ impl Moment {
             escape: false,
             unseen_limit_m2: None,
             reach: Reach::default(),
+            edges: EdgeDistance::default(),
         }
     }
 

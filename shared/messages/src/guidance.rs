@@ -437,6 +437,8 @@ pub enum UnsafeCause {
     Unseen,
     /// It leads to where a motion did not get before: something is there that no sensor tells of.
     Contact,
+    /// The floor drops within what is kept from an edge.
+    DropOff,
 }
 
 named!(UnsafeCause);
@@ -465,7 +467,7 @@ mirrored! {
         pub decision: u64,
         /// Index of the action in the table.
         pub action: u32,
-        /// Bit *i*: action *i* was unsafe when the decision was drawn.
+        /// Bit *i*: action *i* was unsafe when the decision was drawn, or the robot waits before an edge.
         pub unsafe_mask: u32,
         /// Velocity allowed, robot frame.
         pub velocity: Twist2,

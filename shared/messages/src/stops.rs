@@ -358,6 +358,12 @@ stops! {
         meaning: "the robot has fallen",
         advice: "look to the handler first; make the robot stand by its remote; guidedog resume, then a cue",
     }
+    DropOff = 38, "drop_off" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "the floor drops where the robot was to go: an edge, stairs or a hole",
+        advice: "another cue, or lead robot and handler away by hand",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
@@ -402,6 +408,7 @@ mod tests {
             "stream_stuck",
             "scan_contradicts",
             "odometry_contradicts",
+            "drop_off",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
         let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop", "robot_fell"];

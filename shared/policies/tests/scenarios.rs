@@ -10,7 +10,7 @@ use guidance::interaction::DelayedHarness;
 use guidance::memory::Memory;
 use guidance::scan::Beams;
 use guidance::se2::{pose2, se2, wrap_angle};
-use guidance::shield::{Draw, Evidence, Judgement, Reach, Shield, ShieldConfig, choose, suppress};
+use guidance::shield::{Draw, EdgeDistance, Evidence, Judgement, Reach, Shield, ShieldConfig, choose, suppress};
 use guidance::{ActionTable, Se2};
 use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, Pose2, ScanHeader, Twist2, WorldTruth};
@@ -59,6 +59,7 @@ impl Guard {
             escape: true,
             unseen_limit_m2: None,
             reach: Reach::default(),
+            edges: EdgeDistance::default(),
         });
         Self {
             shield,
@@ -124,6 +125,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             scan: &header,
             ranges: &ranges,
             obstacles: guard.depth.points(),
+            edges: &[],
             handler: None,
             odom_from_robot: truth.world_from_robot,
             odometry_incarnation: 1,

@@ -320,6 +320,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("simulation.mujoco.handler_acceleration_mps2", mujoco.handler_acceleration_mps2, 0.1, 10.0),
         ("shield.unknown_gap_m", settings.shield.unknown_gap_m.get(), 0.0, 1.0),
         ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
+        ("shield.floor.edge_ahead_m", settings.shield.floor.edge_ahead_m, 0.0, 1.0),
+        ("shield.floor.edge_beside_m", settings.shield.floor.edge_beside_m, 0.0, 1.0),
         ("shield.memory.drift", settings.shield.memory.drift.get(), 0.0, 0.5),
         // Who walks into the way comes nearer by a metre in this time.
         ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),

@@ -14,8 +14,8 @@ mod speak;
 
 use guidance::se2::Point;
 use guidance::{
-    AwarenessConfig, DelayedHarness, Disc, HandlerEstimate, HandlerLimits, HarnessError, Interaction, InteractionModel,
-    MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
+    AwarenessConfig, DelayedHarness, Disc, EdgeDistance, HandlerEstimate, HandlerLimits, HarnessError, Interaction,
+    InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -37,7 +37,7 @@ pub use max_age::MaxAge;
 pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use robot::{Origin, Response, Robot};
-pub use shield::{Choice, MemorySettings, ShieldSettings};
+pub use shield::{Choice, FloorSettings, MemorySettings, ShieldSettings};
 pub(crate) use speak::check as check_speak;
 pub use speak::{Speak, SpokenLanguage, Verbosity};
 
@@ -214,6 +214,7 @@ impl Settings {
             escape: shield.escape,
             unseen_limit_m2: shield.unseen_limit_m2,
             reach: self.reach(),
+            edges: EdgeDistance { ahead_m: shield.floor.edge_ahead_m, beside_m: shield.floor.edge_beside_m },
         }
     }
 

@@ -5,8 +5,8 @@ use std::time::Instant;
 
 use guidance::se2::{Point, Se2, se2};
 use guidance::{
-    ActionTable, Beams, DelayedHarness, Evidence, HandlerBody, Interaction, Judgement, Motion, Reach, Shield,
-    ShieldConfig,
+    ActionTable, Beams, DelayedHarness, EdgeDistance, Evidence, HandlerBody, Interaction, Judgement, Motion, Reach,
+    Shield, ShieldConfig,
 };
 use messages::{Pose2, ScanHeader};
 use parry2d_f64::math::Vector;
@@ -130,6 +130,7 @@ impl Ours {
             escape: true,
             unseen_limit_m2: None,
             reach: Reach::default(),
+            edges: EdgeDistance::default(),
         };
         let mut ours = Self { shield: Shield::new(config), beams: Beams::default(), judgements: Vec::new() };
         ours.fill(header, ranges)?;

@@ -8,8 +8,8 @@ use std::io::{BufRead, Write};
 use guidance::se2::{Point, Se2, pose2, se2};
 use guidance::shield::suppress_in_place;
 use guidance::{
-    Beams, DelayedHarness, Evidence, HandlerBody, Interaction, InteractionModel, Judgement, Motion, Reach,
-    RigidHarness, RotatingRod, Shield, ShieldConfig,
+    Beams, DelayedHarness, EdgeDistance, Evidence, HandlerBody, Interaction, InteractionModel, Judgement, Motion,
+    Reach, RigidHarness, RotatingRod, Shield, ShieldConfig,
 };
 use messages::{Pose2, ScanHeader};
 use serde::{Deserialize, Serialize};
@@ -201,6 +201,7 @@ impl Judge {
             escape: false,
             unseen_limit_m2: None,
             reach: Reach::default(),
+            edges: EdgeDistance::default(),
         });
         let evidence = Evidence::scan(&self.beams);
         shield.judge_motions(motions.iter().cloned(), evidence, body, &mut self.judgements);

@@ -10,8 +10,8 @@ use std::path::Path;
 
 use guidance::se2::{Point, Se2};
 use guidance::{
-    ActionTable, Beams, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion, PoseTrack, Reach, Shield,
-    ShieldConfig,
+    ActionTable, Beams, EdgeDistance, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion, PoseTrack, Reach,
+    Shield, ShieldConfig,
 };
 use messages::{Odometry, ScanHeader};
 use recording::{Reader, Record};
@@ -245,6 +245,7 @@ impl Study {
             escape: rules.escape,
             unseen_limit_m2: None,
             reach: Reach::default(),
+            edges: EdgeDistance::default(),
         })
     }
 

@@ -1,7 +1,7 @@
 use super::{Gate, GateLimits};
 use messages::{
     Attitude, Cue, CueInForce, CueKind, EmergencyStop, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId,
-    StopInput, StopKind, StopReason, Twist2,
+    StopInput, StopKind, StopReason, Twist2, UnsafeCause,
 };
 use settings::Settings;
 
@@ -66,6 +66,23 @@ fn a_fresh_permit_moves_the_robot_and_its_expiry_stops_it() {
     gate.take_odometry(&Odometry { header: header(1100, 6, 1), ..Odometry::default() });
     assert_eq!(kind(&mut gate, 1100), StopKind::None);
     assert_eq!(kind(&mut gate, 1101), StopKind::PermitExpired);
+}
+
+#[test]
+fn a_verdict_that_rests_on_an_edge_of_the_floor_says_so() {
+    for (outcome, otherwise) in
+        [(Outcome::AllUnsafe, StopKind::AllUnsafe), (Outcome::RemainderUnsafe, StopKind::RemainderUnsafe)]
+    {
+        for (unsafe_cause, expected) in [
+            (UnsafeCause::Beam, otherwise),
+            (UnsafeCause::Memory, otherwise),
+            (UnsafeCause::DropOff, StopKind::DropOff),
+        ] {
+            let mut gate = moving();
+            gate.take_permit(&Permit { outcome, unsafe_cause, ..permit(990, 1100) });
+            assert_eq!(kind(&mut gate, 1000), expected, "{outcome:?}, {unsafe_cause:?}");
+        }
+    }
 }
 
 #[test]

@@ -21,9 +21,6 @@ pub(super) const REACH_M: f64 = 3.0;
 /// Points farther off the fitted floor are outliers, metres.
 const OUTSIDE_M: f64 = 0.04;
 const ROUNDS: usize = 3;
-/// No ramp within reach leads farther up or down, metres.
-const LOW_M: f64 = 0.5;
-
 /// What is known of the floor before it is looked at: one standard deviation of its height under the robot, metres, and
 /// of its slope on either axis, and the most of each.
 #[derive(Debug, Clone, Copy)]
@@ -99,24 +96,9 @@ fn gate_m(distance_m: f64) -> f64 {
     OFF_MAX_M + SLOPE_MAX * distance_m
 }
 
-/// Whether most of the low points lie below the floor: obstacles there could pass for floor. `is_on_cell` tells whether
-/// a point lies on a cell that is floor.
-pub(super) fn falls_away(places: &[Vector3<f64>], is_on_cell: impl Fn(&Vector3<f64>) -> bool) -> bool {
-    let (mut on_floor, mut below) = (0, 0);
-    for place in places.iter().filter(|place| place.xy().norm() <= REACH_M) {
-        let gate_m = gate_m(place.xy().norm());
-        if place.z.abs() <= gate_m || (place.z.abs() < LOW_M && is_on_cell(place)) {
-            on_floor += 1;
-        } else if place.z < -gate_m {
-            below += 1;
-        }
-    }
-    below > on_floor
-}
-
 #[cfg(test)]
 mod tests {
-    use super::{Plane, SLOPE_MAX, falls_away};
+    use super::{Plane, SLOPE_MAX};
     use nalgebra::Vector3;
 
     fn places(height_m: impl Fn(f64, f64) -> f64) -> Vec<Vector3<f64>> {
@@ -143,14 +125,5 @@ mod tests {
         let ramp = Plane::of(&places(|x, _| 0.083 * x));
         assert!(ramp.ahead <= SLOPE_MAX && ramp.off_m.abs() <= 0.03, "{ramp:?}");
         assert_eq!(Plane::of(&[]), Plane::default());
-    }
-
-    #[test]
-    fn where_the_floor_falls_away_there_is_none_that_hides_what_stands_on_it() {
-        let falls = |places: &[Vector3<f64>]| falls_away(places, |_| false);
-        assert!(falls(&places(|x, _| if x > 0.8 { -0.3 } else { 0.0 })), "an edge");
-        assert!(falls(&places(|x, y| -0.3 * x + if x > 1.2 && y.abs() < 0.2 { 0.15 } else { 0.0 })));
-        assert!(!falls(&places(|x, _| if x > 2.5 { -0.3 } else { 0.0 })) && !falls(&[]));
-        assert!(!falls_away(&places(|x, _| -0.083 * x), |_| true), "a ramp down");
     }
 }

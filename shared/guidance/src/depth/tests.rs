@@ -133,7 +133,7 @@ fn a_robot_that_moved_on_is_nearer_to_what_it_saw() {
     assert!(view.sees_free(Point::new(1.5, 0.1)) && !view.sees_free(Point::new(1.9, 0.1)));
 }
 
-pub(super) fn held(roll_deg: f64, pitch_deg: f64) -> Tilt {
+pub(crate) fn held(roll_deg: f64, pitch_deg: f64) -> Tilt {
     let [roll_rad, pitch_rad] = [roll_deg, pitch_deg].map(f64::to_radians);
     Tilt::of(&Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m: 0.28, standing_m: 0.30 }).expect("known")
 }
@@ -164,7 +164,7 @@ fn seen(header: &DepthHeader, tilt: &Tilt, block: Option<[[f64; 3]; 2]>) -> Vec<
     (0..(header.width * header.height) as usize).map(mm).collect()
 }
 
-pub(super) fn camera_160() -> DepthHeader {
+pub(crate) fn camera_160() -> DepthHeader {
     DepthHeader { width: 160, height: 120, fx_px: 80.0, fy_px: 80.0, cx_px: 79.5, cy_px: 59.5, ..header() }
 }
 

@@ -5,10 +5,11 @@ use crate::hull::{Disc, Hull};
 use crate::scan::Beams;
 use crate::scan::tests::header;
 use crate::se2::{Point, Se2, exp, log, se2};
-use crate::shield::{Evidence, Judgement, Motion, Reach, Shield, ShieldConfig};
+use crate::shield::{EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig};
 use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
 use proptest::prelude::*;
 
+mod edges;
 mod hanging;
 
 const MS: u64 = 1_000_000;
@@ -55,6 +56,7 @@ fn config() -> ShieldConfig {
         escape: true,
         unseen_limit_m2: None,
         reach: Reach::default(),
+        edges: EdgeDistance::default(),
     }
 }
 
@@ -394,6 +396,12 @@ fn what_lidar_and_camera_both_see_only_the_lidar_has_to_see_gone() {
     assert!(memory.hidden().iter().all(|spot| (spot.place - ahead).norm() > 0.25), "{:?}", memory.hidden());
 }
 
+/// The camera sees a place, in a frame of that number.
+fn sees(memory: &mut Memory, odom_from_robot: &Se2, place: Point, frame: u64) {
+    let by = super::Sighting { seen_ns: memory.stamp_ns, seen_at: memory.odometer, frame, odom_from_robot };
+    memory.spots.see(&by, place, 0.0, super::Source::Camera, &memory.config);
+}
+
 #[test]
 fn a_thing_seen_again_is_averaged_and_one_of_another_kind_takes_its_place() {
     let mut memory = memory();
@@ -404,16 +412,20 @@ fn a_thing_seen_again_is_averaged_and_one_of_another_kind_takes_its_place() {
     };
     memory.update(0, &Se2::identity(), &one(1.01), None, &handler());
     memory.update(100 * MS, &Se2::identity(), &one(1.04), None, &handler());
-    assert_eq!(memory.spots.len(), 1);
-    assert!((memory.spots[0].odom.x - (1.01 + 0.4 * 0.03)).abs() < 1e-9, "{:?}", memory.spots);
+    assert_eq!(memory.spots.all().len(), 1);
+    assert!((memory.spots.all()[0].odom.x - (1.01 + 0.4 * 0.03)).abs() < 1e-9, "{:?}", memory.spots);
     // Another cell: both are there until the scan after.
     memory.update(200 * MS, &Se2::identity(), &one(1.06), None, &handler());
-    assert!((memory.spots[0].odom.x - 1.06).abs() < 1e-9 && memory.spots.len() == 1, "{:?}", memory.spots);
-    memory.see(&Se2::identity(), Point::new(1.07, 0.0), 0.0, super::Source::Camera, 1);
-    assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 1.07), "nothing is averaged between sensors");
+    assert!((memory.spots.all()[0].odom.x - 1.06).abs() < 1e-9 && memory.spots.all().len() == 1, "{:?}", memory.spots);
+    sees(&mut memory, &Se2::identity(), Point::new(1.07, 0.0), 1);
+    assert_eq!(
+        (memory.spots.all().len(), memory.spots.all()[0].odom.x),
+        (1, 1.07),
+        "nothing is averaged between sensors"
+    );
     // The same slot eight metres on is another cell.
-    memory.see(&Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), 0.0, super::Source::Camera, 2);
-    assert_eq!((memory.spots.len(), memory.spots[0].odom.x), (1, 9.09));
+    sees(&mut memory, &Se2::translation(8.0, 0.0), Point::new(1.09, 0.0), 2);
+    assert_eq!((memory.spots.all().len(), memory.spots.all()[0].odom.x), (1, 9.09));
 }
 
 #[test]
@@ -422,7 +434,7 @@ fn just_behind_the_handler_is_hidden_and_just_behind_a_wall_is_the_wall() {
         let mut memory = memory();
         let thing = Point::new(-1.04, -0.35);
         memory.update(0, &Se2::identity(), &scan(&[(thing, 0.01)]), None, &handler());
-        assert_eq!(memory.spots.len(), 1);
+        assert_eq!(memory.spots.all().len(), 1);
         // 0.05 m before it something ends the beams: the handler's far side, or a wall.
         let distance_m = thing.coords.norm() - 0.05;
         let mut beams = Beams::default();
@@ -447,15 +459,6 @@ fn free_is_what_lies_before_the_reading_by_three_sigma_and_the_drift() {
         memory.update(10 * MS, &Se2::translation(x, 0.0), &nothing, None, &handler());
     }
     assert!(memory.saw_free(ahead(1.939)) && !memory.saw_free(ahead(1.941)));
-}
-
-impl Memory {
-    /// Every spot is found by its cell, and no cell points elsewhere.
-    fn is_consistent(&self) -> bool {
-        let found = |i: usize| usize::from(self.numbers[super::slot_of(self.spots[i].cell)]) == i + 1;
-        (0..self.spots.len()).all(found)
-            && self.numbers.iter().filter(|number| **number > 0).count() == self.spots.len()
-    }
 }
 
 proptest! {
@@ -553,12 +556,12 @@ proptest! {
             let (mut beams, odom_from_robot) = (Beams::default(), se2(*pose));
             beams.fill_with(&header, 60, |i| readings[i]).expect("usable");
             memory.update(n as u64 * 100 * MS, &odom_from_robot, &beams, None, &handler());
-            prop_assert!(memory.is_consistent());
+            prop_assert!(memory.spots.is_consistent());
             for beam in beams.beams().iter().filter(|beam| !handler().masks(beam.end)) {
                 let kept = beam.end.coords.norm() < 3.9;
-                let cell = super::cell_of(odom_from_robot * beam.end);
+                let cell = super::spots::cell_of(odom_from_robot * beam.end);
                 let end = odom_from_robot * beam.end;
-                let near = |spot: &super::Spot| spot.cell == cell && (spot.odom - end).norm() < 0.08;
+                let near = |spot: &super::Spot| spot.cell() == cell && (spot.odom - end).norm() < 0.08;
                 prop_assert!(!kept || memory.spots.iter().any(near), "{:?}", beam.end);
             }
         }

@@ -286,14 +286,14 @@ impl<'a> Present<'a> {
         let remembered = self.memory.map_or(&[][..], Memory::hidden).iter();
         let remembered = remembered.map(|spot| (UnsafeCause::Memory, spot.place, spot.uncertainty_m));
         let mut swept = None;
-        for (cause, point, uncertainty_m) in seen.chain(remembered) {
+        for (cause, point, uncertainty_m) in seen.chain(remembered).chain(self.edges(motion)) {
             let within_m = reach_m + uncertainty_m;
             if point.coords.norm_squared() >= within_m * within_m {
                 continue;
             }
             let swept = swept.get_or_insert_with(|| Hull::new(*discs));
             let inside_m = swept.signed_distance_m(point) - uncertainty_m;
-            if inside_m >= 0.0 || self.handler.masks(point) {
+            if inside_m >= 0.0 || (cause != UnsafeCause::DropOff && self.handler.masks(point)) {
                 continue;
             }
             let pressing = self.config.escape && self.hull().signed_distance_m(point) < uncertainty_m;
@@ -307,6 +307,22 @@ impl<'a> Present<'a> {
             }
             judgement.forbid(cause);
         }
+    }
+
+    /// Edges, as points in a hull: what is needed to them counts as uncertainty. With a memory, one frame alone may be
+    /// noise.
+    fn edges(&self, motion: &Motion) -> impl Iterator<Item = (UnsafeCause, Point, f64)> {
+        let alone = self.depth.filter(|_| self.memory.is_none());
+        let seen = alone.map_or(&[][..], DepthView::edges).iter().map(|edge| (*edge, 0.0));
+        let remembered = self.memory.map_or(&[][..], Memory::edges).iter();
+        let all = seen.chain(remembered.map(|edge| (edge.place, edge.uncertainty_m)));
+        let (end, way) = (place(&motion.robot), motion.robot.translation.vector.try_normalize(SLIGHT));
+        let needed = self.config.edges;
+        all.map(move |(edge, uncertainty_m)| {
+            let towards = way.zip((edge - end).try_normalize(SLIGHT)).map_or(0.0, |(way, to)| way.dot(&to).max(0.0));
+            let needed_m = needed.beside_m + (needed.ahead_m - needed.beside_m) * towards;
+            (UnsafeCause::DropOff, edge, uncertainty_m + needed_m)
+        })
     }
 
     /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does

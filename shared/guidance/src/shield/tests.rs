@@ -1,5 +1,7 @@
 use super::judging::nearest_on_arc;
-use super::{Draw, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, choose, suppress};
+use super::{
+    Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, choose, suppress, waits_at_edge,
+};
 use crate::action::ActionTable;
 use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Seen};
 use crate::hull::{Disc, Hull};
@@ -19,6 +21,7 @@ fn config(escape: bool) -> ShieldConfig {
         escape,
         unseen_limit_m2: None,
         reach: Reach::default(),
+        edges: EdgeDistance::default(),
     }
 }
 
@@ -396,6 +399,32 @@ fn who_turns_on_the_spot_does_not_swing_the_nose_against_what_stands_beside_it()
         }
     }
     assert!(judgements[ActionTable::STOP].safe, "who stands does not come nearer");
+}
+
+#[test]
+fn who_is_to_go_over_an_edge_waits_where_no_way_ahead_is_left() {
+    let table = ActionTable::eight();
+    let ahead: Vec<bool> = table.actions().iter().map(|action| action.velocity(0.5).vx_mps > 0.0).collect();
+    let forward = ahead.iter().position(|ahead| *ahead).expect("one leads ahead");
+    let turn = table.actions().iter().position(|action| action.velocity(0.5).wz_radps > 0.0).expect("one turns");
+    let judged = |cause: UnsafeCause, but: Option<usize>| -> Vec<Judgement> {
+        let forbidden = |i: usize| ahead[i] && but != Some(i);
+        (0..table.len())
+            .map(|i| {
+                if forbidden(i) {
+                    Judgement { safe: false, cause, ..Judgement::default() }
+                } else {
+                    Judgement::default()
+                }
+            })
+            .collect()
+    };
+    let last = ahead.iter().rposition(|ahead| *ahead).filter(|last| *last != forward);
+    assert!(waits_at_edge(&table, &judged(UnsafeCause::DropOff, None), forward));
+    assert!(!waits_at_edge(&table, &judged(UnsafeCause::Beam, None), forward), "a wall is gone round");
+    assert!(!waits_at_edge(&table, &judged(UnsafeCause::DropOff, None), turn), "it is not wanted");
+    assert!(!waits_at_edge(&table, &judged(UnsafeCause::DropOff, last), forward), "a way past it is left");
+    assert!(!waits_at_edge(&table, &[], forward));
 }
 
 #[test]

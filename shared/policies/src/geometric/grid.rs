@@ -1,8 +1,8 @@
 //! What is known of the surroundings: a rolling memory of scans and depth points, and the window that a decision reads.
 
 use super::beams::Beams;
-use guidance::Se2;
 use guidance::se2::Point;
+use guidance::{Remembered, Se2};
 
 /// Side of a cell, metres.
 pub const CELL_M: f64 = 0.1;
@@ -91,6 +91,13 @@ impl Memory {
             if !self.lidar_sees_it(at) {
                 self.glimpse(at);
             }
+        }
+    }
+
+    /// Takes in edges of the floor (robot frame). No beam tells that one is gone.
+    pub fn block(&mut self, odom_from_robot: &Se2, edges: &[Remembered]) {
+        for edge in edges {
+            self.occupy(odom_from_robot * edge.place, true);
         }
     }
 

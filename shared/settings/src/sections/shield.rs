@@ -49,6 +49,24 @@ pub struct ShieldSettings {
     pub unseen_limit_m2: Option<f64>,
     /// What it remembers.
     pub memory: MemorySettings,
+    /// Where the floor ends.
+    pub floor: FloorSettings,
+}
+
+/// How far the shield keeps from an edge of the floor.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct FloorSettings {
+    /// Between the hull and an edge that the robot goes towards, metres.
+    pub edge_ahead_m: f64,
+    /// Between the hull and an edge beside its way, metres.
+    pub edge_beside_m: f64,
+}
+
+impl Default for FloorSettings {
+    fn default() -> Self {
+        Self { edge_ahead_m: 0.35, edge_beside_m: 0.15 }
+    }
 }
 
 /// The shield's obstacle memory.
@@ -103,6 +121,7 @@ impl Default for ShieldSettings {
             until_rest: false,
             unseen_limit_m2: None,
             memory: MemorySettings::default(),
+            floor: FloorSettings::default(),
         }
     }
 }

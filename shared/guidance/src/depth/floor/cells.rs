@@ -39,8 +39,6 @@ const FLAT_M: f64 = 0.01;
 const FLAT_PER_M: f64 = 0.005;
 /// Where a cell shows no floor, this many cells to either side tell how high it is.
 const BESIDE: usize = 2;
-/// A point so near to its cell's height lies on it, metres.
-const ON_CELL_M: f64 = 0.06;
 
 /// What a cell of the floor shows. Heights are over the level floor under the robot, metres.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -155,11 +153,6 @@ impl Cells {
     /// The cell at a place.
     pub(crate) fn at(&self, along_m: f64, left_m: f64) -> FloorCell {
         number(along_m, left_m).and_then(|cell| self.cells.get(cell)).copied().unwrap_or_default()
-    }
-
-    /// Whether a point lies on a cell that is floor.
-    pub(crate) fn holds(&self, along_m: f64, left_m: f64, height_m: f64) -> bool {
-        self.at(along_m, left_m).floor_m().is_some_and(|floor_m| (height_m - floor_m).abs() <= ON_CELL_M)
     }
 
     fn cell(&self, row: usize, column: usize) -> FloorCell {

@@ -1,0 +1,182 @@
+//! Places that were seen, in the odometry frame: at most one for each cell.
+
+use super::{MemoryConfig, Odometer, REACH_M};
+use crate::se2::{Point, Se2};
+
+/// Side of a cell: it keeps one point, metres.
+pub(super) const CELL_M: f64 = 0.05;
+/// Cells along one side of what is remembered.
+const SIDE: i32 = 160;
+/// Nearer than this a camera says well enough where something is, metres. From farther off a wall may look so much
+/// nearer than the lidar has it that something seems to stand before it.
+const EXACT_M: f64 = 2.0;
+/// A point that is seen again moves by this share of the difference: the sensor's noise is averaged.
+const GAIN: f64 = 0.4;
+/// Evidence for what the camera saw: each frame counts 1 up to this distance, metres, and less with the square of a
+/// greater one, as the pixel's footprint grows.
+const FOOTPRINT_M: f64 = 1.0;
+/// More evidence than one frame can give: what was seen twice.
+const ONE_FRAME: f64 = 1.0;
+/// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
+const ENOUGH: f64 = 2.0;
+
+/// What saw a place, and may see that nothing is there any more.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Source {
+    Lidar,
+    Camera,
+    /// The camera, of the last floor before a drop.
+    Edge,
+}
+
+/// What the newest scan and frame said of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sight {
+    /// It cannot be seen from here.
+    Hidden,
+    /// It could be seen: it goes, unless it is seen again.
+    Due,
+    /// It was seen again.
+    Seen,
+}
+
+/// A place that was seen.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Spot {
+    cell: (i32, i32),
+    pub odom: Point,
+    /// How high over the camera it was seen, at the most, metres.
+    pub rise_m: f64,
+    pub source: Source,
+    pub sight: Sight,
+    pub seen_ns: u64,
+    pub seen_at: Odometer,
+    /// It is kept for so long after that.
+    pub kept_ns: u64,
+    /// Of camera frames, see [`ENOUGH`], and the last frame that counts in it.
+    evidence: f64,
+    frame: u64,
+}
+
+impl Spot {
+    /// Whether it may be the noise of a frame.
+    pub fn is_doubtful(&self) -> bool {
+        self.source != Source::Lidar && self.evidence < ENOUGH
+    }
+
+    /// Whether more than one frame saw it.
+    pub fn was_seen_again(&self) -> bool {
+        self.evidence > ONE_FRAME
+    }
+}
+
+/// When, where and in which frame of the camera something is seen.
+#[derive(Debug)]
+pub(super) struct Sighting<'a> {
+    pub seen_ns: u64,
+    pub seen_at: Odometer,
+    pub frame: u64,
+    pub odom_from_robot: &'a Se2,
+}
+
+/// See the module.
+#[derive(Debug, Clone)]
+pub(super) struct Spots {
+    spots: Vec<Spot>,
+    /// For each cell the number of its spot and one more; 0: none. Cells repeat every [`SIDE`].
+    numbers: Vec<u16>,
+}
+
+impl Spots {
+    pub fn new() -> Self {
+        Self { spots: Vec::new(), numbers: vec![0; (SIDE * SIDE) as usize] }
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = &Spot> {
+        self.spots.iter()
+    }
+
+    /// Keeps what `wanted` says.
+    pub fn keep(&mut self, mut wanted: impl FnMut(&mut Spot) -> bool) {
+        let mut i = 0;
+        while i < self.spots.len() {
+            if wanted(&mut self.spots[i]) {
+                i += 1;
+                continue;
+            }
+            self.numbers[slot_of(self.spots[i].cell)] = 0;
+            self.spots.swap_remove(i);
+            if let Some(moved) = self.spots.get(i) {
+                self.numbers[slot_of(moved.cell)] = i as u16 + 1;
+            }
+        }
+    }
+
+    /// A place (robot frame) that is seen, so high over the camera.
+    pub fn see(&mut self, by: &Sighting<'_>, place: Point, rise_m: f64, source: Source, config: &MemoryConfig) {
+        let distance_m = place.coords.norm();
+        if distance_m >= REACH_M {
+            return;
+        }
+        let Sighting { seen_ns, seen_at, frame, odom_from_robot } = *by;
+        let odom = odom_from_robot * place;
+        let (cell, kept_ns, sight) = (cell_of(odom), config.kept_ns, Sight::Seen);
+        let evidence = (FOOTPRINT_M / distance_m).powi(2).min(1.0);
+        let mut spot = Spot { cell, odom, rise_m, source, sight, seen_ns, seen_at, kept_ns, evidence, frame };
+        let number = &mut self.numbers[slot_of(cell)];
+        let Some(i) = usize::from(*number).checked_sub(1) else {
+            self.spots.push(spot);
+            *number = self.spots.len() as u16;
+            return;
+        };
+        let old = self.spots[i];
+        if old.cell == cell {
+            // The lidar that meets its edge takes nothing from what the camera knows of it.
+            spot.evidence = spot.evidence.max(old.evidence);
+            spot.rise_m = spot.rise_m.max(old.rise_m);
+            spot.kept_ns = kept_ns.max(old.kept_ns);
+        }
+        if old.cell == cell && old.source == source {
+            spot.odom = old.odom + (odom - old.odom) * GAIN;
+            spot.evidence = if frame == old.frame { old.evidence } else { old.evidence + evidence };
+        }
+        match source {
+            Source::Camera if distance_m < EXACT_M && !spot.is_doubtful() => {
+                spot.kept_ns = config.kept_off_plane_ns;
+            }
+            // No drop goes away by itself.
+            Source::Edge if !spot.is_doubtful() => spot.kept_ns = u64::MAX,
+            _ => {}
+        }
+        self.spots[i] = spot;
+    }
+}
+
+pub(super) fn cell_of(odom: Point) -> (i32, i32) {
+    ((odom.x / CELL_M).floor() as i32, (odom.y / CELL_M).floor() as i32)
+}
+
+fn slot_of((i, j): (i32, i32)) -> usize {
+    (j.rem_euclid(SIDE) * SIDE + i.rem_euclid(SIDE)) as usize
+}
+
+#[cfg(test)]
+impl Spots {
+    pub fn all(&self) -> &[Spot] {
+        &self.spots
+    }
+
+    /// Every spot is found by its cell, and no cell points elsewhere.
+    pub fn is_consistent(&self) -> bool {
+        let found = |i: usize| usize::from(self.numbers[slot_of(self.spots[i].cell)]) == i + 1;
+        (0..self.spots.len()).all(found)
+            && self.numbers.iter().filter(|number| **number > 0).count() == self.spots.len()
+    }
+}
+
+#[cfg(test)]
+impl Spot {
+    pub fn cell(&self) -> (i32, i32) {
+        self.cell
+    }
+}

@@ -1,0 +1,144 @@
+//! Guided walks of a Go2 in MuJoCo towards edges of the floor and along them: neither robot nor handler leaves it.
+
+use std::fs;
+
+use guidance::se2::{Point, se2};
+use guidedog_tests::{Place, has_legs};
+use messages::WorldTruth;
+use recording::{Reader, Record};
+
+/// Corners of a Go2's body (robot frame), metres.
+const CORNERS: [(f64, f64); 4] = [(0.35, 0.155), (0.35, -0.155), (-0.35, 0.155), (-0.35, -0.155)];
+const HANDLER_M: f64 = 0.25;
+
+/// A straight edge: a point of it, and the direction away from the floor (world frame).
+struct Edge {
+    at: Point,
+    away: [f64; 2],
+}
+
+/// A floor that ends at a straight edge: where, and what lies around the corridor's middle, 2.4 m wide.
+struct Floor {
+    name: &'static str,
+    /// World files' `[[ramp]]` entries: at, size, height of the foot, direction in degrees.
+    plateaus: Vec<([f64; 2], [f64; 2], f64, f64)>,
+    /// None where a way leads over it.
+    edge: Option<Edge>,
+    /// What both bodies keep from it, metres.
+    kept_m: f64,
+    /// Whether a way goes on.
+    reaches: bool,
+}
+
+fn across(at_m: f64) -> Option<Edge> {
+    Some(Edge { at: Point::new(at_m, 0.0), away: [1.0, 0.0] })
+}
+
+fn floors() -> Vec<Floor> {
+    let plateau = |high_m: f64| ([-3.0, 0.0], [8.0, 2.4], high_m, 0.0);
+    let steps = (0..5).map(|i| ([5.0 + 0.28 * f64::from(i), 0.0], [0.28, 2.4], 0.85 - 0.17 * f64::from(i), 0.0));
+    let ends = |name, high_m| {
+        let plateaus = vec![plateau(high_m)];
+        Floor { name, plateaus, edge: across(5.0), kept_m: 0.3, reaches: false }
+    };
+    let turned = std::f64::consts::FRAC_PI_6;
+    let (sin, cos) = turned.sin_cos();
+    let oblique = ([5.0 - 8.0 * cos, -8.0 * sin], [8.0, 8.0], 1.0, 30.0);
+    vec![
+        Floor { name: "stairs", plateaus: [plateau(1.02)].into_iter().chain(steps).collect(), ..ends("", 0.0) },
+        ends("cliff", 1.0),
+        ends("kerb-15", 0.15),
+        // From farther off the camera cannot tell it from its noise.
+        Floor { kept_m: 0.2, ..ends("kerb-10", 0.10) },
+        Floor { name: "kerb-5", edge: None, reaches: true, ..ends("", 0.05) },
+        Floor { name: "hole", plateaus: vec![plateau(1.0), ([6.0, 0.0], [6.0, 2.4], 1.0, 0.0)], ..ends("", 0.0) },
+        Floor {
+            name: "oblique",
+            plateaus: vec![oblique],
+            edge: Some(Edge { at: Point::new(5.0, 0.0), away: [cos, sin] }),
+            kept_m: 0.3,
+            reaches: false,
+        },
+        Floor {
+            name: "platform",
+            plateaus: vec![([-3.0, 0.15], [15.0, 2.1], 1.0, 0.0)],
+            edge: Some(Edge { at: Point::new(0.0, -0.9), away: [0.0, -1.0] }),
+            kept_m: 0.15,
+            reaches: true,
+        },
+    ]
+}
+
+/// The scenario of a walk ahead over it.
+fn scenario(place: &Place, floor: &Floor) -> String {
+    let walls = "ceiling_m = 5.0\n[[wall]]\npoints = [[-3, -1.2], [12, -1.2], [12, 1.2], [-3, 1.2], [-3, -1.2]]\n";
+    let ramps = floor.plateaus.iter().map(|(at, size, from_m, yaw_deg)| {
+        format!("[[ramp]]\nat = {at:?}\nsize = {size:?}\nfrom_m = {from_m:?}\nrise_m = 0\nyaw_deg = {yaw_deg:?}\n")
+    });
+    let world = place.path().join("floor.toml");
+    fs::write(&world, walls.to_owned() + &ramps.collect::<String>()).expect("written");
+    let lines = "start = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [9, 0], within_m = 0.7 }\ntime_limit_s = 30\n\
+         [[cue]]\nkind = \"forward\"\nat_s = 1.0";
+    place.scenario(&world.to_string_lossy(), lines)
+}
+
+/// The least that robot and handler were off the edge, metres.
+fn least_m(truths: &[WorldTruth], edge: &Edge) -> [f64; 2] {
+    let off_m = |point: Point| (edge.at.x - point.x) * edge.away[0] + (edge.at.y - point.y) * edge.away[1];
+    let robot = truths.iter().flat_map(|truth| {
+        let body = se2(truth.world_from_robot);
+        CORNERS.map(|(x_m, y_m)| off_m(body * Point::new(x_m, y_m)))
+    });
+    let handler = truths.iter().map(|truth| {
+        let body = truth.world_from_handler;
+        off_m(Point::new(body.x_m, body.y_m)) - HANDLER_M
+    });
+    [robot.fold(f64::INFINITY, f64::min), handler.fold(f64::INFINITY, f64::min)]
+}
+
+/// Walks ahead over it, and is held to what such a floor asks.
+fn walks(floor: &Floor, velocity_loop: &str, seed: u64) {
+    let place = Place::new();
+    let config = place.path().join("legs.toml");
+    let text = format!("depth.redwood = 1.0\nsimulation.mujoco.velocity_loop = {velocity_loop:?}\n");
+    fs::write(&config, text).expect("written");
+    let (config, seed) = (config.to_string_lossy().into_owned(), seed.to_string());
+    let recording = place.path().join("walk.mcap");
+    let (to, over) = (recording.to_string_lossy().into_owned(), scenario(&place, floor));
+    let options = ["--scenario", &over, "--seed", &seed, "--config", &config, "--record", &to, "--json"];
+    let (report, _) = place.json(&[&["walk", "--physics", "mujoco", "--speed", "0"], &options[..]].concat());
+    let what = format!("{}, {velocity_loop} {seed}", floor.name);
+    let truths = Reader::open(&recording).expect("a recording").filter_map(|record| match record.expect("whole") {
+        Record::WorldTruth(truth) => Some(*truth),
+        _ => None,
+    });
+    let truths: Vec<_> = truths.collect();
+    let least_m = floor.edge.as_ref().map_or([f64::INFINITY; 2], |edge| least_m(&truths, edge));
+    eprintln!(
+        "{what}: reached {}, off the edge {least_m:.3?} m, stood {}",
+        report["reached"], report["stopped_s_by_reason"]
+    );
+    assert_eq!(report["collisions"], serde_json::json!({"robot": 0, "handler": 0, "hit_by_others": 0}), "{what}");
+    assert_eq!(report["reached"], floor.reaches, "{what}: {report:#}");
+    let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
+    assert!(floor.reaches || waited_s > 5.0, "{what}: {waited_s} s");
+    assert!(least_m.iter().all(|least_m| *least_m >= floor.kept_m), "{what}: {least_m:?}");
+    place.assert_empty();
+}
+
+#[test]
+fn a_go2_stands_before_stairs_that_lead_down() {
+    if has_legs() {
+        walks(&floors()[0], "soft", 1);
+    }
+}
+
+#[test]
+#[ignore = "a quarter of an hour: scripts/nightly physics"]
+fn a_go2_and_its_handler_keep_off_every_edge() {
+    for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
+        for floor in floors() {
+            (1..=5).for_each(|seed| walks(&floor, velocity_loop, seed));
+        }
+    }
+}
