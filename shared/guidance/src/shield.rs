@@ -36,7 +36,7 @@ pub struct ShieldConfig {
     pub edges: EdgeDistance,
 }
 
-/// How far the hull of a motion stays from an edge of the floor. In between the direction of the way decides.
+/// How far the hull of a motion stays from an edge of the floor. Within 60 degrees of the way an edge is ahead; from there to abeam it is less.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EdgeDistance {
     /// From one that the robot goes towards, metres.

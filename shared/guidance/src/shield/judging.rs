@@ -309,8 +309,8 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Edges, as points in a hull: what is needed to them counts as uncertainty. With a memory, one frame alone may be
-    /// noise.
+    /// Edges, as points in a hull: what is needed to them counts as uncertainty. Within 60 degrees of the way an edge is
+    /// ahead. With a memory, one frame alone may be noise.
     fn edges(&self, motion: &Motion) -> impl Iterator<Item = (UnsafeCause, Point, f64)> {
         let alone = self.depth.filter(|_| self.memory.is_none());
         let seen = alone.map_or(&[][..], DepthView::edges).iter().map(|edge| (*edge, 0.0));
@@ -319,7 +319,9 @@ impl<'a> Present<'a> {
         let (end, way) = (place(&motion.robot), motion.robot.translation.vector.try_normalize(SLIGHT));
         let needed = self.config.edges;
         all.map(move |(edge, uncertainty_m)| {
-            let towards = way.zip((edge - end).try_normalize(SLIGHT)).map_or(0.0, |(way, to)| way.dot(&to).max(0.0));
+            let towards = way
+                .zip((edge - end).try_normalize(SLIGHT))
+                .map_or(0.0, |(way, to)| (2.0 * way.dot(&to)).clamp(0.0, 1.0));
             let needed_m = needed.beside_m + (needed.ahead_m - needed.beside_m) * towards;
             (UnsafeCause::DropOff, edge, uncertainty_m + needed_m)
         })
