@@ -20,9 +20,11 @@ def zed():
         yield time.monotonic_ns() - age_ns, pixels.shape[::-1], (lens.fx, lens.fy, lens.cx, lens.cy), pixels.tobytes()
 
 
-def wall():  # 2 m ahead, without any camera
+def wall():  # 2 m ahead of a level camera 0.45 m above the floor, without any camera
+    rows_mm = [min(2000, int(450 * 160 / (v - 119.5)) if v > 119.5 else 2000) for v in range(240)]
+    pixels = b"".join(struct.pack("=H", mm) * 320 for mm in rows_mm)
     while True:
-        yield time.monotonic_ns(), (320, 240), (160, 160, 159.5, 119.5), struct.pack("=H", 2000) * (320 * 240)
+        yield time.monotonic_ns(), (320, 240), (160, 160, 159.5, 119.5), pixels
         time.sleep(1 / 15)
 
 

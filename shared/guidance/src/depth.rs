@@ -281,12 +281,14 @@ impl DepthView {
                 }
                 column.top = column.top.max(row.elevation());
                 let depth_m = f64::from(row_mm[u]) / 1000.0;
+                let height_m = mount.z_m + depth_m * row.rise;
                 let pixel = Pixel {
                     along_m: depth_m * row.along,
                     left_m: column.left * depth_m,
                     rise_m: depth_m * row.rise,
-                    height_m: mount.z_m + depth_m * row.rise,
+                    height_m,
                     floor_m: FLOOR_M,
+                    over_lowest_m: height_m,
                     drop_m: FLOOR_M + depth_m * row.along / header.fy_px,
                 };
                 column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
@@ -311,27 +313,38 @@ impl DepthView {
         let eye = self.eye(header, camera.z);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
-            let up = up_of(header, v);
+            let (up, mut next) = (up_of(header, v), None);
             for u in (0..width).step_by(stride) {
                 let ray = axes.ray(left_of(header, u), up);
                 let number = ((leftmost - ray.y / ray.x) / spacing + 0.5) as usize;
-                let Some(column) = self.columns.get_mut(number).filter(|_| ray.x > AHEAD_MIN) else { continue };
-                if row_mm[u] == 0 {
-                    column.take_unknown(header.fy_px);
+                if ray.x <= AHEAD_MIN || number >= self.columns.len() {
                     continue;
                 }
-                column.top = column.top.max(ray.z / ray.x);
+                // Where the rays of a row are farther apart than the columns, one shows the column before it as well.
+                let left_out = next.replace(number + 1).filter(|next| next + 1 == number);
+                let columns = &mut self.columns[left_out.unwrap_or(number)..=number];
+                if row_mm[u] == 0 {
+                    columns.iter_mut().for_each(|column| column.take_unknown(header.fy_px));
+                    continue;
+                }
                 let seen = ray * (f64::from(row_mm[u]) / 1000.0);
                 let place = place(self.camera, self.forward, seen.x, seen.y);
+                let over_plane_m = camera.z + seen.z - plane.height_m(place.x, place.y);
+                let floor_over_plane_m = self.cells.over_m(seen.x, seen.y);
                 let pixel = Pixel {
                     along_m: seen.x,
                     left_m: seen.y,
                     rise_m: seen.z,
-                    height_m: camera.z + seen.z - plane.height_m(place.x, place.y) - self.cells.over_m(seen.x, seen.y),
+                    height_m: over_plane_m - floor_over_plane_m,
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
+                    // What stands in a cell may lift it: its floor is no drop for that.
+                    over_lowest_m: over_plane_m - floor_over_plane_m.min(0.0),
                     drop_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x + seen.x / header.fy_px,
                 };
-                column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
+                for column in columns {
+                    column.top = column.top.max(ray.z / ray.x);
+                    column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
+                }
             }
         }
         Ok(())
@@ -397,12 +410,12 @@ impl DepthView {
     /// An edge counts where a column beside it shows it too: one alone is noise.
     fn find_edges(&mut self) {
         for i in 0..self.columns.len() {
-            let Column { left, edge_m, .. } = self.columns[i];
+            let Column { edge_m, edge_left_m, .. } = self.columns[i];
             let near_m = AGREE_M + AGREE_SHARE * edge_m;
             let beside = &self.columns[i.saturating_sub(1)..self.columns.len().min(i + 2)];
             let agreeing = beside.iter().filter(|other| (other.edge_m - edge_m).abs() <= near_m).count();
             if edge_m < EDGE_REACH_M && agreeing > 1 {
-                self.stamped_edges.push(self.place(edge_m, left * edge_m));
+                self.stamped_edges.push(self.place(edge_m, edge_left_m));
             }
         }
     }

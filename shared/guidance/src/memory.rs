@@ -25,6 +25,11 @@ const WALKED_MIN_M: f64 = 1.0;
 const STANDING_MAX_NS: u64 = 60_000_000_000;
 /// What the camera sees this near to the end of a beam, the lidar sees as well, metres.
 const SAME_M: f64 = 0.15;
+/// A robot that moved by less, metres and radians, has not moved.
+const WAY_MIN_M: f64 = 0.01;
+const TURN_MIN_RAD: f64 = 0.01;
+/// The place of an edge is never taken to be farther off, metres: it would hold a robot that turns beside it.
+const EDGE_OFF_MAX_M: f64 = 0.3;
 /// At most so many scans tell what was free a moment ago.
 const GLIMPSES: usize = 8;
 
@@ -91,8 +96,8 @@ pub struct Memory {
     /// Of the newest scan.
     stamp_ns: u64,
     now_ns: u64,
-    /// Where the robot was at the newest scan.
-    odom_from_scanned: Option<Se2>,
+    /// Where the robot was when its way was last counted.
+    odom_from_counted: Option<Se2>,
     odom_from_robot: Se2,
     odometer: Odometer,
     hidden: Vec<Remembered>,
@@ -111,7 +116,7 @@ impl Memory {
             glimpses: VecDeque::new(),
             stamp_ns: 0,
             now_ns: 0,
-            odom_from_scanned: None,
+            odom_from_counted: None,
             odom_from_robot: Se2::identity(),
             odometer: Odometer::default(),
             hidden: Vec::new(),
@@ -136,11 +141,7 @@ impl Memory {
         handler: &HandlerBody,
     ) {
         self.stamp_ns = stamp_ns;
-        if let Some(before) = self.odom_from_scanned.replace(*odom_from_robot) {
-            let moved = before.inverse() * odom_from_robot;
-            self.odometer.walked_m += moved.translation.vector.norm();
-            self.odometer.turned_rad += moved.rotation.angle().abs();
-        }
+        self.count_way(odom_from_robot);
         self.look_again(odom_from_robot, beams, depth, handler);
         let frame = depth.map_or(0, DepthView::number);
         let sighting = Sighting { seen_ns: stamp_ns, seen_at: self.odometer, frame, odom_from_robot };
@@ -162,6 +163,18 @@ impl Memory {
         self.move_to(stamp_ns, odom_from_robot);
     }
 
+    /// The jitter of a robot that stands is no way: else what it remembers would grow for as long as it stands.
+    fn count_way(&mut self, odom_from_robot: &Se2) {
+        let before = *self.odom_from_counted.get_or_insert(*odom_from_robot);
+        let moved = before.inverse() * odom_from_robot;
+        let (walked_m, turned_rad) = (moved.translation.vector.norm(), moved.rotation.angle().abs());
+        if walked_m > WAY_MIN_M || turned_rad > TURN_MIN_RAD {
+            self.odom_from_counted = Some(*odom_from_robot);
+            self.odometer.walked_m += walked_m;
+            self.odometer.turned_rad += turned_rad;
+        }
+    }
+
     /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands
     /// where the handler stands.
     fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
@@ -175,7 +188,9 @@ impl Memory {
             let visible = match spot.source {
                 Source::Lidar => on_handler(place) || sees_as_far_as(beams, place, handler),
                 Source::Camera => depth.is_some_and(|depth| depth.sees_free_up_to(place, spot.rise_m)),
-                Source::Edge => depth.is_some_and(|depth| depth.sees_floor(place)),
+                Source::Edge => depth.is_some_and(|depth| {
+                    depth.sees_floor(place) && !spot.outweighs(place.coords.norm(), depth.number())
+                }),
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
@@ -217,6 +232,7 @@ impl Memory {
         self.hidden.extend(self.spots.iter().filter(|spot| spot.sight == Sight::Hidden).map(remembered));
         self.edges_now.clear();
         self.edges_now.extend(self.edges.iter().filter(|edge| edge.was_seen_again()).map(remembered));
+        self.edges_now.iter_mut().for_each(|edge| edge.uncertainty_m = edge.uncertainty_m.min(EDGE_OFF_MAX_M));
     }
 
     /// The robot was to move by `begin_from_end` from where it was, and did not get there.

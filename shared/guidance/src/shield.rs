@@ -36,7 +36,8 @@ pub struct ShieldConfig {
     pub edges: EdgeDistance,
 }
 
-/// How far the hull of a motion stays from an edge of the floor. Within 60 degrees of the way an edge is ahead; from there to abeam it is less.
+/// How far the hull of a motion stays from an edge of the floor. Within 60 degrees of the way an edge is ahead; from
+/// there to abeam the distance falls.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct EdgeDistance {
     /// From one that the robot goes towards, metres.

@@ -31,7 +31,7 @@ const SHM_SLACK_KIB: i64 = 64;
 /// The scenarios of the quiet hour, in turn.
 const QUIET: [&str; 6] = ["corridor", "curve", "left-at-tee", "crossing", "cluttered", "l-turn"];
 /// What stops a robot rightly where nothing is broken: its way, its handler, its cues, the run's own ends.
-const RIGHTLY: [StopKind; 11] = [
+const RIGHTLY: [StopKind; 10] = [
     StopKind::Boot,
     StopKind::ShuttingDown,
     StopKind::Arrived,
@@ -41,7 +41,6 @@ const RIGHTLY: [StopKind; 11] = [
     StopKind::PolicyStop,
     StopKind::AllUnsafe,
     StopKind::RemainderUnsafe,
-    StopKind::DropOff,
     StopKind::OperatorStop,
 ];
 

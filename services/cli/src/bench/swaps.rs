@@ -36,12 +36,8 @@ struct Outcome {
 }
 
 /// Holds of a robot that comes near a wall.
-const OF_ITS_WAY: [&str; 4] = [
-    StopKind::PolicyStop.name(),
-    StopKind::AllUnsafe.name(),
-    StopKind::RemainderUnsafe.name(),
-    StopKind::DropOff.name(),
-];
+const OF_ITS_WAY: [&str; 3] =
+    [StopKind::PolicyStop.name(), StopKind::AllUnsafe.name(), StopKind::RemainderUnsafe.name()];
 /// Stops of a run that ends.
 const OF_ITS_END: [&str; 2] = [StopKind::ShuttingDown.name(), StopKind::Arrived.name()];
 

@@ -92,6 +92,16 @@ fn depth_header(stamp_ms: u64) -> DepthHeader {
 }
 
 /// A core in run at 1000 ms, all inputs fresh, the robot standing in the open.
+/// A frame of a wall so far ahead, and of the floor before it, millimetres.
+fn wall_mm(mm: u16) -> Vec<u16> {
+    let header = depth_header(0);
+    let floor_mm = |v: u32| {
+        let down = (f64::from(v) - header.cy_px) / header.fy_px;
+        if down > 0.0 { 1000.0 * header.robot_from_camera.z_m / down } else { f64::INFINITY }
+    };
+    (0..header.height).flat_map(|v| vec![floor_mm(v).min(f64::from(mm)) as u16; header.width as usize]).collect()
+}
+
 fn ready() -> Core {
     ready_with(&Settings::default())
 }
@@ -101,7 +111,7 @@ fn ready_with(settings: &Settings) -> Core {
     let mut core = Core::new(CoreConfig::of(settings, harness.into(), ActionTable::eight()));
     core.take_mode(&mode(ModeClass::Run, 990));
     core.take_odometry(&odometry(990, 0.0));
-    core.take_depth(&depth_header(990), &[5000; PIXELS]);
+    core.take_depth(&depth_header(990), &wall_mm(5000));
     core.on_scan(1000 * MS, &scan_header(990), &open_scan());
     core
 }
@@ -114,14 +124,14 @@ fn a_decision_gets_a_permit_that_every_scan_renews_until_the_action_ends() {
     assert!((permit.velocity.vx_mps - 0.5).abs() < 1e-9);
     assert_eq!(permit.expiry_ns, 1190 * MS, "the scan's stamp and its max age");
     core.take_odometry(&odometry(1090, 0.0));
-    core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+    core.take_depth(&depth_header(1090), &wall_mm(5000));
     let renewed = core.on_scan(1100 * MS, &scan_header(1090), &open_scan());
     assert_eq!((renewed.outcome, renewed.cause, renewed.decision), (Outcome::Granted, PermitCause::Scan, 2));
     assert_eq!(renewed.expiry_ns, 1290 * MS);
     core.take_mode(&mode(ModeClass::Run, 1690));
     core.take_odometry(&odometry(1690, 0.25));
     // Who has moved sees something else: no sensor says the same twice.
-    core.take_depth(&depth_header(1690), &[5001; PIXELS]);
+    core.take_depth(&depth_header(1690), &wall_mm(5001));
     let moved: Vec<f32> = open_scan().iter().map(|range| range + 0.001).collect();
     let ended = core.on_scan(1700 * MS, &scan_header(1690), &moved);
     assert_eq!(ended.outcome, Outcome::ActionEnded);
@@ -136,7 +146,7 @@ fn where_something_held_the_robot_nobody_pushes_again() {
     core.take_mode(&Mode { epoch: 4, reason, header: header(1300, 2), ..mode(ModeClass::Fault, 0) });
     core.take_mode(&Mode { epoch: 4, header: header(1400, 3), ..mode(ModeClass::Run, 0) });
     core.take_odometry(&odometry(1490, 0.0));
-    core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+    core.take_depth(&depth_header(1490), &wall_mm(5001));
     core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
     let permit = core.on_action(1500 * MS, &action(3, 1)).expect("a verdict");
     assert_eq!(permit.unsafe_mask, 0b1100_0010, "forward, and the diagonals that lead there");
@@ -151,7 +161,7 @@ fn a_scan_of_a_time_whose_attitude_nobody_knows_is_judged_by_nobody() {
     };
     let outcome = |core: &mut Core| {
         core.take_mode(&mode(ModeClass::Run, 1490));
-        core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+        core.take_depth(&depth_header(1490), &wall_mm(5001));
         core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
         core.on_action(1500 * MS, &action(3, 1)).expect("a verdict").outcome
     };
@@ -190,7 +200,7 @@ fn who_walked_too_far_met_nothing() {
     core.take_mode(&Mode { epoch: 4, reason, header: header(1300, 2), ..mode(ModeClass::Fault, 0) });
     core.take_mode(&Mode { epoch: 4, header: header(1400, 3), ..mode(ModeClass::Run, 0) });
     core.take_odometry(&odometry(1490, 0.5));
-    core.take_depth(&depth_header(1490), &[5001; PIXELS]);
+    core.take_depth(&depth_header(1490), &wall_mm(5001));
     core.on_scan(1500 * MS, &scan_header(1490), &open_scan());
     assert_eq!(core.on_action(1500 * MS, &action(3, 1)).expect("a verdict").unsafe_mask, 0);
 }
@@ -261,7 +271,7 @@ fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
     let mut blocked = open_scan();
     blocked[178..=182].fill(0.45);
     core.take_odometry(&odometry(1090, 0.0));
-    core.take_depth(&depth_header(1090), &[5000; PIXELS]);
+    core.take_depth(&depth_header(1090), &wall_mm(5000));
     let permit = core.on_scan(1100 * MS, &scan_header(1090), &blocked);
     assert_eq!(permit.outcome, Outcome::RemainderUnsafe);
     assert!(permit.velocity.is_zero() && permit.margin_m < 0.0);
@@ -289,7 +299,7 @@ fn what_was_measured_then_is_judged_from_where_the_robot_is_now() {
         core.on_scan(1000 * MS, &scan_header(990), &wall(0.65));
         // The robot went on since the scan was taken; the decision is judged later on the same scan.
         core.take_odometry(&odometry(1090, moved_m));
-        core.take_depth(&depth_header(1090), &[5001; PIXELS]);
+        core.take_depth(&depth_header(1090), &wall_mm(5001));
         let mut late = action(2, 1);
         late.header.stamp_ns = 1095 * MS;
         let permit = core.on_action(1100 * MS, &late).expect("a verdict");
@@ -342,7 +352,7 @@ fn what_was_seen_stays_in_the_way_until_it_is_seen_gone_or_the_frame_is_a_new_on
         let mut moved = odometry(1090, 0.0);
         moved.header.incarnation = incarnation;
         core.take_odometry(&moved);
-        core.take_depth(&depth_header(1095), &[5000; PIXELS]);
+        core.take_depth(&depth_header(1095), &wall_mm(5000));
         core.on_scan(1100 * MS, &scan_header(1095), &unknown);
         let permit = core.on_action(1100 * MS, &action_at(2, 1095)).expect("a verdict");
         assert_eq!(permit.unsafe_mask >> 1 & 1 == 1, forbidden, "forward: {permit:?}");
@@ -513,7 +523,7 @@ fn nobody_at_the_harness_for_a_second_is_no_permit() {
     let mut outcome = Outcome::NoAction;
     for stamp in (1090..2300).step_by(100) {
         core.take_odometry(&odometry(stamp, 0.0));
-        core.take_depth(&depth_header(stamp), &[5000; PIXELS]);
+        core.take_depth(&depth_header(stamp), &wall_mm(5000));
         core.take_mode(&mode(ModeClass::Run, stamp));
         outcome = core.on_scan((stamp + 10) * MS, &scan_header(stamp), &nobody).outcome;
     }
@@ -528,7 +538,7 @@ fn a_sensor_that_sends_the_same_again_while_the_robot_moves_is_not_judged_on() {
         let mut core = ready();
         core.on_action(1000 * MS, &action(2, 1));
         core.take_odometry(&odometry(1090, 0.045));
-        core.take_depth(&depth_header(1090), &[pixel; PIXELS]);
+        core.take_depth(&depth_header(1090), &wall_mm(pixel));
         let scan: Vec<f32> = open_scan().iter().map(|range| range * scale).collect();
         let outcome = core.on_scan(1100 * MS, &scan_header(1090), &scan).outcome;
         assert_eq!(stuck.unwrap_or(outcome), outcome);

@@ -4,10 +4,12 @@
 const HEAD_M: f64 = 1.90;
 /// Pixels that say nothing hide something that is higher than this, metres.
 const HIDDEN_M: f64 = 0.05;
-/// So many pixels in a row below the floor are a drop; one alone is noise.
+/// So many pixels below the floor, since the last floor, are a drop; one alone is noise.
 const LOW_MIN: u32 = 2;
-/// Floor goes on over a gap of this many rows of pixels, or of this length, metres: the rays of a tilted camera leave a
-/// column out in some of the rows.
+/// Floor may fall at the slope of a ramp of 1:12 where a drop hides it.
+const RAMP: f64 = 1.0 / 12.0;
+/// Floor goes on over a gap of this many rows of pixels, or of this length, metres. Over pixels that say nothing, or
+/// one that lies below, it goes on for the length alone.
 const GAP_ROWS: f64 = 3.0;
 const GAP_M: f64 = 0.1;
 
@@ -20,8 +22,9 @@ pub(super) struct Eye {
     pub apart_at_1_m: f64,
 }
 
-/// What a pixel sees: how far along the camera's axis over the floor and to the left of it, how high over the camera
-/// and over the floor, up to which height that is floor, and how far below the floor it is none, metres.
+/// What a pixel sees, metres: how far along the camera's axis over the floor and to the left of it, how high over the
+/// camera and over the floor, up to which height that is floor; how high over the lowest that the floor may be there,
+/// and how far below that it is none.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pixel {
     pub along_m: f64,
@@ -29,8 +32,20 @@ pub(super) struct Pixel {
     pub rise_m: f64,
     pub height_m: f64,
     pub floor_m: f64,
+    pub over_lowest_m: f64,
     pub drop_m: f64,
 }
+
+/// A place on the floor: along the camera's axis and to the left of it, and its height over the camera, metres.
+#[derive(Debug, Clone, Copy)]
+struct Spot {
+    along_m: f64,
+    left_m: f64,
+    rise_m: f64,
+}
+
+/// No floor yet.
+const NONE: Spot = Spot { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY };
 
 /// One column of the image. It is looked at from its top to its bottom, so from far floor to near floor.
 #[derive(Debug, Clone, Copy)]
@@ -50,14 +65,17 @@ pub(super) struct Column {
     far_m: f64,
     /// From here on its rays reach down to the floor, metres.
     pub floor_m: f64,
-    /// The nearest edge beyond which the floor drops: the last floor before it, metres.
+    /// The nearest edge beyond which the floor drops, the last floor before it: along the camera's axis, and to its
+    /// left, metres.
     pub edge_m: f64,
+    pub edge_left_m: f64,
     /// The nearest floor that is seen without a gap: from here to here, metres.
     seen_m: [f64; 2],
-    /// Pixels below the floor in a row, up to here, and where the last of their rays passes through the floor's level,
-    /// metres.
+    /// The last two places of the floor, the nearer one first.
+    floors: [Spot; 2],
+    /// Pixels below the floor since the last floor, and where the last of their rays passes through the floor's level.
     low: u32,
-    missing_m: f64,
+    missing: Spot,
     /// Pixels in a row, up to here, that say nothing.
     unknown: u32,
     /// Pixels that say something.
@@ -77,9 +95,11 @@ impl Column {
             far_m: 0.0,
             floor_m: none,
             edge_m: none,
+            edge_left_m: 0.0,
             seen_m: [none, 0.0],
+            floors: [NONE; 2],
             low: 0,
-            missing_m: none,
+            missing: NONE,
             unknown: 0,
             known: 0,
         }
@@ -93,25 +113,29 @@ impl Column {
 
     /// A pixel that says something; `agrees` tells whether its neighbours are about as near.
     pub fn take(&mut self, pixel: &Pixel, eye: &Eye, agrees: impl FnOnce() -> bool) {
-        (self.unknown, self.known) = (0, self.known + 1);
-        let Pixel { along_m, left_m, rise_m, height_m, floor_m, drop_m } = *pixel;
-        // Where the ray passes a height on its way down.
-        let passes_m = |edge_m: f64| along_m * ((edge_m - eye.height_m) / (height_m - eye.height_m)).clamp(0.0, 1.0);
+        self.known += 1;
+        let unknown = std::mem::take(&mut self.unknown);
+        let Pixel { along_m, left_m, rise_m, height_m, floor_m, over_lowest_m, drop_m } = *pixel;
+        // The share of the ray after which it passes a height on its way down.
+        let share = |edge_m: f64| ((edge_m - eye.height_m) / (height_m - eye.height_m)).clamp(0.0, 1.0);
         if height_m < floor_m {
-            self.far_m = self.far_m.max(passes_m(floor_m));
-            self.floor_m = self.floor_m.min(passes_m(floor_m));
-            if height_m >= -drop_m {
-                self.take_floor(along_m, eye.apart_at_1_m * along_m * along_m);
+            let reaches_m = along_m * share(floor_m);
+            (self.far_m, self.floor_m) = (self.far_m.max(reaches_m), self.floor_m.min(reaches_m));
+            if over_lowest_m >= -drop_m {
+                self.take_floor(pixel, eye, unknown > 1);
             } else if agrees() {
-                (self.low, self.missing_m) = (self.low + 1, passes_m(0.0));
+                self.low += 1;
+                self.missing = Spot { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m };
             }
             return;
         }
         if height_m > HEAD_M {
-            self.far_m = self.far_m.max(passes_m(HEAD_M));
+            self.far_m = self.far_m.max(along_m * share(HEAD_M));
             return;
         }
         self.far_m = self.far_m.max(along_m);
+        // The foot of what stands here is higher than the floor that it hides.
+        self.floors = [NONE; 2];
         if along_m >= self.near_m {
             return;
         }
@@ -121,14 +145,22 @@ impl Column {
         }
     }
 
-    /// Floor, where two rows of pixels are so far apart. It ends here where pixels below it came before.
-    fn take_floor(&mut self, along_m: f64, apart_m: f64) {
-        if self.low >= LOW_MIN {
-            self.edge_m = along_m;
+    /// Floor. It ends here where pixels below it came before, or floor that lies lower than a ramp leads to.
+    /// `is_doubtful`: pixels between said nothing.
+    fn take_floor(&mut self, pixel: &Pixel, eye: &Eye, is_doubtful: bool) {
+        let Pixel { along_m, left_m, rise_m, drop_m, .. } = *pixel;
+        let is_lower = |floor: &Spot| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
+        let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower);
+        if drops {
+            (self.edge_m, self.edge_left_m) = (along_m, left_m);
         }
-        let goes_on = self.low < LOW_MIN && self.seen_m[0] - along_m <= (GAP_ROWS * apart_m).max(GAP_M);
+        let rows_m = if is_doubtful || self.low > 0 { 0.0 } else { GAP_ROWS * eye.apart_at_1_m * along_m * along_m };
+        let goes_on = !drops && self.seen_m[0] - along_m <= GAP_M.max(rows_m);
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
         self.low = 0;
+        let here = Spot { along_m, left_m, rise_m };
+        // What lies beyond an edge says nothing about the floor before it.
+        self.floors = if drops { [here, NONE] } else { [here, self.floors[0]] };
     }
 
     /// No pixel comes any more.
@@ -136,7 +168,8 @@ impl Column {
         self.free_m = self.free_m.min(self.near_m).min(self.far_m);
         if self.low >= LOW_MIN {
             // The floor before it is below the image.
-            (self.edge_m, self.seen_m) = (self.missing_m, [f64::INFINITY, 0.0]);
+            (self.edge_m, self.edge_left_m) = (self.missing.along_m, self.missing.left_m);
+            self.seen_m = [f64::INFINITY, 0.0];
         }
     }
 

@@ -67,6 +67,60 @@ fn where_all_that_is_in_view_lies_below_the_edge_is_no_farther_than_the_first_ra
 }
 
 #[test]
+fn a_kerb_beside_a_ramp_to_the_same_road_is_an_edge() {
+    // A dropped kerb between y = -0.5 and 0.5 leads to a road 0.15 m below; beside it is the kerb.
+    let road = |x: f64, y: f64| match x - 1.0 {
+        beyond if beyond <= 0.0 => 0.0,
+        beyond if y.abs() < 0.5 => -(beyond / 12.0).min(0.15),
+        _ => -0.15,
+    };
+    for edges in edges(&camera_160(), road) {
+        let kerb = edges.iter().filter(|edge| edge.y.abs() > 0.55 && (0.85..1.05).contains(&edge.x)).count();
+        assert!(kerb > 20, "{kerb}: {edges:?}");
+    }
+}
+
+#[test]
+fn the_crest_of_a_ramp_that_ends_in_a_drop_is_an_edge() {
+    let crest = |x: f64, _: f64| if x > 1.2 { 0.0 } else { (x / 9.0).max(0.0) };
+    for edges in edges(&camera_160(), crest) {
+        let at = edges.iter().filter(|edge| edge.y.abs() < 0.4 && (1.05..1.22).contains(&edge.x)).count();
+        assert!(at > 40, "{at}: {edges:?}");
+    }
+}
+
+#[test]
+fn pixels_that_say_nothing_are_no_floor() {
+    // A hole, half a metre wide, that swallows all light.
+    let header = camera_160();
+    let mut pixels = seen(&header, &|_, _| 0.0);
+    let deep = seen(&header, &|x, _| if (2.0..2.5).contains(&x) { -3.0 } else { 0.0 });
+    for (pixel, deep) in pixels.iter_mut().zip(&deep) {
+        *pixel = if pixel == deep { *pixel } else { 0 };
+    }
+    let mut view = DepthView::default();
+    view.fill_tilted(&header, &pixels, Some(&held(2.0, 3.0))).expect("usable");
+    assert!(view.sees_floor(Point::new(1.8, 0.1)));
+    assert!((20..26).all(|x| !view.sees_floor(Point::new(0.1 * f64::from(x), 0.1))));
+}
+
+#[test]
+fn the_floor_is_seen_and_edges_lie_where_they_are_below_a_camera_that_looks_down() {
+    let mut header = camera_160();
+    header.robot_from_camera.pitch_rad = 0.45;
+    let mut view = DepthView::default();
+    let flat = seen(&header, &|_, _| 0.0);
+    view.fill_tilted(&header, &flat, Some(&held(2.0, 3.0))).expect("usable");
+    let places = || (8..20).flat_map(|x| (-4..=4).map(move |y| (0.1 * f64::from(x), 0.1 * f64::from(y))));
+    let unseen: Vec<_> = places().filter(|(x, y)| !view.sees_floor(Point::new(*x, *y))).collect();
+    assert!(view.edges().is_empty() && unseen.is_empty(), "{unseen:?}");
+    let beside = seen(&header, &|_, y| if y < -0.5 { -0.5 } else { 0.0 });
+    view.fill_tilted(&header, &beside, Some(&held(2.0, 3.0))).expect("usable");
+    let found = view.edges().iter().filter(|edge| (-0.52..-0.4).contains(&edge.y)).count();
+    assert!(found > 20 && view.edges().iter().all(|edge| edge.y < -0.4), "{found}: {:?}", view.edges());
+}
+
+#[test]
 fn floor_is_seen_up_to_the_edge_and_not_beyond() {
     let (header, mut view) = (camera_160(), DepthView::default());
     let pixels = seen(&header, &|x, _| if x > 1.6 { -0.3 } else { 0.0 });

@@ -19,6 +19,8 @@ const FOOTPRINT_M: f64 = 1.0;
 const ONE_FRAME: f64 = 1.0;
 /// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
 const ENOUGH: f64 = 2.0;
+/// More evidence than this makes no edge surer: frames that see floor there can still take it away.
+const EDGE_SURE: f64 = 4.0;
 
 /// What saw a place, and may see that nothing is there any more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -62,6 +64,14 @@ impl Spot {
     /// Whether it may be the noise of a frame.
     pub fn is_doubtful(&self) -> bool {
         self.source != Source::Lidar && self.evidence < ENOUGH
+    }
+
+    /// A frame sees from a distance, metres, that there is no edge: whether any evidence for it is left.
+    pub fn outweighs(&mut self, distance_m: f64, frame: u64) -> bool {
+        if frame != self.frame {
+            (self.evidence, self.frame) = (self.evidence - weight(distance_m), frame);
+        }
+        self.evidence > 0.0
     }
 
     /// Whether more than one frame saw it.
@@ -121,7 +131,7 @@ impl Spots {
         let Sighting { seen_ns, seen_at, frame, odom_from_robot } = *by;
         let odom = odom_from_robot * place;
         let (cell, kept_ns, sight) = (cell_of(odom), config.kept_ns, Sight::Seen);
-        let evidence = (FOOTPRINT_M / distance_m).powi(2).min(1.0);
+        let evidence = weight(distance_m);
         let mut spot = Spot { cell, odom, rise_m, source, sight, seen_ns, seen_at, kept_ns, evidence, frame };
         let number = &mut self.numbers[slot_of(cell)];
         let Some(i) = usize::from(*number).checked_sub(1) else {
@@ -144,12 +154,20 @@ impl Spots {
             Source::Camera if distance_m < EXACT_M && !spot.is_doubtful() => {
                 spot.kept_ns = config.kept_off_plane_ns;
             }
-            // No drop goes away by itself.
-            Source::Edge if !spot.is_doubtful() => spot.kept_ns = u64::MAX,
+            Source::Edge => {
+                spot.evidence = spot.evidence.min(EDGE_SURE);
+                // No drop goes away by itself.
+                spot.kept_ns = if spot.was_seen_again() { u64::MAX } else { spot.kept_ns };
+            }
             _ => {}
         }
         self.spots[i] = spot;
     }
+}
+
+/// What a frame of the camera counts from a distance, metres.
+fn weight(distance_m: f64) -> f64 {
+    (FOOTPRINT_M / distance_m).powi(2).min(1.0)
 }
 
 pub(super) fn cell_of(odom: Point) -> (i32, i32) {

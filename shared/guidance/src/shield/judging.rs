@@ -309,19 +309,21 @@ impl<'a> Present<'a> {
         }
     }
 
-    /// Edges, as points in a hull: what is needed to them counts as uncertainty. Within 60 degrees of the way an edge is
-    /// ahead. With a memory, one frame alone may be noise.
+    /// Edges, as points in a hull: what is needed to them counts as uncertainty. An edge within 60 degrees of the way
+    /// is ahead. With a memory, one frame alone may be noise.
     fn edges(&self, motion: &Motion) -> impl Iterator<Item = (UnsafeCause, Point, f64)> {
         let alone = self.depth.filter(|_| self.memory.is_none());
         let seen = alone.map_or(&[][..], DepthView::edges).iter().map(|edge| (*edge, 0.0));
         let remembered = self.memory.map_or(&[][..], Memory::edges).iter();
         let all = seen.chain(remembered.map(|edge| (edge.place, edge.uncertainty_m)));
-        let (end, way) = (place(&motion.robot), motion.robot.translation.vector.try_normalize(SLIGHT));
+        let ends = [place(&motion.robot), place(&motion.handler)];
+        let way = motion.robot.translation.vector.try_normalize(SLIGHT);
         let needed = self.config.edges;
         all.map(move |(edge, uncertainty_m)| {
-            let towards = way
-                .zip((edge - end).try_normalize(SLIGHT))
-                .map_or(0.0, |(way, to)| (2.0 * way.dot(&to)).clamp(0.0, 1.0));
+            // Of robot and handler, the one that is nearer to it.
+            let from = ends.map(|end| edge - end).into_iter().min_by(|a, b| a.norm().total_cmp(&b.norm()));
+            let to = from.and_then(|from| from.try_normalize(SLIGHT));
+            let towards = way.zip(to).map_or(0.0, |(way, to)| (2.0 * way.dot(&to)).clamp(0.0, 1.0));
             let needed_m = needed.beside_m + (needed.ahead_m - needed.beside_m) * towards;
             (UnsafeCause::DropOff, edge, uncertainty_m + needed_m)
         })

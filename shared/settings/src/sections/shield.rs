@@ -65,7 +65,7 @@ pub struct FloorSettings {
 
 impl Default for FloorSettings {
     fn default() -> Self {
-        Self { edge_ahead_m: 0.35, edge_beside_m: 0.15 }
+        Self { edge_ahead_m: 0.35, edge_beside_m: 0.2 }
     }
 }
 

@@ -53,9 +53,8 @@ impl Outcome {
 
     /// Whether the robot stood for its way alone: after the fault before it may stand aslant, and come near a wall.
     pub fn is_of_its_way(&self) -> bool {
-        let of_its_way = |kind: &StopKind| {
-            matches!(kind, StopKind::PolicyStop | StopKind::AllUnsafe | StopKind::RemainderUnsafe | StopKind::DropOff)
-        };
+        let of_its_way =
+            |kind: &StopKind| matches!(kind, StopKind::PolicyStop | StopKind::AllUnsafe | StopKind::RemainderUnsafe);
         !self.reasons.is_empty() && self.reasons.iter().all(of_its_way)
     }
 }
