@@ -138,7 +138,7 @@ fn a_go2_stands_before_stairs_that_lead_down() {
 }
 
 #[test]
-#[ignore = "a quarter of an hour: scripts/nightly physics"]
+#[ignore = "six minutes: scripts/nightly physics"]
 fn a_go2_and_its_handler_keep_off_every_edge() {
     for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
         for floor in floors() {

@@ -1,10 +1,10 @@
 //! What one column of a depth frame shows: the nearest obstacle, how far nothing is, and where the floor ends.
 
-/// What is higher is over everybody's head, metres.
+/// Nothing above this height can hit a person, metres.
 const HEAD_M: f64 = 1.90;
 /// Pixels that say nothing hide something that is higher than this, metres.
 const HIDDEN_M: f64 = 0.05;
-/// So many pixels below the floor, since the last floor, are a drop; one alone is noise.
+/// A drop shows at least this many pixels below the floor. One alone is noise.
 const LOW_MIN: u32 = 2;
 /// Floor may fall at the slope of a ramp of 1:12 where a drop hides it.
 const RAMP: f64 = 1.0 / 12.0;
@@ -22,30 +22,32 @@ pub(super) struct Eye {
     pub apart_at_1_m: f64,
 }
 
-/// What a pixel sees, metres: how far along the camera's axis over the floor and to the left of it, how high over the
-/// camera and over the floor, up to which height that is floor; how high over the lowest that the floor may be there,
-/// and how far below that it is none.
+/// What a pixel sees, metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pixel {
+    /// Along the camera's axis over the floor, and to the left of it.
     pub along_m: f64,
     pub left_m: f64,
+    /// Height over the camera.
     pub rise_m: f64,
+    /// Height over the floor. Below `floor_m` it is floor.
     pub height_m: f64,
     pub floor_m: f64,
+    /// Height over the lowest floor that is possible here. More than `drop_m` below it, the floor has dropped.
     pub over_lowest_m: f64,
     pub drop_m: f64,
 }
 
 /// A place on the floor: along the camera's axis and to the left of it, and its height over the camera, metres.
 #[derive(Debug, Clone, Copy)]
-struct Spot {
+struct Place {
     along_m: f64,
     left_m: f64,
     rise_m: f64,
 }
 
 /// No floor yet.
-const NONE: Spot = Spot { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY };
+const NONE: Place = Place { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY };
 
 /// One column of the image. It is looked at from its top to its bottom, so from far floor to near floor.
 #[derive(Debug, Clone, Copy)]
@@ -72,10 +74,10 @@ pub(super) struct Column {
     /// The nearest floor that is seen without a gap: from here to here, metres.
     seen_m: [f64; 2],
     /// The last two places of the floor, the nearer one first.
-    floors: [Spot; 2],
+    floors: [Place; 2],
     /// Pixels below the floor since the last floor, and where the last of their rays passes through the floor's level.
     low: u32,
-    missing: Spot,
+    missing: Place,
     /// Pixels in a row, up to here, that say nothing.
     unknown: u32,
     /// Pixels that say something.
@@ -125,7 +127,7 @@ impl Column {
                 self.take_floor(pixel, eye, unknown > 1);
             } else if agrees() {
                 self.low += 1;
-                self.missing = Spot { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m };
+                self.missing = Place { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m };
             }
             return;
         }
@@ -149,7 +151,7 @@ impl Column {
     /// `is_doubtful`: pixels between said nothing.
     fn take_floor(&mut self, pixel: &Pixel, eye: &Eye, is_doubtful: bool) {
         let Pixel { along_m, left_m, rise_m, drop_m, .. } = *pixel;
-        let is_lower = |floor: &Spot| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
+        let is_lower = |floor: &Place| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
         let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower);
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
@@ -158,7 +160,7 @@ impl Column {
         let goes_on = !drops && self.seen_m[0] - along_m <= GAP_M.max(rows_m);
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
         self.low = 0;
-        let here = Spot { along_m, left_m, rise_m };
+        let here = Place { along_m, left_m, rise_m };
         // What lies beyond an edge says nothing about the floor before it.
         self.floors = if drops { [here, NONE] } else { [here, self.floors[0]] };
     }

@@ -51,7 +51,7 @@ fn a_drop_has_an_edge_where_the_floor_ends() {
 #[test]
 fn an_edge_beside_the_way_is_told_along_it() {
     for edges in edges(&camera_160(), |_, y| if y < -0.5 { -0.5 } else { 0.0 }) {
-        // A column whose floor is below the image tells where there is none.
+        // Where the image ends before the floor does, a column shows only that floor is missing farther on.
         assert!(edges.iter().all(|edge| edge.y < -0.35), "{edges:?}");
         let edges: Vec<_> = edges.into_iter().filter(|edge| edge.y > -0.51).collect();
         assert!(edges.iter().any(|edge| edge.x < 1.2) && edges.iter().any(|edge| edge.x > 1.8), "{edges:?}");
