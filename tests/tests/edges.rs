@@ -6,6 +6,7 @@ use guidance::se2::{Point, se2};
 use guidedog_tests::{Place, has_legs};
 use messages::WorldTruth;
 use recording::{Reader, Record};
+use serde_json::{Value, json};
 
 /// Corners of a Go2's body (robot frame), metres.
 const CORNERS: [(f64, f64); 4] = [(0.35, 0.155), (0.35, -0.155), (-0.35, 0.155), (-0.35, -0.155)];
@@ -123,10 +124,49 @@ fn walks(floor: &Floor, velocity_loop: &str, seed: u64) {
     for who in ["robot", "handler"].into_iter().filter(|_| push_m == 0.0) {
         assert_eq!(report["collisions"][who], 0, "{what}: {report:#}");
     }
+    assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{what}: {report:#}");
     assert_eq!(report["reached"], floor.reaches, "{what}: {report:#}");
     let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
     assert!(floor.reaches || waited_s > 5.0, "{what}: {waited_s} s");
     assert!(least_m.iter().all(|least_m| *least_m >= floor.kept_m - push_m), "{what}: {least_m:?}");
+    place.assert_empty();
+}
+
+/// A walk in the flat world, ahead to stairs that lead down.
+fn to_stairs(place: &Place, config: &str) -> Value {
+    let world = place.path().join("stairs.toml");
+    let text = "[[wall]]\npoints = [[-3, -1.2], [12, -1.2], [12, 1.2], [-3, 1.2], [-3, -1.2]]\n\
+         [[stairs]]\nat = [5, 0]\nsteps = 8\nwidth_m = 2.4\nrise_m = -0.17\nlanding_m = 4\n";
+    fs::write(&world, text).expect("written");
+    let lines = "start = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [9, 0], within_m = 0.7 }\ntime_limit_s = 25\n\
+         [[cue]]\nkind = \"forward\"\nat_s = 1.0";
+    let scenario = place.scenario(&world.to_string_lossy(), lines);
+    let settings = place.path().join("run.toml");
+    fs::write(&settings, config).expect("written");
+    place.json(&["walk", "--scenario", &scenario, "--config", &settings.to_string_lossy(), "--speed", "0", "--json"]).0
+}
+
+#[test]
+fn in_the_flat_world_they_stand_before_stairs_and_the_report_tells_where() {
+    let place = Place::new();
+    let report = to_stairs(&place, "");
+    assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{report:#}");
+    let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
+    assert!(waited_s > 5.0, "{report:#}");
+    let (away, [x, ..]) = ("m from the hull", report["end_pose"].as_array().expect("a pose").as_slice()) else {
+        panic!("{report:#}")
+    };
+    assert!(x.as_f64().is_some_and(|x_m| (3.5..4.5).contains(&x_m)), "{report:#}");
+    assert!(report["stops"].to_string().contains(away), "{report:#}");
+    place.assert_empty();
+}
+
+#[test]
+fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
+    let place = Place::new();
+    let report = to_stairs(&place, "[depth]\nsource = \"absent\"\nneeded = false\n");
+    assert_eq!(report["falls"], json!({ "robot": 1, "handler": 0 }), "{report:#}");
+    assert_eq!(report["reached"], false);
     place.assert_empty();
 }
 

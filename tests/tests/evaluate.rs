@@ -87,3 +87,40 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
         assert!(output.status.code() == Some(2) && told.contains(why), "{args:?}: {told}");
     }
 }
+
+/// Worlds whose floor ends, the robot on legs.
+fn drops(place: &Place, episodes: &str, camera: &str) -> Value {
+    let args = ["--policy", "geometric", "--tasks", "drops", "--noise", "legged", "--camera", camera];
+    report(place, &[&args[..], &["--episodes", episodes, "--seed", "5"]].concat())
+}
+
+fn nobody_falls(found: &Value) {
+    let figure = |at: &str| found.pointer(at).and_then(Value::as_f64).unwrap_or(f64::NAN);
+    for fell in ["/falls/robot/mean", "/falls/handler/mean"] {
+        assert_eq!(figure(fell), 0.0, "{fell}: {found:#}");
+    }
+    for (at, least) in [
+        ("/stood_before_edge/n", 5.0),
+        ("/stood_before_edge/mean", 0.7),
+        ("/robot_before_edge_min_m", 0.3),
+        ("/beside_edge_min_m", 0.05),
+        ("/cue_followed_where_a_way_exists/mean", 0.7),
+    ] {
+        assert!(figure(at) >= least, "{at} = {}, at least {least} is wanted: {found:#}", figure(at));
+    }
+    let false_stops = figure("/false_stops_per_km/lo");
+    assert!(false_stops <= 1.0, "{found:#}");
+}
+
+#[test]
+fn nobody_falls_where_the_floor_ends() {
+    nobody_falls(&drops(&Place::new(), "200", "128x64"));
+}
+
+/// By hand, and in `scripts/nightly physics`: a quarter of an hour.
+#[test]
+#[ignore = "minutes"]
+fn nobody_falls_in_two_thousand_worlds_whose_floor_ends() {
+    nobody_falls(&drops(&Place::new(), "2000", "128x64"));
+    nobody_falls(&drops(&Place::new(), "100", "640x480"));
+}

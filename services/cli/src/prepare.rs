@@ -282,13 +282,17 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     let config = PhysicsConfig::from(&settings);
     // The start is checked on the level; MuJoCo knows ramps.
     let mut level = Arc::clone(&world);
+    let file_of = |error: &world::WorldError| {
+        let file = file.map(|file| format!("{}: ", file.display())).unwrap_or_default();
+        Failure::input(format!("{file}{}", crate::exit::chain(error)))
+    };
     if settings.simulation.physics == settings::PhysicsKind::Mujoco {
+        if !world.holes().is_empty() {
+            return Err(file_of(&world::WorldError::Holes));
+        }
         Arc::make_mut(&mut level).flatten();
     }
-    Physics::new(level, config, scenario.start).map_err(|error| {
-        let file = file.map(|file| format!("{}: ", file.display())).unwrap_or_default();
-        Failure::input(format!("{file}{}", crate::exit::chain(&error)))
-    })?;
+    Physics::new(level, config, scenario.start).map_err(|error| file_of(&error))?;
     Ok(Prepared { settings, scenario, world })
 }
 

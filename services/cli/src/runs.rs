@@ -1,6 +1,6 @@
 //! `up`, `walk`: runs from their start to their report.
 
-use control::{Collisions, Report};
+use control::{Collisions, Falls, Report};
 use serde_json::{Value, json};
 use world::Route;
 
@@ -57,6 +57,10 @@ pub struct RunEnding {
 fn walk_ending(outcome: &Outcome, route: &Route, limit_s: Option<f64>) -> RunEnding {
     let report = &outcome.report;
     let ending = |words: &str, well: bool| RunEnding { words: words.to_owned(), well };
+    let Falls { robot, handler } = report.falls();
+    if robot + handler > 0 {
+        return ending(if robot > 0 { "the robot fell" } else { "the handler fell" }, false);
+    }
     if report.reached() {
         return ending("reached the goal", true);
     }

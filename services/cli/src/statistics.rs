@@ -35,14 +35,23 @@ pub fn ratio(hits: impl Iterator<Item = bool>) -> Value {
 
 /// Events an hour, with their interval: of rare events, by Byar's approximation of Poisson's.
 pub fn an_hour(count: usize, hours: f64) -> Value {
-    if hours <= 0.0 {
+    rate(count, hours, "hours")
+}
+
+/// Events a kilometre, likewise.
+pub fn a_km(count: usize, km: f64) -> Value {
+    rate(count, km, "km")
+}
+
+fn rate(count: usize, all: f64, unit: &str) -> Value {
+    if all <= 0.0 {
         return Value::Null;
     }
     let bound = |count: f64, side: f64| {
         if count <= 0.0 { 0.0 } else { count * (1.0 - 1.0 / (9.0 * count) + side * Z / (3.0 * count.sqrt())).powi(3) }
     };
     let (lo, hi) = (bound(count as f64, -1.0), bound(count as f64 + 1.0, 1.0));
-    json!({ "mean": count as f64 / hours, "lo": lo / hours, "hi": hi / hours, "count": count, "hours": hours })
+    json!({ "mean": count as f64 / all, "lo": lo / all, "hi": hi / all, "count": count, unit: all })
 }
 
 #[cfg(test)]

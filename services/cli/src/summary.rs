@@ -21,6 +21,7 @@ pub fn walk(report: &Report, ending: &RunEnding) -> Vec<String> {
         format!("walk {}: {}", report.run, ending.words),
         format!("  {distance_m:.1} m in {duration_s:.1} s of run time ({})", pace(report.clock)),
         format!("  collisions: robot {robot}, handler {handler}, hit by others {hit_by_others}"),
+        format!("  falls: robot {}, handler {}", report.falls().robot, report.falls().handler),
     ];
     lines.extend(common(report));
     lines

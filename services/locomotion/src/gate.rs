@@ -374,11 +374,7 @@ impl Gate {
             Outcome::Granted => {}
             Outcome::ActionEnded => return unusable(TopicId::PolicyAction),
             Outcome::Stop => return Err((StopReason::of(StopKind::PolicyStop), true)),
-            Outcome::AllUnsafe | Outcome::RemainderUnsafe if permit.unsafe_cause == UnsafeCause::DropOff => {
-                return sudden(StopKind::DropOff);
-            }
-            Outcome::AllUnsafe => return sudden(StopKind::AllUnsafe),
-            Outcome::RemainderUnsafe => return sudden(StopKind::RemainderUnsafe),
+            Outcome::AllUnsafe | Outcome::RemainderUnsafe => return Err((unsafe_reason(&permit), false)),
             Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),
             Outcome::NoAction | Outcome::NotInRun | Outcome::CueMismatch => return sudden(StopKind::NoPermit),
             Outcome::InvalidScan | Outcome::StaleScan => return unusable(TopicId::LidarScan),
@@ -434,6 +430,20 @@ impl Gate {
             vy_mps: towards(from.vy_mps, to.vy_mps, linear),
             wz_radps: towards(from.wz_radps, to.wz_radps, turn),
         }
+    }
+}
+
+/// Why a permit allows no motion that the shield forbade: where the floor is the cause, it is told where.
+fn unsafe_reason(permit: &Permit) -> StopReason {
+    let floor = |kind| {
+        let at_m = [permit.place_x_m, permit.place_y_m];
+        StopReason::floor(kind, at_m, permit.reading_m, permit.threshold_m)
+    };
+    match (permit.unsafe_cause, permit.outcome) {
+        (UnsafeCause::DropOff, _) => floor(StopKind::DropOff),
+        (UnsafeCause::FloorUnseen, _) => floor(StopKind::FloorUnseen),
+        (_, Outcome::AllUnsafe) => StopReason::of(StopKind::AllUnsafe),
+        _ => StopReason::of(StopKind::RemainderUnsafe),
     }
 }
 

@@ -2,16 +2,16 @@
 
 use std::path::Path;
 
-use guidance::se2::Point;
+use guidance::se2::{Point, se2};
 use guidedog_simulator::{Motion, Simulator};
 use messages::{Attitude, MAX_WALKERS, Pose2, Twist2, Walker, WorldFrame, WorldScan, WorldTruth};
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2};
 use settings::{Mujoco, Settings};
 use transport::{FramePublisher, Io, Rhythm, TransportError};
+use world::floor::Falls;
 use world::{
-    Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Ramp, Scenario, TICK_S, World,
-    ramp,
+    Agent, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S, World,
 };
 
 use crate::legs::{self, Legs, VelocityLoop};
@@ -53,8 +53,10 @@ pub struct LeggedMotion {
     radii_m: [f64; 2],
     sensors: Option<Sensors>,
     standing_m: f64,
-    /// The floor that is not level.
-    ramps: Vec<Ramp>,
+    world: World,
+    falls: Falls,
+    /// The robot's discs are so far ahead of its middle and behind it, metres.
+    nose_m: f64,
     distance_m: f64,
     steps: u64,
 }
@@ -121,7 +123,9 @@ impl LeggedMotion {
             radii_m: [settings.robot.radius_m.get(), settings.handler.radius_m.get()],
             sensors: None,
             standing_m: settings.robot.body_height_m.get(),
-            ramps: world.ramps().to_vec(),
+            world: world.clone(),
+            falls: Falls::default(),
+            nose_m: settings.robot.nose_m,
             distance_m: 0.0,
             steps: 0,
         };
@@ -192,11 +196,17 @@ impl LeggedMotion {
         Twist2 { vx_mps: level.x, vy_mps: level.y, wz_radps: turns.z }
     }
 
+    fn look_for_falls(&mut self) {
+        let (robot, handler) = (se2(self.world_from_robot()), self.person.place(&self.data));
+        let robot = [self.nose_m, -self.nose_m].map(|ahead_m| robot * Point::new(ahead_m, 0.0));
+        self.falls.look(&self.world, [&robot, &[Point::new(handler.x_m, handler.y_m)]], self.radii_m);
+    }
+
     fn attitude(&self) -> Attitude {
         let (roll_rad, pitch_rad, _) = legs::attitude(&self.data).euler_angles();
         let at = Point::new(self.data.qpos()[0], self.data.qpos()[1]);
         // Over the floor under the body, as legs tell it.
-        let height_m = self.data.qpos()[2] - ramp::floor_m(&self.ramps, at);
+        let height_m = self.data.qpos()[2] - self.world.floor_m(at);
         // Any stamp marks it as known. The publisher sets the real one.
         Attitude { stamp_ns: 1, roll_rad, pitch_rad, height_m, standing_m: self.standing_m }
     }
@@ -226,6 +236,7 @@ impl Motion for LeggedMotion {
             self.steps += 1;
         }
         let after = self.world_from_robot();
+        self.look_for_falls();
         self.distance_m += (after.x_m - before.x_m).hypot(after.y_m - before.y_m);
         Ok(())
     }
@@ -240,6 +251,8 @@ impl Motion for LeggedMotion {
             robot_collisions: self.touches.robot(),
             handler_collisions: self.touches.handler(),
             hit_by_others: self.touches.by_others(),
+            robot_falls: self.falls.robot(),
+            handler_falls: self.falls.handler(),
             walker_count: self.people.len() as u32,
             walkers: self.walkers(),
             ..WorldTruth::default()

@@ -7,7 +7,7 @@ use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World, ramp};
+use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -70,7 +70,7 @@ impl Scene<'_> {
         let mut spec = MjSpec::from_xml(self.robot).map_err(|error| wrong(error.to_string()))?;
         spec.option_mut().timestep = STEP_S;
         let base = spec.body_mut("base").ok_or_else(|| wrong("it has no body named base".to_owned()))?;
-        let floor_m = ramp::floor_m(self.world.ramps(), Point::new(self.start.x_m, self.start.y_m));
+        let floor_m = self.world.floor_m(Point::new(self.start.x_m, self.start.y_m));
         *base.pos_mut() = [self.start.x_m, self.start.y_m, floor_m + self.body_m];
         *base.quat_mut() = turned(self.start.yaw_rad);
         let still = spec.world_body_mut();

@@ -2,7 +2,7 @@
 
 use guidance::contact;
 use guidance::se2::pose2;
-use guidance::shield::{choose, suppress, waits_at_edge};
+use guidance::shield::{choose, masked_at_edge, suppress};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, InteractionModel, Judgement, Pose, Se2, Shield, ShieldConfig,
 };
@@ -267,8 +267,9 @@ impl Core {
         running.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
-        if self.is_cued_forward() && waits_at_edge(&self.config.table, &self.judgements, wanted) {
-            running.unsafe_mask = (1 << count) - 1;
+        if self.is_cued_forward() {
+            let (table, mask) = (&self.config.table, running.unsafe_mask);
+            running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, &probabilities);
         }
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
@@ -429,6 +430,9 @@ fn explain(judgement: &Judgement, permit: &mut Permit) {
     permit.beam = judgement.beam.map_or(NO_BEAM, |beam| beam as u32);
     (permit.reading_m, permit.threshold_m) = (judgement.reading_m, judgement.threshold_m);
     permit.unsafe_cause = judgement.cause;
+    let place = judgement.place.unwrap_or_default();
+    (permit.place_x_m, permit.place_y_m) = (place.x, place.y);
+    permit.assumes_floor = judgement.assumes_floor;
     permit.unseen_area_m2 = judgement.unseen_area_m2;
 }
 

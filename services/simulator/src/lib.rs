@@ -6,7 +6,7 @@
 use std::os::unix::net::UnixDatagram;
 use std::sync::Arc;
 
-use control::{Collisions, RunFigures, SimulatorFigures};
+use control::{Collisions, Falls, RunFigures, SimulatorFigures};
 use links::{BRAKE_MESSAGE_LEN, BrakeMessage};
 use messages::{QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
 use serde_json::json;
@@ -240,6 +240,7 @@ impl<M: Motion> Simulator<M> {
                 handler: truth.handler_collisions,
                 hit_by_others: truth.hit_by_others,
             },
+            falls: Falls { robot: truth.robot_falls, handler: truth.handler_falls },
             simulated: Some(SimulatorFigures { end_pose, skipped_ticks }),
             replayed: None,
         })

@@ -177,6 +177,7 @@ fn world_status(truth: &WorldTruth) -> WorldStatus {
         walkers: walkers.map(|walker| [walker.x_m, walker.y_m]).collect(),
         distance_m: truth.distance_m,
         collisions: report::collisions(truth),
+        falls: report::falls(truth),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use control::{
-    Collisions, CueStatus, LatencyRow, MicrophoneStatus, ModeStatus, Note, Report, RunFigures, SaidStatus,
+    Collisions, CueStatus, Falls, LatencyRow, MicrophoneStatus, ModeStatus, Note, Report, RunFigures, SaidStatus,
     ServicePhase, ServiceStatus, Stop,
 };
 use messages::{
@@ -76,8 +76,8 @@ impl Figures {
     /// What the world last showed, where it died without a word.
     pub fn world_at_least(&mut self, truth: Option<&WorldTruth>) {
         if let (None, Some(truth)) = (&self.world, truth) {
-            let (distance_m, collisions) = (truth.distance_m, collisions(truth));
-            self.world = Some(RunFigures { distance_m, collisions, ..RunFigures::default() });
+            let (distance_m, collisions, falls) = (truth.distance_m, collisions(truth), falls(truth));
+            self.world = Some(RunFigures { distance_m, collisions, falls, ..RunFigures::default() });
         }
     }
 
@@ -246,6 +246,12 @@ fn stopped_s_by_reason(stops: &StopLog, now_ns: u64) -> BTreeMap<String, f64> {
 #[must_use]
 pub fn collisions(truth: &WorldTruth) -> Collisions {
     Collisions { robot: truth.robot_collisions, handler: truth.handler_collisions, hit_by_others: truth.hit_by_others }
+}
+
+/// Falls as reported.
+#[must_use]
+pub fn falls(truth: &WorldTruth) -> Falls {
+    Falls { robot: truth.robot_falls, handler: truth.handler_falls }
 }
 
 fn notes<'a>(notes: impl Iterator<Item = &'a (u64, String)>) -> Vec<Note> {

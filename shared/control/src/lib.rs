@@ -36,7 +36,7 @@ pub use refusal::Refusal;
 pub use report::{Compared, ComparedCount, LatencyRow, ReplayFigures, Report, RunFigures, SimulatorFigures};
 pub use request::{Request, Right};
 pub use status::{
-    Collisions, CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, SaidStatus, ServicePhase,
+    Collisions, CueStatus, Falls, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, SaidStatus, ServicePhase,
     ServiceStatus, Status, WorldStatus,
 };
 pub use why::{Stop, Why};

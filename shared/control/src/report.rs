@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use crate::number;
 use crate::policies::SwapRecord;
-use crate::status::{Collisions, Note};
+use crate::status::{Collisions, Falls, Note};
 use crate::why::Stop;
 
 /// What a run came to. Counts are over all lives of a service.
@@ -87,6 +87,12 @@ impl Report {
         self.world.as_ref().map(|world| world.collisions).unwrap_or_default()
     }
 
+    /// Falls in the world; none where there was no world.
+    #[must_use]
+    pub fn falls(&self) -> Falls {
+        self.world.as_ref().map(|world| world.falls).unwrap_or_default()
+    }
+
     /// Way walked by the robot in the world, metres; 0 where there was no world.
     #[must_use]
     pub fn distance_m(&self) -> f64 {
@@ -133,6 +139,9 @@ pub struct RunFigures {
     pub distance_m: f64,
     /// Collisions.
     pub collisions: Collisions,
+    /// Falls.
+    #[serde(default)]
+    pub falls: Falls,
     /// What only a simulator knows.
     #[serde(flatten, deserialize_with = "part")]
     pub simulated: Option<SimulatorFigures>,

@@ -170,6 +170,9 @@ pub struct WorldStatus {
     pub distance_m: f64,
     /// Collisions so far.
     pub collisions: Collisions,
+    /// Falls so far.
+    #[serde(default)]
+    pub falls: Falls,
 }
 
 /// Collisions in a simulated world.
@@ -181,6 +184,15 @@ pub struct Collisions {
     pub handler: u32,
     /// Times that robot or handler were walked into by others.
     pub hit_by_others: u32,
+}
+
+/// Falls in a simulated world: a footprint that left the floor.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Falls {
+    /// Of the robot.
+    pub robot: u32,
+    /// Of the handler.
+    pub handler: u32,
 }
 
 /// What locomotion commands the robot.

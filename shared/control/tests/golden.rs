@@ -2,8 +2,8 @@
 //! bytes.
 
 use guidedog_control::{
-    Collisions, CueStatus, Done, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Policies, PolicyLife, Report,
-    RunFigures, SaidStatus, ServicePhase, ServiceStatus, Status, Stop, SwapRecord, SwapState, Why, WorldStatus,
+    Collisions, CueStatus, Done, Falls, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Policies, PolicyLife,
+    Report, RunFigures, SaidStatus, ServicePhase, ServiceStatus, Status, Stop, SwapRecord, SwapState, Why, WorldStatus,
     framing,
 };
 use messages::{CueKind, CueSource, MicrophoneState, ModeClass, ServiceId, SpeechPhase, TopicId, Urgency};
@@ -61,7 +61,7 @@ fn a_report_tells_of_the_world_what_is_known() {
     let collisions = Collisions::default();
     let figures = RunFigures { distance_m: 7.405404774199868, collisions, ..RunFigures::default() };
     assert_eq!(died.world, Some(figures));
-    for known_to_a_world in ["reached", "distance_m", "collisions"] {
+    for known_to_a_world in ["reached", "distance_m", "collisions", "falls"] {
         report.as_object_mut().expect("an object").remove(known_to_a_world);
     }
     assert_eq!(read::<Report>(&format!("{report}\n")).world, None);
@@ -136,6 +136,7 @@ fn a_whole_status_is_told_to_the_byte() {
             walkers: vec![[4.0, 5.0]],
             distance_m: 12.0,
             collisions: Collisions { robot: 1, handler: 2, hit_by_others: 3 },
+            falls: Falls { robot: 0, handler: 1 },
         }),
         attitude: Some("depth".to_owned()),
         locomotion: Some(LocomotionStatus { velocity: [0.5, 0.0, -0.1], limited_by: "none".to_owned(), decision: 11 }),
@@ -166,7 +167,8 @@ fn a_whole_status_is_told_to_the_byte() {
         r#""services":[{"critical":true,"incarnation":2,"name":"lidar","pid":9,"restarts":1,"shadow":false,"#,
         r#""starved_of":"world/truth","state":"starting"}],"#,
         r#""stream_age_ms":{"lidar/scan":20.0},"supervisor_pid":7,"#,
-        r#""world":{"collisions":{"handler":2,"hit_by_others":3,"robot":1},"distance_m":12.0,"handler":[0.25,0.0],"#,
+        r#""world":{"collisions":{"handler":2,"hit_by_others":3,"robot":1},"distance_m":12.0,"#,
+        r#""falls":{"handler":1,"robot":0},"handler":[0.25,0.0],"#,
         r#""robot":[1.0,-2.5,null],"walkers":[[4.0,5.0]]}}"#,
         "\n"
     );

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-use guidance::se2::Se2;
+use guidance::se2::{Point, Se2};
 use guidance::{
     ActionTable, AwarenessConfig, DelayedHarness, HarnessError, Interaction, InteractionModel, RewardConfig,
     RigidHarness, ShieldConfig,
@@ -14,7 +14,7 @@ use rand::{Rng, RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use world::{
     Bodies, DepthConfig, FloorPlan, GeneratorConfig, HandlerProfile, Legs, LegsConfig, LidarConfig, OdometryConfig,
-    Site, Team, generate,
+    Site, Team, generate, generate_drops,
 };
 
 use crate::task::Task;
@@ -76,8 +76,36 @@ pub enum RewardMeasure {
 pub enum Places {
     /// In another generated world each time.
     Generated(GeneratorConfig),
+    /// In another generated world each time, whose floor ends at edges.
+    Drops(GeneratorConfig),
     /// In corridors of these floor plans, with other things and people each time.
     Plans(Arc<Vec<FloorPlan>>, GeneratorConfig),
+}
+
+/// How robot and handler came to where a cue is given: the robot looked around on the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Arrival {
+    /// So often,
+    pub looks: usize,
+    /// so far from each other and from the place of the cue, metres,
+    pub apart_m: f64,
+    /// with so much time between two of them, seconds.
+    pub apart_s: f64,
+    /// Where something stands on the way the cue is given elsewhere. Otherwise they came another way.
+    pub must_be_free: bool,
+}
+
+impl Arrival {
+    /// A few looks, with enough time between to have walked all the way.
+    pub const SPARSE: Self = Self { looks: 3, apart_m: 0.75, apart_s: 4.5, must_be_free: false };
+    /// A look at each decision on the way.
+    pub const DENSE: Self = Self { looks: 9, apart_m: 0.25, apart_s: 0.5, must_be_free: true };
+
+    /// Where it looked, so far before the place of the cue, metres.
+    pub(crate) fn before_m(&self) -> impl Iterator<Item = f64> {
+        let apart_m = self.apart_m;
+        (1..=self.looks).rev().map(move |look| look as f64 * apart_m)
+    }
 }
 
 /// There is nowhere to give a cue.
@@ -102,6 +130,8 @@ const HANDLER_TRIES: usize = 1000;
 pub struct Config {
     /// Where.
     pub places: Places,
+    /// How they came to where the cue is given.
+    pub arrival: Arrival,
     /// How exact the sensors are.
     pub noise: Noise,
     /// How handlers follow.
@@ -241,6 +271,7 @@ impl Config {
     pub(crate) fn draw_site(&self, random: &mut ChaCha8Rng) -> Option<Arc<Site>> {
         match &self.places {
             Places::Generated(config) => Some(Arc::new(generate(config, random.random()))),
+            Places::Drops(config) => Some(Arc::new(generate_drops(config, random))),
             Places::Plans(plans, config) => {
                 let plan = &plans[random.random_range(0..plans.len())];
                 plan.site(config, random.random()).map(Arc::new)
@@ -276,7 +307,21 @@ impl Config {
     ) -> Option<(Task, Team)> {
         let task = Task::draw(&site.course, cue, self, &profile.model.robot_from_default(), random)?;
         let team = Team::new(&site.world, self.bodies, profile.clone(), &task.world_from_robot);
-        team.is_free(&site.world, ROOM_M).then_some((task, team))
+        let came = || {
+            let mut on_the_way = self.arrivals(&task, &team);
+            on_the_way.all(|on_the_way| on_the_way.is_some_and(|team| team.is_free(&site.world, 0.0)))
+        };
+        let may_start = team.is_free(&site.world, ROOM_M) && (!self.arrival.must_be_free || came());
+        may_start.then_some((task, team))
+    }
+
+    /// They come along the corridor to a task's place, beside its middle as they are there; none before its beginning.
+    pub(crate) fn arrivals(&self, task: &Task, team: &Team) -> impl Iterator<Item = Option<Team>> {
+        let foot = task.line.foot(Point::from(task.world_from_robot.translation.vector));
+        self.arrival.before_m().map(move |before_m| {
+            let way_m = foot.way_m - before_m;
+            (way_m > 0.0).then(|| team.coming_by(&(task.line.at(way_m) * Se2::translation(0.0, foot.left_m))))
+        })
     }
 
     /// The robot's legs, where it walks on any.

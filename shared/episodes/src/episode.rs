@@ -5,8 +5,9 @@ use std::sync::Arc;
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2};
+use guidance::shield::masked_at_edge;
 use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield};
-use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2};
+use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2, UnsafeCause};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use world::{DepthSensor, HandlerProfile, LidarSensor, OdometrySensor, Site, Team};
@@ -19,10 +20,13 @@ use crate::teacher::Teacher;
 
 /// Worlds and tasks are drawn anew until there is room to begin: nearly always the first few do.
 const TRIES: u64 = 10_000;
-/// They have come along the corridor: the robot looked around so far before the place where the cue is given, metres.
-const LOOKED_M: [f64; 3] = [2.25, 1.5, 0.75];
-/// Time between two of these looks, seconds: enough to walk from the first place to the last.
-const BETWEEN_S: f64 = 4.5;
+
+/// An edge that is farther from robot and handler forbids nothing, metres.
+const NEAR_EDGE_M: f64 = 1.0;
+/// Stops so near to each other are one, metres.
+const SAME_STOP_M: f64 = 0.5;
+/// Dark floor is looked at from so far, metres.
+const DARK_M: f64 = 2.0;
 
 /// What one decision came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -62,6 +66,8 @@ pub struct Episode {
     shield: Shield,
     judgements: Vec<Judgement>,
     unsafe_mask: u32,
+    /// Where the robot stopped for the floor the last time.
+    stopped_for_floor: Option<Point>,
     /// Nothing could be used of the last scan, or the handler is lost.
     is_blind: bool,
     cue: CueKind,
@@ -107,6 +113,7 @@ impl Episode {
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
             unsafe_mask: 0,
+            stopped_for_floor: None,
             is_blind: false,
             cue: CueKind::Stop,
             cue_is_new: true,
@@ -139,7 +146,7 @@ impl Episode {
             RewardMeasure::Start => Measure::Start(guidance::CueStart { cue, world_from_start: world_from_handler }),
         };
         let reward = Reward::begin(self.config.reward.clone(), measure, &world_from_handler);
-        let score = Score::begin(&task, &world_from_handler);
+        let score = Score::begin(&task, site.drop, &team, &site.world);
         self.scenery = Some(Scenery { site, task, team, reward, score });
         self.lidar.reseed(part_seed(seed, 1));
         if let Some((sensor, ..)) = &mut self.depth {
@@ -150,6 +157,7 @@ impl Episode {
         (self.cue, self.cue_is_new, self.decision, self.looks, self.now_ns) = (cue, true, 0, 0, 0);
         let start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
+        self.stopped_for_floor = None;
         self.track.clear();
         self.arrive();
         self.rest();
@@ -165,14 +173,8 @@ impl Episode {
             return;
         }
         let Scenery { site, task, team, .. } = self.scenery();
-        let (world, line) = (&site.world, &task.line);
-        let foot = line.foot(Point::from(task.world_from_robot.translation.vector));
-        let beside = |way_m: f64| {
-            let world_from_robot = line.at(way_m) * Se2::translation(0.0, foot.left_m);
-            team.coming_by(&world_from_robot)
-        };
-        let ways_m = LOOKED_M.map(|before_m| foot.way_m - before_m).into_iter().filter(|way_m| *way_m > 0.0);
-        let on_the_way: Vec<Team> = ways_m.map(beside).filter(|team| team.is_free(world, 0.0)).collect();
+        let arrivals = self.config.arrivals(task, team).flatten();
+        let on_the_way: Vec<Team> = arrivals.filter(|team| team.is_free(&site.world, 0.0)).collect();
         let arrived = team.clone();
         for team in on_the_way {
             self.place(team);
@@ -189,7 +191,7 @@ impl Episode {
 
     /// They have come here and stand.
     fn rest(&mut self) {
-        self.look(BETWEEN_S);
+        self.look(self.config.arrival.apart_s);
         self.awareness.rest();
         self.observe();
     }
@@ -308,6 +310,32 @@ impl Episode {
         self.unsafe_mask
     }
 
+    /// What is taken away where a policy has these probabilities: as [`Self::unsafe_mask`], and everything where it
+    /// waits before an edge.
+    #[must_use]
+    pub fn mask_for(&self, probabilities: &[f64]) -> u32 {
+        let is_judged = self.config.judges && self.cue == CueKind::Forward && !self.is_blind;
+        if !is_judged {
+            return self.unsafe_mask;
+        }
+        masked_at_edge(&self.config.table, &self.judgements, self.unsafe_mask, probabilities)
+    }
+
+    /// The policy would take one action, and another one is taken. A stop for the floor where no edge is near is
+    /// counted once at each place.
+    pub fn wants(&mut self, action: usize, taken: usize) {
+        let why = self.judgements.get(action).map_or(UnsafeCause::None, |judgement| judgement.cause);
+        let is_floor = matches!(why, UnsafeCause::DropOff | UnsafeCause::FloorUnseen);
+        let Some(Scenery { team, site, score, .. }) = &mut self.scenery else { return };
+        let (world, at) = (&site.world, Point::from(team.world_from_robot().translation.vector));
+        let is_new = self.stopped_for_floor.is_none_or(|before| (at - before).norm() > SAME_STOP_M);
+        let is_near_edge = team.to_edge_m(world).iter().any(|edge_m| *edge_m <= NEAR_EDGE_M);
+        if is_floor && taken == ActionTable::STOP && is_new && !is_near_edge {
+            self.stopped_for_floor = Some(at);
+            score.stopped_for_nothing(why, world.dark_floor().iter().any(|dark| dark.distance_m(at) < DARK_M));
+        }
+    }
+
     /// Where shield and policy take the handler to be, robot frame.
     #[must_use]
     pub fn handler_estimate(&self) -> &Se2 {
@@ -410,6 +438,8 @@ impl Episode {
         self.begun = self.config.table.actions()[action].start_from_end();
         let before = scenery.score.followed();
         scenery.score.step(&scenery.task, &world_from_handler, stepped);
+        scenery.score.stands(&scenery.team, &scenery.site.world);
+        let has_fallen = scenery.team.falls().any();
         let followed = self.config.followed_reward * (scenery.score.followed() - before);
         let forbidden = if taken { self.config.forbidden_penalty } else { 0.0 };
         let reward = scenery.reward.step(&world_from_handler, moved, stepped.collided()).sum() + followed - forbidden;
@@ -419,6 +449,6 @@ impl Episode {
         self.look(self.config.dt_s);
         self.observe();
         self.judge();
-        Step { reward, ended: self.decision >= self.config.decisions as u64 }
+        Step { reward, ended: has_fallen || self.decision >= self.config.decisions as u64 }
     }
 }

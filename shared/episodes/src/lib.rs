@@ -16,10 +16,10 @@ pub mod teacher;
 pub mod walked;
 
 pub use batch::{Batch, Finished};
-pub use config::{Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
+pub use config::{Arrival, Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
 pub use excess::{Excess, OpenFloor};
-pub use score::{Report, Score};
+pub use score::{FloorReport, Report, Score};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;
 pub use walked::Walked;

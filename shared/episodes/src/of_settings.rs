@@ -5,7 +5,7 @@ use messages::CueKind;
 use settings::{Profile, Settings, Source};
 use world::{Bodies, DepthConfig, GeneratorConfig, LegsConfig, LidarConfig, OdometryConfig, PhysicsConfig};
 
-use crate::config::{Config, Handlers, Harness, Noise, Places, RewardMeasure};
+use crate::config::{Arrival, Config, Handlers, Harness, Noise, Places, RewardMeasure};
 
 /// Pixels of the camera of episodes: enough to learn from, and to tell a thing of 8 cm from the floor. Its place and
 /// field of view are those of the settings.
@@ -25,6 +25,7 @@ impl Config {
         let depth = DepthConfig { width: DEPTH_WIDTH, height: DEPTH_HEIGHT, ..DepthConfig::from(&settings.depth) };
         Ok(Self {
             places: Places::Generated(GeneratorConfig::default()),
+            arrival: Arrival::SPARSE,
             noise: Noise::Noisy,
             harness: Harness::Delayed,
             handlers: Handlers::Personal,

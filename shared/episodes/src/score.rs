@@ -3,8 +3,8 @@
 use std::collections::VecDeque;
 
 use guidance::se2::{Point, Se2};
-use messages::CueKind;
-use world::Stepped;
+use messages::{CueKind, UnsafeCause};
+use world::{DropKind, Stepped, Team, World};
 
 use crate::task::{END_M, Goal, STILL_DECISIONS, STILL_M, Task};
 
@@ -53,6 +53,8 @@ pub struct Report {
     pub all_unsafe: u32,
     /// Decisions whose action was one that the shield forbade.
     pub unsafe_taken: u32,
+    /// What became of the floor under them.
+    pub floor: FloorReport,
     /// The sum of rewards.
     pub reward: f64,
     /// Longest run of decisions in which the handler did not move, before they had arrived.
@@ -64,6 +66,51 @@ pub struct Report {
     pub faces_line: Option<bool>,
 }
 
+/// What became of robot and handler where the floor ends.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FloorReport {
+    /// How the edge lies.
+    pub kind: DropKind,
+    /// The task was to stand before an edge: the way goes over it.
+    pub before_edge: bool,
+    /// The robot's footprint left the floor.
+    pub robot_fell: bool,
+    /// The handler's did.
+    pub handler_fell: bool,
+    /// The nearest that the robot's body, and the handler's, came to an edge, metres; none where there is none.
+    pub to_edge_m: Option<[f64; 2]>,
+    /// How far the robot's body is from the nearest edge now, metres.
+    pub now_m: Option<f64>,
+    /// How far the robot was from the edge when the cue was given, metres.
+    pub begun_m: Option<f64>,
+    /// Times that the robot stopped for an edge where none was near.
+    pub false_stops: u32,
+    /// Those of them that were on floor of which a camera sees little.
+    pub dark_stops: u32,
+    /// Times that it stopped for floor that was never seen, where no edge was near.
+    pub unseen_stops: u32,
+}
+
+impl FloorReport {
+    fn begin(task: &Task, kind: DropKind, to_edge_m: [f64; 2]) -> Self {
+        let to_edge_m = Some(to_edge_m).filter(|to_edge_m| to_edge_m[0].is_finite());
+        Self {
+            kind,
+            before_edge: task.goal == Goal::BeforeEdge,
+            robot_fell: false,
+            handler_fell: false,
+            to_edge_m,
+            now_m: None,
+            begun_m: to_edge_m.map(|to_edge_m| to_edge_m[0]),
+            false_stops: 0,
+            dark_stops: 0,
+            unseen_stops: 0,
+        }
+    }
+}
+
+/// A robot stands before an edge where it is as near to it, metres.
+const AT_EDGE_M: f64 = 2.0;
 /// Who moves by less in a decision stands, metres.
 const FROZEN_M: f64 = 0.02;
 /// Who has corrected an error of orientation walks as near to the travel line, radians,
@@ -74,7 +121,8 @@ const CORRECTED_M: [f64; 2] = [2.0, 3.0];
 impl Score {
     /// At the beginning.
     #[must_use]
-    pub fn begin(task: &Task, world_from_handler: &Se2) -> Self {
+    pub fn begin(task: &Task, kind: DropKind, team: &Team, world: &World) -> Self {
+        let world_from_handler = &team.world_from_handler();
         let place = Point::from(world_from_handler.translation.vector);
         let report = Report {
             cue: task.cue,
@@ -89,6 +137,7 @@ impl Score {
             walked_m: 0.0,
             all_unsafe: 0,
             unsafe_taken: 0,
+            floor: FloorReport::begin(task, kind, team.to_edge_m(world)),
             reward: 0.0,
             longest_freeze: 0,
             corrected: None,
@@ -122,7 +171,7 @@ impl Score {
         report.walked_m += (place - self.last).norm();
         self.frozen = if (place - self.last).norm() < FROZEN_M { self.frozen + 1 } else { 0 };
         // Who has arrived may stand.
-        if !(report.success || report.to_stand) {
+        if !(report.success || report.to_stand || report.floor.before_edge) {
             report.longest_freeze = report.longest_freeze.max(self.frozen);
         }
         self.last = place;
@@ -150,6 +199,27 @@ impl Score {
         }
     }
 
+    /// Where robot and handler are now.
+    pub fn stands(&mut self, team: &Team, world: &World) {
+        let (floor, falls) = (&mut self.report.floor, team.falls());
+        (floor.robot_fell, floor.handler_fell) = (falls.robot() > 0, falls.handler() > 0);
+        floor.now_m = floor.to_edge_m.map(|_| team.to_edge_m(world)[0]);
+        for (least_m, now_m) in floor.to_edge_m.iter_mut().flatten().zip(team.to_edge_m(world)) {
+            *least_m = least_m.min(now_m);
+        }
+    }
+
+    /// The robot stopped for the floor where no edge is near; beside floor of which a camera sees little.
+    pub fn stopped_for_nothing(&mut self, why: UnsafeCause, is_dark: bool) {
+        let floor = &mut self.report.floor;
+        if why == UnsafeCause::FloorUnseen {
+            floor.unseen_stops += 1;
+        } else {
+            floor.false_stops += 1;
+            floor.dark_stops += u32::from(is_dark);
+        }
+    }
+
     /// What the shield said of a decision, and whether the action was taken all the same.
     pub fn judged(&mut self, all_unsafe: bool, unsafe_taken: bool) {
         self.report.all_unsafe += u32::from(all_unsafe);
@@ -172,10 +242,16 @@ impl Score {
     #[must_use]
     pub fn report(&self) -> Report {
         let mut report = self.report;
+        let moved_m = self.last_places.iter().map(|place| (place - self.last).norm()).fold(0.0, f64::max);
+        let stands = self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M;
         if report.to_stand {
-            let moved_m = self.last_places.iter().map(|place| (place - self.last).norm()).fold(0.0, f64::max);
-            report.success |= self.last_places.len() > STILL_DECISIONS && moved_m < STILL_M && self.in_corridor;
+            report.success |= stands && self.in_corridor;
         }
+        let FloorReport { before_edge, robot_fell, handler_fell, now_m, .. } = report.floor;
+        if before_edge {
+            report.success = stands && now_m.is_some_and(|now_m| now_m <= AT_EDGE_M);
+        }
+        report.success &= !(robot_fell || handler_fell);
         // Who never came so far has not put it right.
         let never_came = self.errs.then_some(false);
         report.corrected = report.corrected.or(never_came);

@@ -29,6 +29,11 @@ const DUE_M: f64 = 1.5;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
 const BEFORE_M: f64 = 1.6;
 
+/// So many as [`NEAR`] of the cues to go on are given so near to an edge across the way, metres.
+const TO_EDGE_M: f64 = 8.0;
+/// The handler does not come nearer to an edge across the way, metres: the robot is ahead of them.
+const BEFORE_EDGE_M: f64 = 2.0;
+
 /// Cues are given so far from the corridor's beginning and its end at least, metres: where both have room.
 const ENDS_M: [f64; 2] = [1.3, 1.5];
 /// So many of the cues to turn are given near an opening to that side: so far past its middle to so far before, metres.
@@ -48,6 +53,8 @@ pub enum Goal {
     Into(Vec<Opening>),
     /// The handler stands still in the corridor; or is inside one of these, beside which they gave the cue.
     Stand(Vec<Opening>),
+    /// The robot stands before the edge at which the floor of the way ends.
+    BeforeEdge,
 }
 
 /// See the module.
@@ -75,7 +82,7 @@ impl Task {
         robot_from_handler: &Se2,
         random: &mut impl Rng,
     ) -> Option<Self> {
-        let length_m = course.line.length_m();
+        let length_m = course.edge_m.map_or(course.line.length_m(), |edge_m| edge_m - BEFORE_EDGE_M);
         let [begin_m, before_end_m] = ENDS_M;
         let side = side_of(cue);
         let mut way_m = random.random_range(begin_m..(length_m - END_M).max(begin_m + 0.1));
@@ -84,8 +91,11 @@ impl Task {
             let opening = openings.get(random.random_range(0..openings.len().max(1)))?;
             way_m = opening.way_m - DUE_M - random.random_range(-timing_m..=timing_m);
         } else if !openings.is_empty() && random.random_bool(NEAR) {
-            let opening = openings[random.random_range(0..openings.len())];
+            let to_edge = openings.iter().find(|opening| opening.edge_m.is_some());
+            let opening = to_edge.unwrap_or(&openings[random.random_range(0..openings.len())]);
             way_m = opening.way_m - random.random_range(NEAR_M[0]..NEAR_M[1]);
+        } else if cue == CueKind::Forward && course.edge_m.is_some() && random.random_bool(NEAR) {
+            way_m = length_m - random.random_range(0.0..TO_EDGE_M);
         } else if cue == CueKind::Forward && random.random_bool(WITH_WAY) {
             way_m = random.random_range(begin_m..(length_m - ON_M).max(begin_m + 0.5));
         }
@@ -111,6 +121,8 @@ impl Task {
             let to_m = (handler_way_m + ON_M).min(course.line.length_m() - END_M);
             return if cue == CueKind::Stop {
                 task(course.line.clone(), Goal::Stand(Vec::new()))
+            } else if course.edge_m.is_some_and(|edge_m| to_m > edge_m - BEFORE_EDGE_M) {
+                task(course.line.clone(), Goal::BeforeEdge)
             } else {
                 task(course.line.clone(), Goal::Along(to_m))
             };
@@ -125,6 +137,9 @@ impl Task {
             let end_m = (way_m + TURN_REACH_M).min(course.line.length_m());
             return task(course.line.part(0.0, end_m)?, Goal::Stand(beside.into_iter().cloned().collect()));
         };
+        if meant.edge_m.is_some() {
+            return task(course.line_into(meant)?, Goal::BeforeEdge);
+        }
         if meant.line.length_m() < course.width_m / 2.0 + INSIDE_M + BEFORE_M {
             return None;
         }
@@ -138,6 +153,7 @@ impl Task {
         let place = Point::from(world_from_handler.translation.vector);
         match &self.goal {
             Goal::Along(to_m) => way_m >= *to_m,
+            Goal::BeforeEdge => false,
             Goal::Into(openings) | Goal::Stand(openings) => openings.iter().any(|opening| {
                 let foot = opening.line.foot(place);
                 let off_axis_rad = opening.line.heading_error_rad(foot.way_m, world_from_handler.rotation.angle());

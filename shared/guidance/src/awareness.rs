@@ -21,6 +21,9 @@ use surroundings::Surroundings;
 /// After a jump the poses must go on without one for this long.
 const JUMP_HOLD_NS: u64 = NS_PER_S / 2;
 
+/// A robot that was placed so shortly before has not been carried away, nanoseconds.
+const ANCHORED_NS: u64 = 10 * NS_PER_S;
+
 /// What measurements are held to.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AwarenessConfig {
@@ -107,7 +110,9 @@ impl Awareness {
         if pose != Pose::Next {
             self.track.clear();
             self.handler.reset(&self.odom_from_robot);
-            self.surroundings.lose_place();
+            let was_placed = |old: &Odometry| age_ns(odometry.header.stamp_ns, old.header.stamp_ns) <= ANCHORED_NS;
+            let is_near = self.odometry.as_ref().is_some_and(was_placed);
+            self.surroundings.lose_place(Some(&self.odom_from_robot).filter(|_| is_near));
         }
         self.odometry = Some(*odometry);
         self.track.push(odometry);

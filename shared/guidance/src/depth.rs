@@ -3,6 +3,7 @@
 mod column;
 mod floor;
 mod stance;
+mod walkable;
 
 use std::ops::Range;
 
@@ -174,6 +175,8 @@ pub struct DepthView {
     edges: Vec<Point>,
     /// Distance between two rows of pixels on the floor at 1 m, metres. It grows with the distance's square.
     apart_at_1_m: f64,
+    /// Height of the camera over the floor, metres.
+    height_m: f64,
     columns: Vec<Column>,
     /// The columns that every row of the image reaches. The others show obstacles, but cannot show that space is free.
     whole: Range<usize>,
@@ -197,6 +200,7 @@ impl Default for DepthView {
             stamped_edges: Vec::new(),
             edges: Vec::new(),
             apart_at_1_m: 0.0,
+            height_m: 0.0,
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
@@ -257,7 +261,7 @@ impl DepthView {
 
     /// A camera of that height over the floor.
     fn eye(&mut self, header: &DepthHeader, height_m: f64) -> Eye {
-        self.apart_at_1_m = apart_at_1_m(header, height_m);
+        (self.apart_at_1_m, self.height_m) = (apart_at_1_m(header, height_m), height_m);
         Eye { height_m, apart_at_1_m: self.apart_at_1_m }
     }
 
@@ -491,13 +495,10 @@ impl DepthView {
         &self.edges
     }
 
-    /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.
+    /// Where the camera is (robot frame).
     #[must_use]
-    pub fn sees_floor(&self, point: Point) -> bool {
-        self.beside(point).is_some_and(|(columns, along)| {
-            let beyond_m = self.apart_at_1_m * along * along;
-            columns.iter().all(|column| column.sees_floor(along, beyond_m))
-        })
+    pub fn camera(&self) -> Point {
+        self.now_from_stamped * self.camera
     }
 
     /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.

@@ -29,7 +29,7 @@ pub use depth::{DepthView, FloorCell, Stance};
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Discs, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
-pub use memory::{Memory, MemoryConfig, Remembered};
+pub use memory::{Floor, Footing, Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use shield::{Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};

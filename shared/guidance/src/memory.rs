@@ -4,6 +4,7 @@
 //! sections 5 and 7). What stood there when it was last seen still stands there, as far as anybody knows. Where the
 //! lidar sees now, the scan of now alone counts: memory adds nothing to it.
 
+mod floor;
 mod spots;
 
 use std::collections::VecDeque;
@@ -11,8 +12,11 @@ use std::collections::VecDeque;
 use crate::contact::Contacts;
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
+use crate::hull::Disc;
 use crate::scan::{BeamKind, Beams, Fan};
 use crate::se2::{Point, Se2};
+pub use floor::{CELL_M as FLOOR_CELL_M, Floor};
+use floor::{FloorMap, Here};
 use spots::{CELL_M, Sight, Sighting, Source, Spot, Spots};
 
 /// Points farther from the robot than this are let go, metres: no hull reaches so far, and twice as much is less than
@@ -46,6 +50,21 @@ pub struct MemoryConfig {
     pub free_ns: u64,
     /// By how much a remembered place is off: metres for each metre walked, and for each radian turned and metre away.
     pub drift: f64,
+    /// The room that the robot stands on. None: floor is not remembered, and floor that was never seen forbids nothing.
+    pub footing: Option<Footing>,
+}
+
+/// The room that the robot stands on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Footing {
+    /// Radius of its discs, metres.
+    pub radius_m: f64,
+    /// They are so far ahead of its middle and behind it, metres.
+    pub nose_m: f64,
+    /// Radius of the handler's disc, metres.
+    pub handler_m: f64,
+    /// It walks at most so far after its place was lost, metres.
+    pub overrun_m: f64,
 }
 
 /// A remembered obstacle that cannot be seen now.
@@ -65,6 +84,8 @@ struct Odometer {
 }
 
 impl Odometer {
+    const ZERO: Self = Self { walked_m: 0.0, turned_rad: 0.0 };
+
     /// By how much a place seen at `then` is off when it is so far away.
     fn error_m(&self, then: &Self, drift: f64, distance_m: f64) -> f64 {
         drift * (self.walked_m - then.walked_m + (self.turned_rad - then.turned_rad) * distance_m)
@@ -91,6 +112,7 @@ pub struct Memory {
     spots: Spots,
     /// The last floor before drops.
     edges: Spots,
+    floor: Option<FloorMap>,
     /// The oldest first.
     glimpses: VecDeque<Glimpse>,
     /// Of the newest scan.
@@ -110,6 +132,7 @@ impl Memory {
     #[must_use]
     pub fn new(config: MemoryConfig) -> Self {
         Self {
+            floor: config.footing.is_some().then(FloorMap::new),
             config,
             spots: Spots::new(),
             edges: Spots::new(),
@@ -128,6 +151,23 @@ impl Memory {
     /// Forgets everything: a new odometry frame, or a jump within one.
     pub fn clear(&mut self) {
         *self = Self::new(self.config.clone());
+    }
+
+    /// The odometry frame is another one, or the robot jumped within it, and it stood meanwhile. Floor and edges stay
+    /// where they are about it; all else is forgotten.
+    pub fn anchor(&mut self, odom_from_robot: &Se2) {
+        let Some(footing) = self.config.footing else { return self.clear() };
+        let (before, off_m, drift) = (self.odom_from_robot, footing.overrun_m, self.config.drift);
+        let mut kept = Self::new(self.config.clone());
+        (kept.odometer, kept.odom_from_robot) = (self.odometer, *odom_from_robot);
+        (kept.now_ns, kept.stamp_ns) = (self.now_ns, self.stamp_ns);
+        std::mem::swap(&mut kept.floor, &mut self.floor);
+        if let Some(floor) = &mut kept.floor {
+            let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &before };
+            floor.anchor(&here, odom_from_robot, off_m, drift);
+        }
+        kept.edges.take_over(&self.edges, &(odom_from_robot * before.inverse()), off_m / drift.max(f64::MIN_POSITIVE));
+        *self = kept;
     }
 
     /// Takes in a scan of that stamp and the newest depth frame, both seen from where the robot is now, and who of the
@@ -156,6 +196,14 @@ impl Memory {
         }
         for edge in depth.map_or(&[][..], DepthView::edges) {
             self.edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
+        }
+        if let (Some(floor), Some(footing)) = (&mut self.floor, self.config.footing) {
+            let here = Here { now_ns: stamp_ns, at: self.odometer, odom_from_robot };
+            let robot = |ahead_m: f64| Disc { center: Point::new(ahead_m, 0.0), radius_m: footing.radius_m };
+            let radius_m = handler.radius_m.min(footing.handler_m);
+            let bodies = [robot(footing.nose_m), robot(-footing.nose_m), Disc { center: handler.center, radius_m }];
+            // Where the handler was not seen they may stand elsewhere.
+            floor.update(&here, &bodies, if handler.seen.is_some() { 3 } else { 2 }, depth);
         }
         self.spots.keep(|spot| spot.sight != Sight::Due);
         self.edges.keep(|spot| spot.sight != Sight::Due);
@@ -257,6 +305,29 @@ impl Memory {
     #[must_use]
     pub fn edges(&self) -> &[Remembered] {
         &self.edges_now
+    }
+
+    /// Whether the floor at a place (robot frame) was seen.
+    #[must_use]
+    pub fn has_seen_floor(&self, place: Point) -> bool {
+        let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot };
+        let cell = floor::cell_of(self.odom_from_robot * place);
+        self.floor.as_ref().is_some_and(|map| map.floor(cell, &here, self.config.drift) == Floor::Seen)
+    }
+
+    /// The floor within a radius of a place that was not seen: places and what is known of them (robot frame). None
+    /// where floor is not remembered.
+    pub fn unseen_floor(&self, about: Point, radius_m: f64) -> impl Iterator<Item = (Point, Floor)> {
+        let robot_from_odom = self.odom_from_robot.inverse();
+        let (at, drift) = (self.odom_from_robot * about, self.config.drift);
+        self.floor.iter().flat_map(move |map| {
+            let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot };
+            let unseen = floor::cells_about(at, radius_m).filter_map(move |(key, middle)| {
+                let floor = map.floor(key, &here, drift);
+                (floor != Floor::Seen).then_some((middle, floor))
+            });
+            unseen.map(move |(middle, floor)| (robot_from_odom * middle, floor))
+        })
     }
 
     /// Whether one of the last scans saw that nothing is at a point (robot frame), nor on the way to it.

@@ -131,8 +131,12 @@ pub struct Judgement {
     pub beam: Option<usize>,
     /// Its reading, metres.
     pub reading_m: f64,
-    /// Its threshold, metres.
+    /// Its threshold, metres. Of an edge, the distance that is kept from it; its reading is the hull's.
     pub threshold_m: f64,
+    /// The place that makes it unsafe, where a point does (robot frame).
+    pub place: Option<Point>,
+    /// It leads over floor that was not seen and is assumed.
+    pub assumes_floor: bool,
     /// Part of the hull that no beam sees, square metres: behind what beams end on, masked, unknown, outside the
     /// field of view.
     pub unseen_area_m2: f64,
@@ -148,6 +152,8 @@ impl Default for Judgement {
             beam: None,
             reading_m: 0.0,
             threshold_m: 0.0,
+            place: None,
+            assumes_floor: false,
             unseen_area_m2: 0.0,
         }
     }
@@ -297,10 +303,16 @@ pub fn suppress_in_place(probabilities: &mut [f64], is_unsafe: impl Fn(usize) ->
     all_unsafe
 }
 
-/// Whether a robot that was cued forward waits before an edge: `wanted`, the policy's first choice, leads ahead over it
-/// and no action that leads ahead is left. The handler says where to turn.
+/// The mask of a robot that was cued forward: before an edge that it would walk over it waits, and every action is
+/// taken away. The handler says where to turn.
 #[must_use]
-pub fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -> bool {
+pub fn masked_at_edge(table: &ActionTable, judgements: &[Judgement], mask: u32, probabilities: &[f64]) -> u32 {
+    let wanted = choose(probabilities, Draw::ArgMax, 0);
+    if waits_at_edge(table, judgements, wanted) { (1 << table.len()) - 1 } else { mask }
+}
+
+/// Whether `wanted`, the policy's first choice, leads ahead over an edge and no action that leads ahead is left.
+fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -> bool {
     let leads_ahead = |i: usize| table.actions().get(i).is_some_and(|action| action.velocity(1.0).vx_mps > 0.0);
     let is_left = |(i, judgement): (usize, &Judgement)| judgement.safe && leads_ahead(i);
     judgements.get(wanted).is_some_and(|judgement| judgement.cause == UnsafeCause::DropOff)

@@ -4,8 +4,8 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use guidedog_guidance::{
-    ActionTable, Beams, DelayedHarness, EdgeDistance, Evidence, HandlerEstimate, HandlerLimits, Memory, MemoryConfig,
-    Reach, Se2, Shield, ShieldConfig,
+    ActionTable, Beams, DelayedHarness, EdgeDistance, Evidence, Footing, HandlerEstimate, HandlerLimits, Memory,
+    MemoryConfig, Reach, Se2, Shield, ShieldConfig,
 };
 use messages::ScanHeader;
 
@@ -50,6 +50,7 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         kept_off_plane_ns: 500_000_000,
         free_ns: 500_000_000,
         drift: 0.03,
+        footing: Some(Footing { radius_m: 0.3, nose_m: 0.0, handler_m: 0.25, overrun_m: 0.2 }),
     });
     let (table, mut judgements) = (ActionTable::ten(), Vec::new());
     let header = ScanHeader {

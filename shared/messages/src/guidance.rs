@@ -439,6 +439,8 @@ pub enum UnsafeCause {
     Contact,
     /// The floor drops within what is kept from an edge.
     DropOff,
+    /// It leads over floor that was never seen.
+    FloorUnseen,
 }
 
 named!(UnsafeCause);
@@ -450,7 +452,7 @@ mirrored! {
     /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/1"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/2"))]
     #[repr(C)]
     pub struct Permit {
         /// Stamp (run time of the verdict), seq, incarnation.
@@ -496,10 +498,16 @@ mirrored! {
         pub beam: u32,
         /// Why the motion is unsafe.
         pub unsafe_cause: UnsafeCause,
-        /// The beam's reading, metres.
+        /// The beam's reading, metres. Of a point, an edge or floor: its distance to the hull; less than 0 in it.
         pub reading_m: f64,
-        /// The beam's threshold: from the lidar to where it leaves the hull, metres.
+        /// The beam's threshold: from the lidar to where it leaves the hull, metres. Of an edge: the distance kept.
         pub threshold_m: f64,
+        /// Where the point, the edge or the floor is that makes the motion unsafe, robot frame, metres; 0 for a beam.
+        pub place_x_m: f64 = default,
+        /// See `place_x_m`.
+        pub place_y_m: f64 = default,
+        /// The motion leads over floor that was not seen and is assumed.
+        pub assumes_floor: bool = default,
         /// Seq and stamp of the scan judged.
         pub scan_seq: u64,
         /// See `scan_seq`.

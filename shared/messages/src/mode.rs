@@ -41,7 +41,7 @@ mirrored! {
     /// Why the robot stands, with evidence.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/1"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/2"))]
     #[repr(C)]
     pub struct StopReason {
         /// What kind of stop.
@@ -61,6 +61,18 @@ mirrored! {
         pub used: u64,
         /// Limit that this broke.
         pub used_limit: u64,
+        /// Where the floor ends, or was not seen, robot frame, millimetres.
+        #[serde(default)]
+        pub ahead_mm: i32 = default,
+        /// See `ahead_mm`.
+        #[serde(default)]
+        pub left_mm: i32 = default,
+        /// From there to the hull of the motion, millimetres; less than 0 in it.
+        #[serde(default)]
+        pub away_mm: i32 = default,
+        /// The distance that is kept from it, millimetres.
+        #[serde(default)]
+        pub kept_mm: i32 = default,
     }
 }
 
@@ -69,13 +81,35 @@ impl StopReason {
     #[must_use]
     pub const fn of(kind: StopKind) -> Self {
         let (service, topic) = (ServiceId::None, TopicId::None);
-        Self { kind, service, topic, incarnation: 0, age_ns: 0, limit_ns: 0, used: 0, used_limit: 0 }
+        Self {
+            kind,
+            service,
+            topic,
+            incarnation: 0,
+            age_ns: 0,
+            limit_ns: 0,
+            used: 0,
+            used_limit: 0,
+            ahead_mm: 0,
+            left_mm: 0,
+            away_mm: 0,
+            kept_mm: 0,
+        }
     }
 
     /// A reason about one service incarnation.
     #[must_use]
     pub const fn service(kind: StopKind, service: ServiceId, incarnation: u32) -> Self {
         Self { service, incarnation, ..Self::of(kind) }
+    }
+
+    /// The floor ends, or was not seen, at a place (robot frame, metres), so far from the hull of the motion; so much
+    /// is kept from it, metres.
+    #[must_use]
+    pub fn floor(kind: StopKind, [ahead_m, left_m]: [f64; 2], away_m: f64, kept_m: f64) -> Self {
+        let [ahead_mm, left_mm, away_mm, kept_mm] =
+            [ahead_m, left_m, away_m, kept_m].map(|m| (m * 1000.0).round() as i32);
+        Self { ahead_mm, left_mm, away_mm, kept_mm, ..Self::of(kind) }
     }
 
     /// A reason about a stream that is too old.
@@ -103,6 +137,16 @@ impl core::fmt::Display for StopReason {
             (_, u64::MAX) => write!(f, ", nothing with a usable stamp, limit {limit_ms} ms")?,
             (StopKind::StreamSlow, apart) => write!(f, ", {} ms apart, limit {limit_ms} ms", apart / 1_000_000)?,
             (_, age_ns) => write!(f, ", {} ms old, limit {limit_ms} ms", age_ns / 1_000_000)?,
+        }
+        if matches!(self.kind, StopKind::DropOff | StopKind::FloorUnseen) {
+            let m = |mm: i32| f64::from(mm.abs()) / 1000.0;
+            let side = if self.left_mm < 0 { "right" } else { "left" };
+            let way = if self.ahead_mm < 0 { "behind" } else { "ahead" };
+            write!(f, ": {:.2} m {way} and {:.2} m to the {side}", m(self.ahead_mm), m(self.left_mm))?;
+            if self.kept_mm > 0 {
+                let away_m = f64::from(self.away_mm) / 1000.0;
+                write!(f, ", {away_m:.2} m from the hull, where {:.2} m are kept", m(self.kept_mm))?;
+            }
         }
         match (self.kind, self.used >> 20, self.used_limit >> 20) {
             _ if self.used_limit == 0 => Ok(()),

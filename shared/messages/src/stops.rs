@@ -364,6 +364,12 @@ stops! {
         meaning: "the floor drops where the robot was to go: an edge, stairs or a hole",
         advice: "another cue, or lead robot and handler away by hand",
     }
+    FloorUnseen = 39, "floor_unseen" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "robot or handler would come over floor that the camera has not seen",
+        advice: "another cue, so that the robot looks there; or lead robot and handler on by hand",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
@@ -409,6 +415,7 @@ mod tests {
             "scan_contradicts",
             "odometry_contradicts",
             "drop_off",
+            "floor_unseen",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
         let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop", "robot_fell"];

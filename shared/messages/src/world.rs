@@ -29,7 +29,7 @@ mirrored! {
     /// The true state of the simulated world.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/4"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/5"))]
     #[repr(C)]
     pub struct WorldTruth {
         /// Stamp, seq, incarnation.
@@ -52,6 +52,10 @@ mirrored! {
         pub robot_collisions: u32,
         /// Collisions that the handler was led into so far.
         pub handler_collisions: u32,
+        /// Times that the robot's footprint left the floor so far.
+        pub robot_falls: u32 = default,
+        /// Times that the handler's did.
+        pub handler_falls: u32 = default,
         /// Times that robot or handler were walked into by somebody while standing or walking free.
         pub hit_by_others: u32,
         /// How many of `walkers` are meant.

@@ -66,7 +66,7 @@ impl Guard {
             estimate: HandlerEstimate::new(harness, limits),
             beams: Beams::default(),
             depth: DepthView::default(),
-            memory: Memory::new(settings::MemorySettings::default().config()),
+            memory: Memory::new(settings::MemorySettings::default().config(None)),
             judgements: Vec::new(),
         }
     }

@@ -36,6 +36,10 @@ const REASON: StopReason = StopReason {
     limit_ns: 5,
     used: 6,
     used_limit: 7,
+    ahead_mm: -8,
+    left_mm: 9,
+    away_mm: -10,
+    kept_mm: 11,
 };
 
 fn cue(seq: u64) -> Cue {

@@ -14,8 +14,8 @@ mod speak;
 
 use guidance::se2::Point;
 use guidance::{
-    AwarenessConfig, DelayedHarness, Disc, EdgeDistance, HandlerEstimate, HandlerLimits, HarnessError, Interaction,
-    InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
+    AwarenessConfig, DelayedHarness, Disc, EdgeDistance, Footing, HandlerEstimate, HandlerLimits, HarnessError,
+    Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -238,11 +238,23 @@ impl Settings {
         }
     }
 
+    /// The room that the robot stands on; none where its floor is not watched.
+    #[must_use]
+    pub fn footing(&self) -> Option<Footing> {
+        let watches = self.shield.floor.watched && self.depth.source != Source::Absent;
+        watches.then(|| Footing {
+            radius_m: self.robot.radius_m.get(),
+            nose_m: self.robot.nose_m,
+            handler_m: self.handler.radius_m.get(),
+            overrun_m: self.robot.response.overrun_m[0],
+        })
+    }
+
     /// What is remembered; none: one scan and one frame decide alone.
     #[must_use]
     pub fn memory_config(&self) -> Option<MemoryConfig> {
         let memory = &self.shield.memory;
-        memory.on.then(|| memory.config())
+        memory.on.then(|| memory.config(self.footing()))
     }
 
     /// The handler's interaction model, one step of which is a decision.

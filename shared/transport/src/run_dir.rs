@@ -160,8 +160,10 @@ impl RunDir {
             match DirBuilder::new().mode(0o750).create(&path) {
                 Ok(()) => {}
                 Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                    // Between the two looks another run may have made it anew.
                     if !may_be_a_run(&path) && fs::symlink_metadata(&path).is_ok() {
-                        return Err(fail(&path, "holds files that are no run's; it is left as it is"));
+                        "holds files that are no run's; it is left as it is".clone_into(&mut last);
+                        continue;
                     }
                 }
                 Err(error) => return Err(fail(&path, error)),

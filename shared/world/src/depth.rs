@@ -9,10 +9,12 @@ use std::f64::consts::PI;
 
 use guidance::Tilt;
 use guidance::se2::{Point, Se2, se2};
+use guidance::seed::mixed;
 use messages::{DepthHeader, Header, Pose2, Pose3};
-use nalgebra::{Point3, Rotation3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
+use crate::floor::{Hole, contains, sides};
 use crate::noise::{Source, generator, normals};
 use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
@@ -22,6 +24,11 @@ use crate::{ConfigError, Scene};
 
 /// The most columns, and the most rows.
 pub(crate) const MAX_SIZE: [usize; 2] = [1280, 720];
+
+/// Inverse depths of one place are as near to each other as this, as a share.
+const SAME: f32 = 1e-4;
+/// A hole's floor is looked for so far beyond its sides, metres.
+const BESIDE_M: f64 = 1e-3;
 
 /// What a depth camera is like and where it sits. The default is that of a D400-class camera at the robot's front.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -92,7 +99,17 @@ pub struct DepthSensor {
     /// One row of inverse depths, 1/metres.
     row: Vec<f32>,
     faces: Vec<Face>,
+    patches: Patches,
     redwood: Option<Redwood>,
+}
+
+/// The floor's patches in view.
+#[derive(Debug, Clone, Default)]
+struct Patches {
+    /// Where holes open: no floor is at z = 0 there.
+    openings: Vec<Face>,
+    /// Floor of which some pixels say nothing, and the share of those.
+    dark: Vec<(Face, f64)>,
 }
 
 impl DepthSensor {
@@ -111,7 +128,16 @@ impl DepthSensor {
             cy_px: 0.5 * (height as f64 - 1.0),
         };
         let redwood = (config.redwood > 0.0).then(|| Redwood::new(config.redwood, width, height, seed));
-        Ok(Self { config, seed, incarnation, camera, row: vec![0.0; width], faces: Vec::new(), redwood })
+        Ok(Self {
+            config,
+            seed,
+            incarnation,
+            camera,
+            row: vec![0.0; width],
+            faces: Vec::new(),
+            patches: Patches::default(),
+            redwood,
+        })
     }
 
     /// Another camera of the same kind: other noise.
@@ -152,13 +178,16 @@ impl DepthSensor {
     /// Writes frame number `frame`: depth along the optical axis in millimetres, 0 = none, row by row from the top
     /// left, as many whole rows as `pixels` has room for.
     pub fn render(&mut self, scene: &Scene<'_>, frame: u64, pixels: &mut [u16]) {
-        let mut faces = std::mem::take(&mut self.faces);
+        let (mut faces, mut patches) = (std::mem::take(&mut self.faces), std::mem::take(&mut self.patches));
         faces.clear();
         let held = Held::of(&self.config.robot_from_camera, scene.tilt.as_ref());
-        self.view(scene, &held).collect(scene, &mut faces);
+        let view = self.view(scene, &held);
+        view.collect(scene, &mut faces);
+        view.collect_patches(scene, &mut faces, &mut patches);
         faces.sort_unstable_by_key(|face| face.rows().0);
         let (mut active, mut next) = (Vec::with_capacity(faces.len()), 0);
         let (camera, ceiling_m) = (self.camera, scene.world.ceiling_m());
+        let silence = mixed(mixed(self.seed, u64::from(self.incarnation)), frame);
         let draw = |row: usize, inverse_depths: &mut [f32]| {
             while next < faces.len() && faces[next].rows().0 <= row {
                 active.push(next);
@@ -166,12 +195,14 @@ impl DepthSensor {
             }
             active.retain(|&face| faces[face].rows().1 >= row);
             held.draw_background(&camera, ceiling_m, row, inverse_depths);
+            patches.open(row, inverse_depths);
             for &face in &active {
                 faces[face].fill(row, inverse_depths);
             }
+            patches.darken(row, silence, inverse_depths);
         };
         self.measure(draw, frame, pixels);
-        self.faces = faces;
+        (self.faces, self.patches) = (faces, patches);
     }
 
     /// As [`Self::render`], of depths that are told: `draw` writes a row's true inverse depths along the optical axis,
@@ -230,6 +261,28 @@ impl DepthSensor {
             height_m: held.height_m,
             pitch: (sin, cos),
             roll: held.roll,
+        }
+    }
+}
+
+impl Patches {
+    /// Takes the floor away where holes open.
+    fn open(&self, row: usize, inverse_depths: &mut [f32]) {
+        for opening in self.openings.iter().filter(|face| face.is_in(row)) {
+            opening.each(row, inverse_depths, |_, _, pixel| *pixel = 0.0);
+        }
+    }
+
+    /// Silences pixels of dark floor, where nothing stands before it. Which, depends on the frame.
+    fn darken(&self, row: usize, silence: u64, inverse_depths: &mut [f32]) {
+        for (face, silent) in self.dark.iter().filter(|(face, _)| face.is_in(row)) {
+            face.each(row, inverse_depths, |column, here, pixel| {
+                let number = mixed(silence, (row * MAX_SIZE[0] + column) as u64);
+                let is_silent = (number >> 11) as f64 / (1u64 << 53) as f64;
+                if (*pixel - here).abs() <= SAME * here && is_silent < *silent {
+                    *pixel = 0.0;
+                }
+            });
         }
     }
 }
@@ -337,11 +390,44 @@ impl View {
         }
         let lid = if self.height_m > prism.z1_m { prism.z1_m } else { prism.z0_m };
         if prism.solid && !(prism.z0_m..=prism.z1_m).contains(&self.height_m) {
-            for pair in prism.outline[1..].windows(2) {
-                let fan = [prism.outline[0], pair[0], pair[1]].map(|p| self.to_camera(p, lid));
-                faces.extend(self.pinhole.project(&fan));
+            faces.extend(self.fan(&prism.outline, lid));
+        }
+    }
+
+    /// Gathers the openings of holes, what is seen through them, and dark floor.
+    fn collect_patches(&self, scene: &Scene<'_>, faces: &mut Vec<Face>, patches: &mut Patches) {
+        patches.openings.clear();
+        patches.dark.clear();
+        let holes = scene.world.holes();
+        for hole in holes {
+            let from = patches.openings.len();
+            patches.openings.extend(self.fan(&hole.outline, 0.0));
+            if patches.openings.len() > from {
+                faces.extend(self.fan(&hole.outline, -hole.depth_m));
+                sides(&hole.outline).for_each(|(a, b)| self.add_hole_side(a, b, hole, holes, faces));
             }
         }
+        for dark in scene.world.dark_floor() {
+            patches.dark.extend(self.fan(&dark.outline, 0.0).map(|face| (face, dark.silent)));
+        }
+    }
+
+    /// The wall of a hole's side, up to the floor beyond it.
+    fn add_hole_side(&self, a: Point, b: Point, hole: &Hole, holes: &[Hole], faces: &mut Vec<Face>) {
+        let outward = Vector2::new((b - a).y, (a - b).x).normalize();
+        let beyond = nalgebra::center(&a, &b) + outward * BESIDE_M;
+        let neighbour = holes.iter().find(|other| contains(&other.outline, beyond));
+        let up_to_m = neighbour.map_or(0.0, |other| -other.depth_m);
+        // One looks at walls from inside.
+        if up_to_m > -hole.depth_m && (b - a).perp(&(self.eye - a)) > 0.0 {
+            self.add_side(a, b, [-hole.depth_m, up_to_m], faces);
+        }
+    }
+
+    /// A convex outline at a height, as triangles; those that are in the image.
+    fn fan<'a>(&'a self, outline: &'a [Point], z_m: f64) -> impl Iterator<Item = Face> + 'a {
+        let triangles = outline[1..].windows(2).map(move |pair| [outline[0], pair[0], pair[1]]);
+        triangles.filter_map(move |corners| self.pinhole.project(&corners.map(|p| self.to_camera(p, z_m))))
     }
 
     fn add_side(&self, a: Point, b: Point, [z0_m, z1_m]: [f64; 2], faces: &mut Vec<Face>) {

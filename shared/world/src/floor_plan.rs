@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::generate::{GeneratorConfig, furnish_course, populate_course};
 use crate::grid_map::{Cell, GridMap};
-use crate::site::{Course, Opening, Side, Site};
+use crate::site::{Course, DropKind, Opening, Side, Site};
 use crate::world::DEFAULT_CEILING_M;
 use crate::{World, WorldError};
 
@@ -125,7 +125,7 @@ impl FloorPlan {
         let things = furnish_course(config, &course, free, &mut random);
         let furnished = world().with_prisms(things.iter().cloned());
         let people = populate_course(config, &course, &furnished, &mut random);
-        Some(Site { world: furnished.with_people(people), course })
+        Some(Site { world: furnished.with_people(people), course, drop: DropKind::None })
     }
 
     /// A corridor from somewhere; a way through the open where there is no corridor.
@@ -267,7 +267,7 @@ fn opening(line: &TravelLine, side: Side, [from_m, to_m]: [f64; 2], length_m: f6
     let is_clear = from_m > 0.0 && (OPENING_M[0]..OPENING_M[1]).contains(&width_m);
     let length_m = if is_clear { length_m } else { UNCLEAR_M };
     let end = at * Point::new(0.0, side.sign() * length_m);
-    Some(Opening { way_m, width_m, side, line: TravelLine::new(&[place(&at), end])? })
+    Some(Opening { way_m, width_m, side, line: TravelLine::new(&[place(&at), end])?, edge_m: None })
 }
 
 fn place(pose: &Se2) -> Point {

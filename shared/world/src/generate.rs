@@ -5,6 +5,7 @@
 //! lidar's plane, hanging curtains, glass that the lidar looks through, people.
 
 mod crowd;
+mod drops;
 mod furnish;
 mod layout;
 
@@ -13,9 +14,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::World;
-use crate::site::{Course, Site};
+use crate::site::{Course, DropKind, Site};
 use crate::world::DEFAULT_CEILING_M;
 use layout::Plan;
+
+pub use drops::generate_drops;
 
 pub(crate) use crowd::populate_course;
 pub(crate) use furnish::furnish_course;
@@ -62,7 +65,7 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
     prisms.extend(furnish::things(config, &plan, &mut random));
     let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());
     let people = populate_course(config, &course, &world, &mut random);
-    Site { world: world.with_people(people), course }
+    Site { world: world.with_people(people), course, drop: DropKind::None }
 }
 
 /// A number between two.

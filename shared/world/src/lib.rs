@@ -1,9 +1,9 @@
 //! The simulated physical world: 2.5-D worlds and real floor plans, the sensors that look at them, and the motion of
 //! robot, handler and walking people in them.
 //!
-//! A world is a floor at z = 0, a ceiling, and [`Prism`]s: vertical faces over an outline, each from one height to
-//! another. [`Ramp`]s lie on the floor, for a physics that knows heights. A ROS map ([`GridMap`]) adds cells that reach
-//! from floor to ceiling. Everything is in the world frame
+//! A world is a floor at z = 0 with [`Hole`]s in it, a ceiling, and [`Prism`]s: vertical faces over an outline, each
+//! from one height to another. [`Ramp`]s lie on the floor, for a physics that knows heights. A ROS map ([`GridMap`])
+//! adds cells that reach from floor to ceiling. Everything is in the world frame
 //! (metres, x right on a map, y up, z up, yaw counter-clockwise) unless a name says otherwise.
 //!
 //! Files are read only by [`World::load`], [`GridMap::load`], [`Scenario::load`] and [`Route::load`]. All else is a
@@ -12,6 +12,7 @@
 
 pub mod depth;
 pub mod error;
+pub mod floor;
 pub mod floor_plan;
 pub mod generate;
 pub mod grid_map;
@@ -42,8 +43,9 @@ mod world_file;
 
 pub use depth::{DepthConfig, DepthSensor};
 pub use error::{ConfigError, WorldError};
+pub use floor::{DarkFloor, Hole, Stairs};
 pub use floor_plan::FloorPlan;
-pub use generate::{GeneratorConfig, generate};
+pub use generate::{GeneratorConfig, generate, generate_drops};
 pub use grid_map::{Cell, GridMap};
 pub use legs::{Legs, LegsConfig};
 pub use lidar::{LidarConfig, LidarSensor};
@@ -55,6 +57,6 @@ pub use prism::{Prism, SeenBy};
 pub use ramp::Ramp;
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Goal, Route, Scenario};
 pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
-pub use site::{Course, Opening, Side, Site};
+pub use site::{Course, DropKind, Opening, Side, Site};
 pub use team::{Bodies, HandlerProfile, Stepped, Team};
 pub use world::World;

@@ -2,7 +2,8 @@
 //!
 //! The robot follows a commanded body velocity within its accelerations, or as its [`Legs`] do. The handler is drawn
 //! after it by the harness: the offset in the robot's frame relaxes to its default with a time constant. A motion that
-//! would touch something is cut off before the touch and counted, once until there is room again.
+//! would touch something is cut off before the touch and counted, once until there is room again. Where the footprint
+//! of robot or handler leaves the floor it has fallen.
 
 use std::sync::Arc;
 
@@ -11,6 +12,7 @@ use messages::{Attitude, Header, MAX_WALKERS, Pose2, Twist2, Walker, WorldTruth}
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use crate::floor::Falls;
 use crate::outline::Outline;
 use crate::people::Agent;
 use crate::{ConfigError, Legs, LegsConfig, People, World, WorldError};
@@ -181,6 +183,7 @@ pub struct Physics {
     legs: Option<Legs>,
     bodies: [Body; 2],
     hit_by_others: u32,
+    falls: Falls,
     distance_m: f64,
     ticks: u64,
 }
@@ -208,6 +211,7 @@ impl Physics {
             collisions: 0,
         };
         let mut physics = Self {
+            falls: Falls::default(),
             people: People::new(&world.people()[..world.people().len().min(MAX_WALKERS)]),
             walkers: [Walker::default(); MAX_WALKERS],
             world_from_robot,
@@ -266,14 +270,22 @@ impl Physics {
             robot_collisions: self.bodies[ROBOT].collisions,
             handler_collisions: self.bodies[HANDLER].collisions,
             hit_by_others: self.hit_by_others,
+            robot_falls: self.falls.robot(),
+            handler_falls: self.falls.handler(),
             walker_count: self.people.len() as u32,
             walkers: self.walkers,
         }
     }
 
     /// One tick of [`TICK_S`] under a commanded velocity (robot frame). A command that is not finite counts as zero.
+    /// Where robot or handler has fallen neither moves any more.
     pub fn step(&mut self, command: Twist2) {
         self.move_people();
+        if self.falls.any() {
+            self.twist = Twist2::ZERO;
+            self.ticks += 1;
+            return;
+        }
         let command = if command.is_finite() { command } else { Twist2::ZERO };
         match &mut self.legs {
             Some(legs) => self.twist = legs.go(command, TICK_S),
@@ -284,6 +296,8 @@ impl Physics {
         for body in [ROBOT, HANDLER] {
             self.release(body);
         }
+        let radii_m = [ROBOT, HANDLER].map(|body| self.bodies[body].radius_m);
+        self.falls.look(&self.world, [&self.outline(ROBOT), &self.outline(HANDLER)], radii_m);
         self.ticks += 1;
     }
 
@@ -451,7 +465,8 @@ impl Physics {
         let of_disc = |at: &Point| {
             let to_walker = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() - walker.radius_m;
             let walkers = self.walkers[..self.people.len()].iter().map(to_walker);
-            walkers.fold(self.world.clearance(*at, self.bodies[body].z, up_to_m), f64::min)
+            let in_world_m = self.world.clearance(*at, self.bodies[body].z, up_to_m).min(self.world.to_edge_m(*at));
+            walkers.fold(in_world_m, f64::min)
         };
         self.outline(body).iter().map(of_disc).fold(up_to_m, f64::min)
     }

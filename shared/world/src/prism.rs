@@ -48,25 +48,29 @@ impl Prism {
         Self::wall((0..=steps).map(|i| on_circle(center, radius_m, at(i))).collect(), z)
     }
 
+    /// A body over a convex, counter-clockwise outline.
+    #[must_use]
+    pub fn solid(outline: Vec<Point>, [z0_m, z1_m]: [f64; 2]) -> Self {
+        Self { outline, solid: true, z0_m, z1_m, seen_by: SeenBy::Both }
+    }
+
     /// A box, `size` along its own x and y axes, turned by `yaw_rad` about its centre.
     #[must_use]
-    pub fn cuboid(at: Point, size: [f64; 2], yaw_rad: f64, [z0_m, z1_m]: [f64; 2]) -> Self {
+    pub fn cuboid(at: Point, size: [f64; 2], yaw_rad: f64, z: [f64; 2]) -> Self {
         let (x, y) = (size[0] / 2.0, size[1] / 2.0);
         let world_from_box = Se2::new(at.coords, yaw_rad);
         let corners = [(-x, -y), (x, -y), (x, y), (-x, y)];
-        let outline = corners.iter().map(|&(x, y)| world_from_box * Point::new(x, y)).collect();
-        Self { outline, solid: true, z0_m, z1_m, seen_by: SeenBy::Both }
+        Self::solid(corners.iter().map(|&(x, y)| world_from_box * Point::new(x, y)).collect(), z)
     }
 
     /// A round pillar, as a polygon that is at most 2 mm off the circle on either side.
     #[must_use]
-    pub fn pillar(at: Point, radius_m: f64, [z0_m, z1_m]: [f64; 2]) -> Self {
+    pub fn pillar(at: Point, radius_m: f64, z: [f64; 2]) -> Self {
         let count = ((std::f64::consts::TAU / step_rad(radius_m)).ceil() as usize).max(8);
         let step = std::f64::consts::TAU / count as f64;
         // Corners half the sagitta outside, middles of the sides half of it inside.
         let corner_m = 2.0 * radius_m / (1.0 + (step / 2.0).cos());
-        let outline = (0..count).map(|i| on_circle(at, corner_m, step * i as f64)).collect();
-        Self { outline, solid: true, z0_m, z1_m, seen_by: SeenBy::Both }
+        Self::solid((0..count).map(|i| on_circle(at, corner_m, step * i as f64)).collect(), z)
     }
 
     /// The same, seen by these sensors.

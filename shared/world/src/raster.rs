@@ -113,8 +113,18 @@ impl Face {
         self.rows
     }
 
+    /// Whether it covers something of a row.
+    pub(crate) fn is_in(&self, row: usize) -> bool {
+        (self.rows.0..=self.rows.1).contains(&row)
+    }
+
     /// Raises a row's inverse depths to this face's, where it covers them.
     pub(crate) fn fill(&self, row: usize, inverse: &mut [f32]) {
+        self.each(row, inverse, |_, here, pixel| *pixel = if here > *pixel { here } else { *pixel });
+    }
+
+    /// Calls `f` with each pixel of a row that it covers: its column, its own inverse depth there, and the row's.
+    pub(crate) fn each(&self, row: usize, inverse: &mut [f32], mut f: impl FnMut(usize, f32, &mut f32)) {
         let Some((left, right)) = self.span(row as f64) else { return };
         if right + EDGE_PX < 0.0 {
             return;
@@ -127,8 +137,7 @@ impl Face {
         let start = (self.base + self.by_row * row as f64 + self.by_column * from as f64) as f32;
         let step = self.by_column as f32;
         for (i, pixel) in inverse[from..beyond].iter_mut().enumerate() {
-            let here = start + step * i as i32 as f32;
-            *pixel = if here > *pixel { here } else { *pixel };
+            f(from + i, start + step * i as i32 as f32, pixel);
         }
     }
 

@@ -39,6 +39,8 @@ pub struct Opening {
     pub side: Side,
     /// Its middle, from where it meets the main way's to its end.
     pub line: TravelLine,
+    /// Where its floor ends at an edge, along that line, metres.
+    pub edge_m: Option<f64>,
 }
 
 impl Opening {
@@ -64,6 +66,8 @@ pub struct Course {
     pub width_m: f64,
     /// What leads off it, in the order of the way.
     pub openings: Vec<Opening>,
+    /// Where its floor ends at an edge, along its middle, metres.
+    pub edge_m: Option<f64>,
 }
 
 /// A corridor that itself turns by so much, radians,
@@ -88,7 +92,7 @@ impl Course {
             }
         }
         openings.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
-        Self { line, width_m, openings }
+        Self { line, width_m, openings, edge_m: None }
     }
 
     /// The first opening to a side whose farther edge is ahead of that way and whose middle is within `reach_m`.
@@ -164,7 +168,13 @@ fn corners(line: &TravelLine, width_m: f64) -> Vec<Opening> {
         }
         let way_m = f64::midpoint(first.0, last.0);
         let side = if first.1 > 0.0 { Side::Left } else { Side::Right };
-        corners.extend(line.part(way_m, line.length_m()).map(|on| Opening { way_m, width_m, side, line: on }));
+        corners.extend(line.part(way_m, line.length_m()).map(|on| Opening {
+            way_m,
+            width_m,
+            side,
+            line: on,
+            edge_m: None,
+        }));
     }
     corners
 }
@@ -176,4 +186,21 @@ pub struct Site {
     pub world: World,
     /// Its corridor.
     pub course: Course,
+    /// What becomes of its floor.
+    pub drop: DropKind,
+}
+
+/// How an edge of the floor lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum DropKind {
+    /// There is none.
+    None,
+    /// Across the corridor, also askew.
+    Across,
+    /// In a branch, behind the turn into it.
+    Turn,
+    /// Along the whole corridor, which is a platform.
+    Beside,
+    /// A hole in the corridor, with a way past it.
+    Past,
 }

@@ -2,7 +2,8 @@
 //! Kim et al. 2023 do. [`crate::Physics`] moves them tick by tick, for the simulator.
 //!
 //! A motion in which robot or handler would touch something is refused: both stay where they were, and it is counted
-//! once. While the robot stands, a handler who has touched something does not try again. What people do goes on
+//! once. Where the footprint of robot or handler leaves the floor it has fallen, and neither moves any more. While the
+//! robot stands, a handler who has touched something does not try again. What people do goes on
 //! meanwhile: who yields stops in time, and who walks into robot or handler is held there and counted apart.
 
 use guidance::se2::{Point, Se2, exp, pose2, wrap_angle};
@@ -11,6 +12,7 @@ use messages::{Attitude, MAX_WALKERS, Twist2, Walker};
 use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 
+use crate::floor::Falls;
 use crate::outline::Outline;
 use crate::people::Agent;
 use crate::physics::{HandlerConfig, PhysicsConfig, STEP_M};
@@ -120,6 +122,7 @@ pub struct Team {
     walked_s: f64,
     /// The handler has touched something, and the robot has not moved since.
     handler_rests: bool,
+    falls: Falls,
 }
 
 const ROBOT: usize = 0;
@@ -142,6 +145,7 @@ impl Team {
             time_s: 0.0,
             walked_s: 0.0,
             handler_rests: false,
+            falls: Falls::default(),
         };
         team.note_walkers();
         team
@@ -187,6 +191,21 @@ impl Team {
     #[must_use]
     pub fn world_from_handler(&self) -> Se2 {
         self.world_from_robot * self.swayed(&self.robot_from_handler, self.walked_s)
+    }
+
+    /// Whose footprints have left the floor. Then neither moves any more.
+    #[must_use]
+    pub fn falls(&self) -> Falls {
+        self.falls
+    }
+
+    /// How far robot and handler are from the nearest edge that one falls over, metres; infinite where there is none.
+    #[must_use]
+    pub fn to_edge_m(&self, world: &World) -> [f64; 2] {
+        let robot = self.outline(&self.world_from_robot);
+        let robot_m = robot.iter().map(|at| world.to_edge_m(*at)).fold(f64::INFINITY, f64::min);
+        let handler_m = world.to_edge_m(place(&self.world_from_handler()));
+        [robot_m - self.bodies.robot_radius_m, handler_m - self.bodies.handler_radius_m]
     }
 
     /// The handler in the robot's frame, without the swaying.
@@ -238,6 +257,7 @@ impl Team {
             let needed_m = self.radius_m(body) + room_m;
             let apart = |walker: &Walker| (Point::new(walker.x_m, walker.y_m) - at).norm() > needed_m + walker.radius_m;
             world.clearance(at, self.z(body), needed_m) >= needed_m
+                && world.to_edge_m(at) >= needed_m
                 && self.walkers[..self.people.len()].iter().all(apart)
         })
     }
@@ -271,7 +291,7 @@ impl Team {
         self.twist = Twist2::ZERO;
         for part in 1..=parts {
             stepped.hit_by_others += self.move_people(part_s, velocity);
-            if stepped.collided() || stands && self.handler_rests {
+            if stepped.collided() || self.falls.any() || stands && self.handler_rests {
                 continue;
             }
             now = match &mut self.legs {
@@ -297,6 +317,9 @@ impl Team {
                 self.twist = Twist2::ZERO;
             } else {
                 (self.world_from_robot, self.robot_from_handler, self.walked_s) = (next.0, next.1, next_walked_s);
+                let (robot, handler) = (self.outline(&self.world_from_robot), place(&self.world_from_handler()));
+                let radii_m = [ROBOT, HANDLER].map(|body| self.radius_m(body));
+                self.falls.look(world, [&robot, &[handler]], radii_m);
             }
         }
         self.handler_rests = stepped.handler_hit || stands && self.handler_rests;
@@ -361,11 +384,12 @@ fn place(pose: &Se2) -> Point {
 #[cfg(test)]
 mod tests {
     use super::{Bodies, HandlerProfile, Team};
+    use crate::floor::{Hole, rectangle};
     use crate::prism::Prism;
     use crate::{Person, Walk, World};
     use guidance::DelayedHarness;
     use guidance::se2::{Point, Se2};
-    use messages::Twist2;
+    use messages::{Pose2, Twist2};
 
     const ON: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
 
@@ -406,6 +430,23 @@ mod tests {
         // Beside a robot that stands nobody pushes on.
         assert!((0..4).all(|_| !team.step(&world, Twist2::ZERO, 0.5).collided()));
         assert!(team.step(&world, ON, 0.5).handler_hit);
+    }
+
+    #[test]
+    fn a_footprint_that_leaves_the_floor_has_fallen() {
+        let hole =
+            |near: (f64, f64)| Hole { outline: rectangle(Pose2::new(near.0, near.1, 0.0), 4.0, 0.4), depth_m: 0.2 };
+        for (near, fell) in [((1.0, 0.1), [1, 0]), ((0.2, -0.7), [0, 1])] {
+            let world = World::new(2.6, Vec::new()).with_holes(vec![hole(near)]);
+            let mut team = team(&world);
+            let before_m = team.to_edge_m(&world);
+            assert!(before_m[0] > 0.0 && before_m[1] > 0.0, "{before_m:?}");
+            assert!((0..6).all(|_| !team.step(&world, ON, 0.5).collided()));
+            assert_eq!([team.falls().robot(), team.falls().handler()], fell);
+            let there = *team.world_from_robot();
+            team.step(&world, ON, 0.5);
+            assert_eq!(team.world_from_robot(), &there, "who has fallen walks no more");
+        }
     }
 
     #[test]

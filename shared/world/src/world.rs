@@ -1,19 +1,23 @@
 //! A world: floor, ceiling, prisms, a floor plan where there is one, and walking people.
 
+use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 
 use guidance::se2::Point;
 use nalgebra::Vector2;
 
+use crate::floor::{self, DarkFloor, Hole};
 use crate::grid_map::GridMap;
 use crate::index::SideIndex;
 use crate::people::Person;
 use crate::prism::{Prism, SeenBy};
-use crate::ramp::Ramp;
+use crate::ramp::{self, Ramp};
 use crate::sweep::{free_share, to_segment, ways_apart};
 use crate::{WorldError, text_file, world_file};
 
+/// A disc's rim is looked at in so many places.
+const RIM: usize = 32;
 /// Height of the ceiling where nothing else is said, metres.
 pub const DEFAULT_CEILING_M: f64 = 2.6;
 
@@ -27,6 +31,8 @@ pub struct World {
     map: Option<Arc<GridMap>>,
     people: Vec<Person>,
     ramps: Vec<Ramp>,
+    holes: Vec<Hole>,
+    dark: Vec<DarkFloor>,
 }
 
 impl World {
@@ -34,7 +40,16 @@ impl World {
     #[must_use]
     pub fn new(ceiling_m: f64, prisms: Vec<Prism>) -> Self {
         let index = SideIndex::new(&prisms);
-        Self { ceiling_m, prisms, index, map: None, people: Vec::new(), ramps: Vec::new() }
+        Self {
+            ceiling_m,
+            prisms,
+            index,
+            map: None,
+            people: Vec::new(),
+            ramps: Vec::new(),
+            holes: Vec::new(),
+            dark: Vec::new(),
+        }
     }
 
     /// The same world on a floor plan.
@@ -62,6 +77,20 @@ impl World {
     #[must_use]
     pub fn with_ramps(mut self, ramps: Vec<Ramp>) -> Self {
         self.ramps = ramps;
+        self
+    }
+
+    /// The same world with these holes in its floor.
+    #[must_use]
+    pub fn with_holes(mut self, holes: Vec<Hole>) -> Self {
+        self.holes = holes;
+        self
+    }
+
+    /// The same world with floor of which a camera sees little.
+    #[must_use]
+    pub fn with_dark_floor(mut self, dark: Vec<DarkFloor>) -> Self {
+        self.dark = dark;
         self
     }
 
@@ -122,6 +151,42 @@ impl World {
     #[must_use]
     pub fn ramps(&self) -> &[Ramp] {
         &self.ramps
+    }
+
+    /// The holes in its floor.
+    #[must_use]
+    pub fn holes(&self) -> &[Hole] {
+        &self.holes
+    }
+
+    /// Floor of which a camera sees little.
+    #[must_use]
+    pub fn dark_floor(&self) -> &[DarkFloor] {
+        &self.dark
+    }
+
+    /// Distance from a place to the nearest floor into which one falls, metres; infinite where there is none.
+    #[must_use]
+    pub fn to_edge_m(&self, at: Point) -> f64 {
+        floor::to_edge_m(&self.holes, at)
+    }
+
+    /// Height of the floor at a place, metres.
+    #[must_use]
+    pub fn floor_m(&self, at: Point) -> f64 {
+        let hole = self.holes.iter().find(|hole| hole.distance_m(at) == 0.0);
+        hole.map_or_else(|| ramp::floor_m(&self.ramps, at), |hole| -hole.depth_m)
+    }
+
+    /// Whether a disc reaches over floor that lies lower than that under its middle, so that one falls.
+    #[must_use]
+    pub fn is_over_edge(&self, at: Point, radius_m: f64) -> bool {
+        let here_m = ramp::floor_m(&self.ramps, at);
+        let drops = |i: usize| {
+            let (sin, cos) = (TAU * i as f64 / RIM as f64).sin_cos();
+            here_m - ramp::floor_m(&self.ramps, at + Vector2::new(cos, sin) * radius_m) > floor::FALL_M
+        };
+        self.to_edge_m(at) < radius_m || here_m > 0.0 && (0..RIM).any(drops)
     }
 
     /// Who walks in it, and how.

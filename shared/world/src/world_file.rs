@@ -37,6 +37,28 @@
 //! from_m = 0                       # height of its foot, default 0
 //! rise_m = 0.25                    # 0: a plateau
 //!
+//! [[hole]]                         # floor that lies lower: robot and handler fall in. Holes do not overlap
+//! at = [12, 0]                     # middle of its near side
+//! yaw_deg = 0                      # the way over that side, default 0
+//! size = [1, 2.4]                  # its length, and its width
+//! depth_m = 0.5
+//!
+//! [[stairs]]
+//! at = [20, 0]                     # middle of the first edge
+//! yaw_deg = 0                      # the way over it, default 0
+//! steps = 8
+//! width_m = 2.4
+//! tread_m = 0.28                   # default 0.28
+//! rise_m = -0.17                   # less than 0: they lead down
+//! landing_m = 1                    # floor beyond the last step, at its height; default 0
+//! open = false                     # default; true: treads that one sees through, of stairs that lead up
+//!
+//! [[dark_floor]]                   # of some of its pixels a depth camera says nothing: dark, or shiny
+//! at = [4, 0]                      # middle of its near side
+//! yaw_deg = 0                      # default 0
+//! size = [2, 2.4]
+//! silent = 0.3                     # the share of those pixels, default 0.3
+//!
 //! [[person]]
 //! path = [[28, 0.75], [16, 0.75]]  # one point: stands
 //! speed_mps = 0.6                  # default 0.8
@@ -54,6 +76,7 @@ use messages::Pose2;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::floor::{DarkFloor, Hole, Stairs, overlap, rectangle};
 use crate::people::{Person, Walk};
 use crate::prism::{Prism, SeenBy};
 use crate::ramp::Ramp;
@@ -73,6 +96,11 @@ const HEIGHTS_M: (f64, f64) = (0.0, 50.0);
 const RAMP_MIN_M: f64 = 0.1;
 const RAMP_SLOPE_MAX: f64 = 0.5;
 const RAMP_HIGH_M: f64 = 5.0;
+/// A hole is at most so deep, metres, and a step at least and at most so high, metres.
+const HOLE_DEEP_M: f64 = 20.0;
+const STEP_M: [f64; 2] = [0.01, 0.5];
+/// The most steps of a flight of stairs.
+const STEPS_MAX: usize = 100;
 /// The most corners in all, so that a slip of a generator is refused and not built.
 const MAX_CORNERS: usize = 200_000;
 
@@ -93,6 +121,12 @@ struct File {
     curtain: Vec<Spanned<Curtain>>,
     #[serde(default)]
     ramp: Vec<Spanned<Incline>>,
+    #[serde(default)]
+    hole: Vec<Spanned<Opened>>,
+    #[serde(default)]
+    stairs: Vec<Spanned<Flight>>,
+    #[serde(default)]
+    dark_floor: Vec<Spanned<Dark>>,
     #[serde(default)]
     person: Vec<Spanned<Somebody>>,
 }
@@ -194,7 +228,11 @@ pub(crate) fn parse(name: &str, text: &str, folder: &Path) -> Result<World, Worl
         None => DEFAULT_CEILING_M,
     };
     let reader = Reader { toml, ceiling_m };
-    let prisms = reader.prisms(&file)?;
+    let flights = file.stairs.iter().map(|entry| reader.stairs(entry)).collect::<Result<Vec<_>, _>>()?;
+    let mut prisms = reader.prisms(&file)?;
+    prisms.extend(flights.iter().flat_map(Stairs::bodies));
+    let holes = reader.holes(&file, &flights)?;
+    let dark = file.dark_floor.iter().map(|entry| reader.dark_floor(entry)).collect::<Result<Vec<_>, _>>()?;
     let people = file.person.iter().map(|entry| reader.person(entry)).collect::<Result<Vec<_>, _>>()?;
     if let Some(surplus) = file.person.get(messages::MAX_WALKERS) {
         let what = format!("there are over {} people", messages::MAX_WALKERS);
@@ -202,10 +240,57 @@ pub(crate) fn parse(name: &str, text: &str, folder: &Path) -> Result<World, Worl
     }
     let ramps = file.ramp.iter().map(|entry| reader.ramp(entry)).collect::<Result<Vec<_>, _>>()?;
     let world = World::new(ceiling_m, prisms).with_people(people).with_ramps(ramps);
+    let world = world.with_holes(holes).with_dark_floor(dark);
     Ok(match &file.map {
         Some(map) => world.with_map(GridMap::load(&folder.join(map))?),
         None => world,
     })
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Opened {
+    at: [f64; 2],
+    #[serde(default)]
+    yaw_deg: f64,
+    size: [f64; 2],
+    depth_m: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Flight {
+    at: [f64; 2],
+    #[serde(default)]
+    yaw_deg: f64,
+    steps: usize,
+    width_m: f64,
+    #[serde(default = "usual_tread_m")]
+    tread_m: f64,
+    rise_m: f64,
+    #[serde(default)]
+    landing_m: f64,
+    #[serde(default)]
+    open: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Dark {
+    at: [f64; 2],
+    #[serde(default)]
+    yaw_deg: f64,
+    size: [f64; 2],
+    #[serde(default = "usual_silence")]
+    silent: f64,
+}
+
+fn usual_tread_m() -> f64 {
+    0.28
+}
+
+fn usual_silence() -> f64 {
+    0.3
 }
 
 /// Checks values and builds from them.
@@ -286,6 +371,82 @@ impl Reader<'_> {
         let at = self.point(&span, "at", ramp.at)?;
         let foot = Pose2::new(at.x, at.y, ramp.yaw_deg.to_radians());
         Ok(Ramp { foot, from_m: ramp.from_m, length_m, width_m, rise_m: ramp.rise_m })
+    }
+
+    /// All holes, those of stairs that lead down among them.
+    fn holes(&self, file: &File, flights: &[Stairs]) -> Result<Vec<Hole>, WorldError> {
+        let mut found = Vec::new();
+        for entry in &file.hole {
+            found.push((entry.span(), vec![self.hole(entry)?]));
+        }
+        found.extend(file.stairs.iter().zip(flights).map(|(entry, flight)| (entry.span(), flight.holes().collect())));
+        let mut holes: Vec<Hole> = Vec::new();
+        for (span, more) in found {
+            let overlaps = |hole: &Hole| holes.iter().any(|other| overlap(&hole.outline, &other.outline));
+            if more.iter().any(overlaps) {
+                let what = "it overlaps another hole, or stairs that lead down";
+                return Err(self.toml.refuse(&span, "hole", what.to_owned()));
+            }
+            holes.extend(more);
+        }
+        Ok(holes)
+    }
+
+    fn hole(&self, entry: &Spanned<Opened>) -> Result<Hole, WorldError> {
+        let (span, hole) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "depth_m", hole.depth_m, (MIN_SIZE_M, HOLE_DEEP_M))?;
+        Ok(Hole { outline: self.patch(&span, hole.at, hole.yaw_deg, hole.size)?, depth_m: hole.depth_m })
+    }
+
+    fn dark_floor(&self, entry: &Spanned<Dark>) -> Result<DarkFloor, WorldError> {
+        let (span, dark) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "silent", dark.silent, (0.0, 1.0))?;
+        Ok(DarkFloor { outline: self.patch(&span, dark.at, dark.yaw_deg, dark.size)?, silent: dark.silent })
+    }
+
+    fn stairs(&self, entry: &Spanned<Flight>) -> Result<Stairs, WorldError> {
+        let (span, flight) = (entry.span(), entry.get_ref());
+        self.toml.check(&span, "yaw_deg", flight.yaw_deg, (-720.0, 720.0))?;
+        self.toml.check(&span, "width_m", flight.width_m, (RAMP_MIN_M, MAX_SIZE_M))?;
+        self.toml.check(&span, "tread_m", flight.tread_m, (RAMP_MIN_M, MAX_SIZE_M))?;
+        self.toml.check(&span, "landing_m", flight.landing_m, (0.0, MAX_SIZE_M))?;
+        self.toml.check(&span, "rise_m", flight.rise_m, (-STEP_M[1], STEP_M[1]))?;
+        let refuse = |key, what: String| Err(self.toml.refuse(&span, key, what));
+        if flight.rise_m.abs() < STEP_M[0] {
+            return refuse("rise_m", format!("{} is no step: at least {} up or down", flight.rise_m, STEP_M[0]));
+        }
+        if !(1..=STEPS_MAX).contains(&flight.steps) {
+            return refuse("steps", format!("{} is not in 1..{STEPS_MAX}", flight.steps));
+        }
+        if flight.open && flight.rise_m < 0.0 {
+            return refuse("open", "only stairs that lead up can have open treads".into());
+        }
+        let at = self.point(&span, "at", flight.at)?;
+        Ok(Stairs {
+            foot: Pose2::new(at.x, at.y, flight.yaw_deg.to_radians()),
+            steps: flight.steps,
+            tread_m: flight.tread_m,
+            width_m: flight.width_m,
+            rise_m: flight.rise_m,
+            landing_m: flight.landing_m,
+            open: flight.open,
+        })
+    }
+
+    /// A rectangle of floor from the middle of its near side.
+    fn patch(
+        &self,
+        span: &Range<usize>,
+        at: [f64; 2],
+        yaw_deg: f64,
+        [length_m, width_m]: [f64; 2],
+    ) -> Result<Vec<Point>, WorldError> {
+        for length in [length_m, width_m] {
+            self.toml.check(span, "size", length, (MIN_SIZE_M, MAX_SIZE_M))?;
+        }
+        self.toml.check(span, "yaw_deg", yaw_deg, (-720.0, 720.0))?;
+        let at = self.point(span, "at", at)?;
+        Ok(rectangle(Pose2::new(at.x, at.y, yaw_deg.to_radians()), length_m, width_m))
     }
 
     fn person(&self, entry: &Spanned<Somebody>) -> Result<Person, WorldError> {

@@ -24,6 +24,20 @@ fn errors_of_a_world_name_file_line_and_key() {
         ("[[wall]]\npoints = [[0, 0], [1e9, 0]]\n", "w.toml:1: points: 1000000000 is not in"),
         ("[[curtain]]\npoints = [[0, 0], [1, 0]]\nz = [2, 1]\n", "w.toml:1: z: lower edge 2 is not under"),
         ("[[person]]\npath = [[0, 0]]\nwalk = \"hop\"\n", "w.toml:3: unknown variant `hop`"),
+        ("[[hole]]\nat = [0, 0]\nsize = [3, 2]\n", "w.toml:1: missing field `depth_m`"),
+        ("[[hole]]\nat = [0, 0]\nsize = [3, 2]\ndepth_m = 0\n", "w.toml:1: depth_m: 0 is not in"),
+        (
+            "[[hole]]\nat = [0, 0]\nsize = [3, 2]\ndepth_m = 1\n\
+             [[stairs]]\nat = [2, 0]\nsteps = 3\nwidth_m = 1\nrise_m = -0.2\n",
+            "w.toml:5: hole: it overlaps another hole",
+        ),
+        ("[[stairs]]\nat = [0, 0]\nsteps = 3\nwidth_m = 1\nrise_m = 0\n", "w.toml:1: rise_m: 0 is no step"),
+        ("[[stairs]]\nat = [0, 0]\nsteps = 0\nwidth_m = 1\nrise_m = 0.2\n", "w.toml:1: steps: 0 is not in 1..100"),
+        (
+            "[[stairs]]\nat = [0, 0]\nsteps = 3\nwidth_m = 1\nrise_m = -0.2\nopen = true\n",
+            "w.toml:1: open: only stairs that lead up",
+        ),
+        ("[[dark_floor]]\nat = [0, 0]\nsize = [3, 2]\nsilent = 2\n", "w.toml:1: silent: 2 is not in"),
         ("[[ramp]]\nat = [0, 0]\nsize = [3, 2]\n", "w.toml:1: missing field `rise_m`"),
         ("[[ramp]]\nat = [0, 0]\nsize = [3, 0]\nrise_m = 0.2\n", "w.toml:1: size: 0 is not in"),
         ("[[ramp]]\nat = [0, 0]\nsize = [3, 2]\nrise_m = 2\n", "w.toml:1: rise_m: 2 is not in"),

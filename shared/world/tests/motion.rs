@@ -5,7 +5,8 @@
 use std::sync::Arc;
 
 use guidance::se2::Point;
-use guidedog_world::{LegsConfig, Person, Physics, PhysicsConfig, Prism, RobotConfig, Walk, World};
+use guidedog_world::floor::rectangle;
+use guidedog_world::{Hole, LegsConfig, Person, Physics, PhysicsConfig, Prism, RobotConfig, Walk, World, WorldError};
 use messages::{Pose2, Twist2, WorldTruth};
 
 const FORWARD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
@@ -109,6 +110,23 @@ fn a_motion_into_a_wall_is_refused_and_counted_once() {
     assert!(truth.world_from_robot.x_m < 1.4, "the way back is free");
     let truth = run(&mut physics, FORWARD, 5.0);
     assert_eq!(truth.robot_collisions, 2, "and the next touch is another one");
+}
+
+#[test]
+fn who_leaves_the_floor_falls_once_and_lies_there() {
+    let hole = |at: (f64, f64)| Hole { outline: rectangle(Pose2::new(at.0, at.1, 0.0), 3.0, 1.0), depth_m: 0.5 };
+    for (at, falls) in [((1.0, 0.0), [1, 0]), ((0.5, -1.0), [0, 1])] {
+        let world = World::new(2.6, Vec::new()).with_holes(vec![hole(at)]);
+        let mut physics = start(world);
+        let fallen = run(&mut physics, FORWARD, 6.0);
+        assert_eq!([fallen.robot_falls, fallen.handler_falls], falls);
+        assert_eq!((fallen.robot_collisions, fallen.handler_collisions), (0, 0));
+        let later = run(&mut physics, FORWARD, 1.0);
+        assert_eq!(later, fallen);
+    }
+    let beside = World::new(2.6, Vec::new()).with_holes(vec![hole((-1.0, 0.6))]);
+    let refused = Physics::new(Arc::new(beside), PhysicsConfig::default(), Pose2::default());
+    assert!(matches!(refused, Err(WorldError::StartBlocked { who: "robot", .. })), "it would start over an edge");
 }
 
 #[test]

@@ -35,6 +35,9 @@ pub struct EvaluateArgs {
     /// What is asked
     #[arg(long, value_enum, default_value_t = TasksArg::Mixed)]
     pub tasks: TasksArg,
+    /// Columns and rows of the camera
+    #[arg(long, value_name = "WxH", default_value = "128x64", value_parser = pixels)]
+    pub camera: [usize; 2],
     /// How an action is chosen among those that are left, in place of the configuration's
     #[arg(long, value_enum)]
     pub choice: Option<ChoiceArg>,
@@ -50,9 +53,15 @@ pub struct EvaluateArgs {
     /// On so many threads; on all cores without it. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
-    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view: it has 128x64 pixels here
+    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+}
+
+/// The size of an image, such as `640x480`.
+fn pixels(text: &str) -> Result<[usize; 2], String> {
+    let size = text.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
+    size.ok_or_else(|| format!("{text} is no size such as 640x480"))
 }
 
 /// See [`episodes::Noise`].
@@ -93,6 +102,8 @@ pub enum TasksArg {
     Orientation,
     /// Left and right, up to 5 m too early or too late
     Timing,
+    /// Forward, left, right, in worlds whose floor ends: at stairs, holes, kerbs, beside a platform, behind a turn
+    Drops,
 }
 
 /// How an action is chosen.
@@ -122,6 +133,7 @@ Examples:
   guidedog evaluate --policy guide --episodes 2000
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
   guidedog evaluate --policy guide --tasks timing --pictures pictures
+  guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
 
 An episode is one cue and a hundred decisions; robot and handler have come along the corridor, and what the
 robot saw on the last two metres is remembered. A motion in which robot or handler would touch something is
@@ -134,4 +146,8 @@ where there is none within 15 m of way (who gives the cue within 1 m of an openi
 what comes next); stop, the robot does not move any more (on legs: half a second later). An error of
 orientation is corrected where the handler's third metre of way leads within 10 degrees of the corridor;
 orientation_faced counts who faces so at its end. Judged where the corridor goes on for 5 m; who never comes so
-far has corrected nothing.";
+far has corrected nothing.
+--tasks drops: one world in five has no edge; in the others the floor ends across the corridor, in a branch, beside
+it, or in a hole with a way past it. Where a footprint leaves the floor, robot or handler has fallen and the episode
+ends. stood_before_edge: the way goes over an edge, and at the end the robot stands within 2 m of it. A stop for the
+floor is false where no edge is within 1 m; those at dark floor are counted separately.";

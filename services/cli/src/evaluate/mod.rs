@@ -1,6 +1,7 @@
 //! `guidedog evaluate`: many episodes, on all cores, and what became of them.
 
 mod figures;
+mod floor;
 mod outcome;
 mod picture;
 
@@ -9,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 
-use episodes::{Config, Episode, Handlers, Harness, Noise, Places, part_seed};
+use episodes::{Arrival, Config, Episode, Handlers, Harness, Noise, Places, part_seed};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
@@ -54,6 +55,9 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         "seed": args.seed,
     });
     figures::add(&mut report, &outcomes);
+    if args.tasks == TasksArg::Drops {
+        floor::add(&mut report, &outcomes);
+    }
     if args.paired {
         let without = evaluation.run(args, 1.0)?;
         report["without_shield"] = json!({});
@@ -88,6 +92,9 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
     }
     if args.tasks == TasksArg::Orientation && !are_generated(args) {
         return refused("--tasks orientation is of straight, empty corridors: generated ones, no maps");
+    }
+    if args.tasks == TasksArg::Drops && !are_generated(args) {
+        return refused("--tasks drops is of generated worlds: maps tell of no floor");
     }
     Ok(())
 }
@@ -250,6 +257,11 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
         HandlersArg::Nominal => Handlers::Nominal,
         HandlersArg::Personal => Handlers::Personal,
     };
+    if let Some(depth) = &mut config.depth {
+        [depth.width, depth.height] = args.camera;
+        depth.validate().map_err(|error| Failure::input(format!("--camera: {error}")))?;
+    }
+    config.arrival = Arrival { must_be_free: false, ..Arrival::DENSE };
     config.measure = episodes::RewardMeasure::Start;
     config.reward.motion_penalty = 0.0;
     let mut worlds = GeneratorConfig::default();
@@ -263,8 +275,12 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
             config.cues = vec![(CueKind::Left, 0.5), (CueKind::Right, 0.5)];
             config.timing_max_m = Some(TIMING_M);
         }
+        TasksArg::Drops => config.cues = vec![(CueKind::Forward, 0.4), (CueKind::Left, 0.3), (CueKind::Right, 0.3)],
     }
-    if are_generated(args) {
+    if args.tasks == TasksArg::Drops {
+        config.places = Places::Drops(worlds);
+        config.arrival = Arrival::DENSE;
+    } else if are_generated(args) {
         config.places = Places::Generated(worlds);
     } else {
         let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();

@@ -3,9 +3,9 @@
 use std::time::Instant;
 
 use episodes::{Config, Episode, Report};
-use guidance::ActionTable;
 use guidance::se2::Point;
 use guidance::shield::{choose, suppress};
+use guidance::{ActionTable, Draw};
 use messages::CueKind;
 use policies::{Pilot, Situation};
 use settings::Choice;
@@ -89,10 +89,11 @@ pub fn walk(
     episode.begin(seed);
     let draw = way.choice.seeded(seed);
     let count = config.table.len();
-    let choose = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {
+    let chosen = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {
         let probabilities: Vec<f64> = probabilities[..count].iter().map(|p| f64::from(*p)).collect();
-        let suppressed = suppress(&probabilities, episode.unsafe_mask(), way.beta);
-        choose(&suppressed.probabilities[..count], draw, decision)
+        let wanted = choose(&probabilities, Draw::ArgMax, decision);
+        let suppressed = suppress(&probabilities, episode.mask_for(&probabilities), way.beta);
+        (wanted, choose(&suppressed.probabilities[..count], draw, decision))
     };
     let mut latency_us = Vec::with_capacity(config.decisions);
     let mut trace = way.traced.then(|| {
@@ -103,7 +104,8 @@ pub fn walk(
         let begun = Instant::now();
         let decided = decide(episode, pilot)?;
         latency_us.push(begun.elapsed().as_secs_f32() * 1e6);
-        let action = choose(episode, decided, decision);
+        let (wanted, action) = chosen(episode, decided, decision);
+        episode.wants(wanted, action);
         let collisions = episode.report().collisions;
         let ended = episode.step(action).ended;
         if let Some(trace) = &mut trace {
@@ -122,7 +124,7 @@ pub fn walk(
     episode.give(CueKind::Stop);
     let decided = decide(episode, pilot)?;
     let leaves_stop = decided[..count].iter().enumerate().all(|(action, p)| action == ActionTable::STOP || *p == 0.0);
-    let action = choose(episode, decided, u64::from(report.decisions));
+    let (_, action) = chosen(episode, decided, u64::from(report.decisions));
     // A robot on legs overruns in the decision in which it is to stop, and sways after it.
     let still = if episode.team().attitude().is_known() {
         episode.step(action);

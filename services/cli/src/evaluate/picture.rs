@@ -53,8 +53,15 @@ impl Drawing {
         let _ = write!(self.out, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" {style}/>", radius_m * SCALE);
     }
 
-    /// What stands and walks there.
+    /// What stands and walks there, and where the floor lies lower or is dark.
     fn world(&mut self, world: &World) {
+        let polygon = |fill: &str| format!("fill=\"{fill}\" stroke=\"#b60\"");
+        for dark in world.dark_floor() {
+            self.lines("polygon", dark.outline.iter(), &polygon("#ddd"));
+        }
+        for hole in world.holes() {
+            self.lines("polygon", hole.outline.iter(), &polygon("#fdb"));
+        }
         for prism in world.prisms() {
             if prism.solid && !prism.outline.iter().any(|p| self.shows(p)) {
                 continue;
@@ -94,7 +101,7 @@ impl Drawing {
 }
 
 /// The picture of an episode that was traced; nothing where it was not. Red is the robot, blue the handler; green is
-/// lower than the lidar's plane, orange above it, cyan glass.
+/// lower than the lidar's plane, orange above it, cyan glass; floor that lies lower is light orange, dark floor grey.
 #[must_use]
 pub fn svg(outcome: &Outcome, bodies: &Bodies) -> String {
     let Some(trace) = &outcome.trace else { return String::new() };
@@ -117,7 +124,12 @@ pub fn svg(outcome: &Outcome, bodies: &Bodies) -> String {
         drawing.disc(place, 0.1, "fill=\"#d33\"");
     }
     let report = &outcome.report;
-    let followed = if report.success { "followed" } else { "not followed" };
+    let followed = match (report.floor.robot_fell, report.floor.handler_fell) {
+        (true, _) => "the robot fell",
+        (_, true) => "the handler fell",
+        _ if report.success => "followed",
+        _ => "not followed",
+    };
     let text = format!("{:?}, {followed}, {} collisions, {:.1} m", report.cue, report.collisions, report.distance_m);
     let style = "x=\"8\" y=\"18\" font-family=\"sans-serif\" font-size=\"14\"";
     let _ = write!(drawing.out, "<text {style}>{text}</text></svg>");

@@ -153,7 +153,7 @@ impl Study {
             has_poses: false,
             waiting: VecDeque::new(),
             incarnation: None,
-            memory: Memory::new(settings.shield.memory.config()),
+            memory: Memory::new(settings.shield.memory.config(None)),
             beams: Beams::default(),
             judgements: Vec::new(),
             scans: 0,

@@ -77,6 +77,7 @@ fn a_verdict_that_rests_on_an_edge_of_the_floor_says_so() {
             (UnsafeCause::Beam, otherwise),
             (UnsafeCause::Memory, otherwise),
             (UnsafeCause::DropOff, StopKind::DropOff),
+            (UnsafeCause::FloorUnseen, StopKind::FloorUnseen),
         ] {
             let mut gate = moving();
             gate.take_permit(&Permit { outcome, unsafe_cause, ..permit(990, 1100) });

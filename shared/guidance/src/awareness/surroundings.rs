@@ -146,15 +146,18 @@ impl Surroundings {
         self.refused_frames += u64::from(!self.depth_usable);
     }
 
-    /// The odometry frame is a new one: what was remembered has no place in it.
-    pub fn lose_place(&mut self) {
+    /// The odometry frame is a new one: what was remembered has no place in it, but for the floor about a robot that
+    /// stands there (`standing`).
+    pub fn lose_place(&mut self, standing: Option<&Se2>) {
         self.waiting.header = None;
         self.scan_repeats.lose_place();
         self.depth_repeats.lose_place();
         self.succession.lose_place();
         self.contradicts = false;
-        if let Some(memory) = &mut self.memory {
-            memory.clear();
+        match (&mut self.memory, standing) {
+            (Some(memory), Some(odom_from_robot)) => memory.anchor(odom_from_robot),
+            (Some(memory), None) => memory.clear(),
+            (None, _) => {}
         }
     }
 
@@ -328,7 +331,7 @@ mod tests {
         told(&mut track, 1290);
         take(&mut surroundings, 1300, &track);
         take(&mut surroundings, 1310, &track);
-        surroundings.lose_place();
+        surroundings.lose_place(None);
         surroundings.look_at_once(&track);
         assert_eq!(seen_ms(&surroundings), Some(1300));
     }

@@ -13,6 +13,11 @@ const RAMP: f64 = 1.0 / 12.0;
 const GAP_ROWS: f64 = 3.0;
 const GAP_M: f64 = 0.1;
 
+/// The first floor lies so near to where the lowest rays reach the floor, metres,
+const FIRST_M: f64 = 0.25;
+/// and so near to the height on which the robot stands, metres.
+const LEVEL_M: f64 = 0.03;
+
 /// The camera, as all columns of a frame look at the floor.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Eye {
@@ -173,6 +178,17 @@ impl Column {
             (self.edge_m, self.edge_left_m) = (self.missing.along_m, self.missing.left_m);
             self.seen_m = [f64::INFINITY, 0.0];
         }
+    }
+
+    /// From where on its rays reach down to the floor, metres; infinite where none does.
+    pub fn first_floor_m(&self) -> f64 {
+        self.floor_m
+    }
+
+    /// Whether it sees floor there, as high as the floor on which a robot stands whose camera is so high, metres.
+    pub fn is_level_from_first(&self, camera_m: f64) -> bool {
+        let over_m = self.floors[0].rise_m + camera_m;
+        self.seen_m[0] <= self.floor_m + FIRST_M && self.near_m > self.seen_m[0] && over_m.abs() <= LEVEL_M
     }
 
     /// Whether floor is seen at a distance along the camera's axis and on for `beyond_m`, metres.

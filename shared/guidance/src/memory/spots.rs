@@ -15,8 +15,11 @@ const GAIN: f64 = 0.4;
 /// Evidence for what the camera saw: each frame counts 1 up to this distance, metres, and less with the square of a
 /// greater one, as the pixel's footprint grows.
 const FOOTPRINT_M: f64 = 1.0;
-/// More evidence than one frame can give: what was seen twice.
-const ONE_FRAME: f64 = 1.0;
+/// An edge is told with this much evidence of two frames or more: they saw it from 2 m.
+const EDGE_TOLD: f64 = 0.5;
+/// An edge is seen where a column of pixels crosses it, elsewhere in each frame: what was seen so many cells away
+/// counts.
+const EDGE_BESIDE: i32 = 2;
 /// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
 const ENOUGH: f64 = 2.0;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
@@ -58,6 +61,10 @@ pub(super) struct Spot {
     /// Of camera frames, see [`ENOUGH`], and the last frame that counts in it.
     evidence: f64,
     frame: u64,
+    /// Frames that saw it, or an edge beside it.
+    frames: u32,
+    /// The last frame that saw floor there.
+    denied_by: u64,
 }
 
 impl Spot {
@@ -68,15 +75,15 @@ impl Spot {
 
     /// A frame sees from a distance, metres, that there is no edge: whether any evidence for it is left.
     pub fn outweighs(&mut self, distance_m: f64, frame: u64) -> bool {
-        if frame != self.frame {
-            (self.evidence, self.frame) = (self.evidence - weight(distance_m), frame);
+        if frame != self.denied_by {
+            (self.evidence, self.denied_by) = (self.evidence - weight(distance_m), frame);
         }
         self.evidence > 0.0
     }
 
-    /// Whether more than one frame saw it.
+    /// Whether more than one frame saw it, near enough to count.
     pub fn was_seen_again(&self) -> bool {
-        self.evidence > ONE_FRAME
+        self.frames > 1 && self.evidence >= EDGE_TOLD
     }
 }
 
@@ -122,6 +129,40 @@ impl Spots {
         }
     }
 
+    /// Takes over all of another odometry frame that more than one frame of the camera saw, as if the robot had walked
+    /// so far since, metres.
+    pub fn take_over(&mut self, others: &Self, now_from_then: &Se2, walked_m: f64) {
+        for spot in others.iter().filter(|spot| spot.was_seen_again()) {
+            let odom = now_from_then * spot.odom;
+            let seen_at = Odometer { walked_m: spot.seen_at.walked_m - walked_m, ..spot.seen_at };
+            let cell = cell_of(odom);
+            let number = &mut self.numbers[slot_of(cell)];
+            if *number == 0 {
+                self.spots.push(Spot { cell, odom, seen_at, sight: Sight::Hidden, ..*spot });
+                *number = self.spots.len() as u16;
+            }
+        }
+    }
+
+    /// Adds what other frames saw of an edge at most so many cells away.
+    fn count_edges_beside(&self, spot: &mut Spot) {
+        let (mut frames, mut evidence) = (0, 0.0_f64);
+        let (i, j) = spot.cell;
+        for cell in
+            (-EDGE_BESIDE..=EDGE_BESIDE).flat_map(|up| (-EDGE_BESIDE..=EDGE_BESIDE).map(move |on| (i + on, j + up)))
+        {
+            let Some(number) = usize::from(self.numbers[slot_of(cell)]).checked_sub(1) else { continue };
+            let other = &self.spots[number];
+            // What this frame has added to one of them is not added again.
+            let is_new = other.frame == spot.frame;
+            if other.cell == cell && other.source == Source::Edge {
+                frames = frames.max(other.frames - u32::from(is_new));
+                evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
+            }
+        }
+        (spot.frames, spot.evidence) = (spot.frames + frames, spot.evidence + evidence);
+    }
+
     /// A place (robot frame) that is seen, so high over the camera.
     pub fn see(&mut self, by: &Sighting<'_>, place: Point, rise_m: f64, source: Source, config: &MemoryConfig) {
         let distance_m = place.coords.norm();
@@ -132,7 +173,26 @@ impl Spots {
         let odom = odom_from_robot * place;
         let (cell, kept_ns, sight) = (cell_of(odom), config.kept_ns, Sight::Seen);
         let evidence = weight(distance_m);
-        let mut spot = Spot { cell, odom, rise_m, source, sight, seen_ns, seen_at, kept_ns, evidence, frame };
+        let mut spot = Spot {
+            cell,
+            odom,
+            rise_m,
+            source,
+            sight,
+            seen_ns,
+            seen_at,
+            kept_ns,
+            evidence,
+            frame,
+            frames: 1,
+            denied_by: 0,
+        };
+        if source == Source::Edge {
+            self.count_edges_beside(&mut spot);
+            spot.evidence = spot.evidence.min(EDGE_SURE);
+            // No drop goes away by itself.
+            spot.kept_ns = if spot.was_seen_again() { u64::MAX } else { kept_ns };
+        }
         let number = &mut self.numbers[slot_of(cell)];
         let Some(i) = usize::from(*number).checked_sub(1) else {
             self.spots.push(spot);
@@ -144,22 +204,16 @@ impl Spots {
             // The lidar that meets its edge takes nothing from what the camera knows of it.
             spot.evidence = spot.evidence.max(old.evidence);
             spot.rise_m = spot.rise_m.max(old.rise_m);
-            spot.kept_ns = kept_ns.max(old.kept_ns);
+            spot.kept_ns = spot.kept_ns.max(old.kept_ns);
         }
         if old.cell == cell && old.source == source {
             spot.odom = old.odom + (odom - old.odom) * GAIN;
-            spot.evidence = if frame == old.frame { old.evidence } else { old.evidence + evidence };
+            if source == Source::Camera {
+                spot.evidence = if frame == old.frame { old.evidence } else { old.evidence + evidence };
+            }
         }
-        match source {
-            Source::Camera if distance_m < EXACT_M && !spot.is_doubtful() => {
-                spot.kept_ns = config.kept_off_plane_ns;
-            }
-            Source::Edge => {
-                spot.evidence = spot.evidence.min(EDGE_SURE);
-                // No drop goes away by itself.
-                spot.kept_ns = if spot.was_seen_again() { u64::MAX } else { spot.kept_ns };
-            }
-            _ => {}
+        if source == Source::Camera && distance_m < EXACT_M && !spot.is_doubtful() {
+            spot.kept_ns = config.kept_off_plane_ns;
         }
         self.spots[i] = spot;
     }

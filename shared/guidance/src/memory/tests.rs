@@ -10,12 +10,19 @@ use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
 use proptest::prelude::*;
 
 mod edges;
+mod floor;
 mod hanging;
 
 const MS: u64 = 1_000_000;
 
 fn memory() -> Memory {
-    Memory::new(MemoryConfig { kept_ns: 10_000 * MS, kept_off_plane_ns: 60_000 * MS, free_ns: 500 * MS, drift: 0.03 })
+    Memory::new(MemoryConfig {
+        kept_ns: 10_000 * MS,
+        kept_off_plane_ns: 60_000 * MS,
+        free_ns: 500 * MS,
+        drift: 0.03,
+        footing: None,
+    })
 }
 
 fn handler() -> HandlerBody {

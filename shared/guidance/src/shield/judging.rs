@@ -4,6 +4,7 @@ use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 use messages::{Twist2, UnsafeCause};
+use nalgebra::Vector2;
 
 use super::{Evidence, Judgement, Motion, ShieldConfig};
 use crate::boundary::{Boundary, Readings, Seen, positive_turn};
@@ -11,7 +12,7 @@ use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Discs, Hull};
 use crate::interaction::place;
-use crate::memory::Memory;
+use crate::memory::{FLOOR_CELL_M, Floor, Memory};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2, exp, log};
 
@@ -22,6 +23,14 @@ const BEYOND_M: f64 = 1e-9;
 const CLOSER_M: f64 = 1e-4;
 /// A shorter way, a smaller turn or a smaller difference of direction counts as none: metres, radians, share.
 const SLIGHT: f64 = 1e-3;
+/// A turn may lead the pair over so much floor that was never seen, metres,
+const TURN_ASSUMED_M: f64 = 0.3;
+/// and any other motion along so wide a rim about where they stand.
+const RIM_ASSUMED_M: f64 = 0.15;
+/// Half of a cell of floor, metres.
+const RIM_M: f64 = FLOOR_CELL_M / 2.0;
+/// No hull reaches farther over the floor, metres.
+const FLOOR_M: f64 = 2.0;
 /// A motion that turns by less is straight, radians.
 const STRAIGHT_RAD: f64 = 1e-9;
 
@@ -35,6 +44,8 @@ pub(super) struct Sorted {
     masked: Vec<usize>,
     /// Beams that end strictly inside the present hull, for the escape rule.
     pressing: Vec<usize>,
+    /// Floor near the robot that was not seen (robot frame).
+    unseen_floor: Vec<(Point, Floor)>,
     /// The beam with the least margin of the motion before: mostly it is the next one's too.
     guess: Option<usize>,
 }
@@ -109,6 +120,9 @@ impl<'a> Present<'a> {
         for i in &sorted.pressing {
             sorted.readings.leave_out(*i);
         }
+        sorted.unseen_floor.clear();
+        let unseen = self.memory.into_iter().flat_map(|memory| memory.unseen_floor(Point::origin(), FLOOR_M));
+        sorted.unseen_floor.extend(unseen);
         sorted.guess = sorted.readings.nearest();
         *self.sorted = sorted;
     }
@@ -190,6 +204,7 @@ impl<'a> Present<'a> {
             None => self.judge_from_outside(&discs, motion, &mut judgement),
         }
         self.judge_points(&discs, motion, &mut judgement);
+        self.judge_floor(&discs, motion, &mut judgement);
         if self.memory.is_some_and(|memory| memory.meets_contact(&motion.robot)) {
             judgement.forbid(UnsafeCause::Contact);
         }
@@ -301,12 +316,74 @@ impl<'a> Present<'a> {
                 continue;
             }
             if inside_m < judgement.margin_m {
-                judgement.margin_m = inside_m;
                 // It is no beam's any more.
-                (judgement.beam, judgement.reading_m, judgement.threshold_m) = (None, 0.0, 0.0);
+                judgement.margin_m = inside_m;
+                (judgement.beam, judgement.place) = (None, Some(point));
+                (judgement.reading_m, judgement.threshold_m) = (inside_m + uncertainty_m, uncertainty_m);
             }
             judgement.forbid(cause);
         }
+    }
+
+    /// Robot and handler tread only on floor that was seen, but for what is assumed. They keep from what lies beyond an
+    /// edge, as from an edge beside their way. An edge is told rather than floor that was not seen.
+    fn judge_floor(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
+        let (way, turns) = (motion.robot.translation.vector, motion.robot.rotation.angle().abs() > SLIGHT);
+        let stands = !turns && way.norm() < SLIGHT;
+        if stands || self.sorted.unseen_floor.is_empty() {
+            return;
+        }
+        let edge_m = self.config.edges.beside_m;
+        let bounds = discs.iter().fold(Bounds::NONE, |bounds, disc| bounds.with(disc, edge_m));
+        let (mut swept, mut least) = (None, None::<Forbidden>);
+        for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
+            // The margin is room to spare, where nobody treads; and so is half a cell.
+            let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
+            let away_m = swept.get_or_insert_with(|| Hull::new(*discs)).signed_distance_m(*place);
+            if away_m >= needed_m {
+                continue;
+            }
+            let from_here_m = self.hull().signed_distance_m(*place);
+            let may_assume =
+                || if turns { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
+            let is_assumed = *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume();
+            let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
+            if is_assumed || is_left {
+                judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
+                continue;
+            }
+            let found = Forbidden { place: *place, is_edge: *floor == Floor::Beyond, away_m, needed_m };
+            least = least.filter(|least| !found.outdoes(least)).or(Some(found));
+        }
+        let Some(Forbidden { place, is_edge, away_m, needed_m }) = least else { return };
+        if judgement.safe {
+            (judgement.beam, judgement.place) = (None, Some(place));
+            (judgement.reading_m, judgement.threshold_m) = (away_m, needed_m);
+            judgement.margin_m = away_m - needed_m;
+        }
+        judgement.forbid(if is_edge { UnsafeCause::DropOff } else { UnsafeCause::FloorUnseen });
+    }
+
+    /// Whether floor that was not seen is assumed about a pair that goes on: a rim about where they stand. The camera
+    /// does not look aside: ahead of a way there, only a gap in floor that was seen is assumed.
+    fn is_rim(&self, place: Point, from_here_m: f64, way: &Vector2<f64>) -> bool {
+        let goes_aside = way.y.abs() > SLIGHT;
+        let is_open = goes_aside && self.is_ahead(place, way) && !self.is_gap(place, way);
+        from_here_m <= if is_open { 0.0 } else { RIM_ASSUMED_M }
+    }
+
+    /// Whether a place lies within 60 degrees of a way, as seen from the one of robot and handler that is nearer to it.
+    fn is_ahead(&self, place: Point, way: &Vector2<f64>) -> bool {
+        let from = [Point::origin(), self.handler.center].map(|body| place - body);
+        let to = if from[0].norm() < from[1].norm() { from[0] } else { from[1] };
+        2.0 * way.dot(&to) > way.norm() * to.norm()
+    }
+
+    /// Whether floor was seen shortly beyond a place on a way.
+    fn is_gap(&self, place: Point, way: &Vector2<f64>) -> bool {
+        let beyond = |steps: f64| place + way * (steps * FLOOR_CELL_M / way.norm());
+        let is_seen = |place: Point| self.memory.is_some_and(|memory| memory.has_seen_floor(place));
+        [1.0, 2.0].map(beyond).into_iter().any(is_seen)
     }
 
     /// Edges, as points in a hull: what is needed to them counts as uncertainty. An edge within 60 degrees of the way
@@ -353,6 +430,44 @@ impl<'a> Present<'a> {
             self.depth.is_some_and(|depth| depth.sees_free(point))
                 || self.memory.is_some_and(|memory| memory.saw_free(point))
         })
+    }
+}
+
+/// Floor that forbids a motion.
+#[derive(Debug, Clone, Copy)]
+struct Forbidden {
+    place: Point,
+    is_edge: bool,
+    away_m: f64,
+    needed_m: f64,
+}
+
+impl Forbidden {
+    /// An edge before floor that was not seen, and what lies deeper in the hull.
+    fn outdoes(&self, other: &Self) -> bool {
+        let short_m = |of: &Self| of.needed_m - of.away_m;
+        (self.is_edge, short_m(self)) > (other.is_edge, short_m(other))
+    }
+}
+
+/// A box about discs (robot frame).
+#[derive(Debug, Clone, Copy)]
+struct Bounds {
+    low: Point,
+    high: Point,
+}
+
+impl Bounds {
+    const NONE: Self =
+        Self { low: Point::new(f64::INFINITY, f64::INFINITY), high: Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY) };
+
+    fn with(self, disc: &Disc, more_m: f64) -> Self {
+        let reach = Vector2::repeat(disc.radius_m + more_m);
+        Self { low: self.low.inf(&(disc.center - reach)), high: self.high.sup(&(disc.center + reach)) }
+    }
+
+    fn contains(&self, place: &Point) -> bool {
+        (self.low.x..=self.high.x).contains(&place.x) && (self.low.y..=self.high.y).contains(&place.y)
     }
 }
 

@@ -300,8 +300,13 @@ fn an_unknown_beam_is_excused_only_as_far_as_it_was_seen_free() {
     for (seen_m, forbidden) in [(0.56, true), (0.75, false)] {
         let mut before = Beams::default();
         before.fill_with(&header(), 360, |i| reading(i, seen_m)).expect("usable");
-        let mut memory =
-            Memory::new(MemoryConfig { kept_ns: 1, kept_off_plane_ns: 1, free_ns: 1_000_000_000, drift: 0.0 });
+        let mut memory = Memory::new(MemoryConfig {
+            kept_ns: 1,
+            kept_off_plane_ns: 1,
+            free_ns: 1_000_000_000,
+            drift: 0.0,
+            footing: None,
+        });
         memory.update(0, &Se2::identity(), &before, None, &handler().body(0.01));
         memory.update(1, &Se2::identity(), &unknown, None, &handler().body(0.01));
         let evidence = Evidence { memory: Some(&memory), ..Evidence::scan(&unknown) };

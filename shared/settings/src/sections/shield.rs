@@ -1,6 +1,6 @@
 //! The shield's section.
 
-use guidance::{Draw, MemoryConfig};
+use guidance::{Draw, Footing, MemoryConfig};
 use serde::{Deserialize, Serialize};
 
 use crate::units::{Millis, Positive, Share};
@@ -61,11 +61,14 @@ pub struct FloorSettings {
     pub edge_ahead_m: f64,
     /// Between the hull and an edge beside its way, metres.
     pub edge_beside_m: f64,
+    /// Whether robot and handler tread only on floor that the camera has seen. Without a camera, or a memory, they
+    /// tread on any.
+    pub watched: bool,
 }
 
 impl Default for FloorSettings {
     fn default() -> Self {
-        Self { edge_ahead_m: 0.35, edge_beside_m: 0.2 }
+        Self { edge_ahead_m: 0.35, edge_beside_m: 0.2, watched: true }
     }
 }
 
@@ -98,14 +101,15 @@ impl Default for MemorySettings {
 }
 
 impl MemorySettings {
-    /// As the shield wants it, on or off.
+    /// As the shield wants it, on or off; with the room that the robot stands on where floor is remembered.
     #[must_use]
-    pub fn config(&self) -> MemoryConfig {
+    pub fn config(&self, footing: Option<Footing>) -> MemoryConfig {
         MemoryConfig {
             kept_ns: self.kept.ns(),
             kept_off_plane_ns: self.kept_off_plane.ns(),
             free_ns: self.free.ns(),
             drift: self.drift.get(),
+            footing,
         }
     }
 }

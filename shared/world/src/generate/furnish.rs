@@ -30,7 +30,7 @@ pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8
         let from_m = plan.width_m / 2.0 + branch.width_m.max(1.5) + 1.5;
         if line.length_m() > from_m + 1.5 && random.random_bool((2.0 * config.clutter_per_m).min(0.5)) {
             let way_m = between(random, [from_m, line.length_m() - 1.0]);
-            let course = Course { width_m: branch.width_m, openings: Vec::new(), line };
+            let course = Course::new(line, branch.width_m, Vec::new());
             things.extend(thing(config, &course, [branch.width_m / 2.0; 2], [way_m, 0.5], random));
         }
     }

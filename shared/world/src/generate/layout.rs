@@ -193,6 +193,7 @@ impl Plan {
             width_m: branch.width_m / branch.skew_rad.cos(),
             side: branch.side,
             line: self.branch_line(branch),
+            edge_m: None,
         };
         let openings = ways.map(opening).collect();
         Course::new(line, self.width_m, openings)

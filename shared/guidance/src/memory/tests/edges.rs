@@ -4,7 +4,7 @@ use super::{MS, config, handler, memory, scan};
 use crate::depth::DepthView;
 use crate::depth::ramp_tests::seen as seen_ground;
 use crate::depth::tests::{camera_160, held};
-use crate::memory::{Memory, Remembered};
+use crate::memory::{Footing, Memory, MemoryConfig, Remembered};
 use crate::scan::Beams;
 use crate::se2::{Se2, se2};
 use crate::shield::{EdgeDistance, Evidence, Judgement, Motion, Shield, ShieldConfig};
@@ -13,8 +13,8 @@ use messages::{Pose2, UnsafeCause};
 const EDGES: EdgeDistance = EdgeDistance { ahead_m: 0.3, beside_m: 0.15 };
 
 /// A memory that a camera tells of the floor, while the lidar sees nothing.
-struct Bench {
-    memory: Memory,
+pub(super) struct Bench {
+    pub memory: Memory,
     view: DepthView,
     beams: Beams,
 }
@@ -24,15 +24,21 @@ impl Bench {
         Self { memory: memory(), view: DepthView::default(), beams: scan(&[]) }
     }
 
+    /// One that remembers floor as well.
+    pub fn watching(footing: Footing) -> Self {
+        let memory = Memory::new(MemoryConfig { footing: Some(footing), ..memory().config });
+        Self { memory, ..Self::new() }
+    }
+
     /// At that time and place the camera sees such ground. `ground_m` is its height, metres.
-    fn sees(&mut self, ms: u64, x_m: f64, ground_m: impl Fn(f64, f64) -> f64) {
+    pub fn sees(&mut self, ms: u64, x_m: f64, ground_m: impl Fn(f64, f64) -> f64) {
         let pixels = seen_ground(&camera_160(), &ground_m);
         self.view.fill_tilted(&camera_160(), &pixels, Some(&held(2.0, 3.0))).expect("usable");
         self.update(ms, x_m);
     }
 
     /// At that time and place it sees nothing.
-    fn sees_nothing(&mut self, ms: u64, x_m: f64) {
+    pub fn sees_nothing(&mut self, ms: u64, x_m: f64) {
         self.view.clear();
         self.update(ms, x_m);
     }
@@ -46,7 +52,7 @@ impl Bench {
         self.memory.edges().iter().filter(|edge| edge.place.y.abs() < 0.3).copied().collect()
     }
 
-    fn judge(&self, start_from_end: Pose2) -> Judgement {
+    pub fn judge(&self, start_from_end: Pose2) -> Judgement {
         let evidence = Evidence { memory: Some(&self.memory), ..Evidence::scan(&self.beams) };
         let robot = se2(start_from_end);
         let motion = Motion::new(robot, robot * Se2::translation(-0.75, -0.35));
@@ -58,7 +64,7 @@ impl Bench {
 }
 
 /// Ground that lies half a metre lower from there on.
-fn cliff(edge_m: f64) -> impl Fn(f64, f64) -> f64 {
+pub(super) fn cliff(edge_m: f64) -> impl Fn(f64, f64) -> f64 {
     move |x, _| if x > edge_m { -0.5 } else { 0.0 }
 }
 

@@ -1,0 +1,57 @@
+//! Where a depth frame shows floor, and where it does not.
+
+use super::DepthView;
+use super::column::Column;
+use crate::se2::Point;
+
+/// The first floor is level where at least so many columns show it,
+const LEVEL_MIN: usize = 3;
+/// and all but one in so many show it level.
+const LEVEL_OF: usize = 10;
+
+impl DepthView {
+    /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.
+    #[must_use]
+    pub fn sees_floor(&self, point: Point) -> bool {
+        self.beside(point).is_some_and(|(columns, along)| {
+            let beyond_m = self.apart_at_1_m * along * along;
+            columns.iter().all(|column| column.sees_floor(along, beyond_m))
+        })
+    }
+
+    /// Whether the camera sees floor at a point (robot frame), in one of the columns beside it.
+    #[must_use]
+    pub fn shows_floor(&self, point: Point) -> bool {
+        self.beside(point).is_some_and(|(columns, along)| columns.iter().any(|column| column.sees_floor(along, 0.0)))
+    }
+
+    /// Whether the camera sees an edge before a point (robot frame).
+    #[must_use]
+    pub fn is_beyond_edge(&self, point: Point) -> bool {
+        let beside = self.beside(point);
+        beside
+            .is_some_and(|(columns, along)| columns.iter().all(|column| column.edge_m < along && along < column.near_m))
+    }
+
+    /// How far ahead of the robot the camera sees the first floor between two places to its left, metres. None where it
+    /// does not go on, level, from the floor on which the robot stands.
+    #[must_use]
+    pub fn level_floor_from_m(&self, right_m: f64, left_m: f64) -> Option<f64> {
+        let columns = &self.columns[self.whole.clone()];
+        // A column that shows no floor would show it about where the others do.
+        let firsts = columns.iter().map(Column::first_floor_m).filter(|first_m| first_m.is_finite());
+        let far_m = firsts.fold(0.0_f64, f64::max);
+        let (mut from_m, mut level, mut all) = (0.0_f64, 0, 0);
+        for column in columns {
+            let first_m = column.first_floor_m().min(far_m);
+            let at = self.now_from_stamped * self.place(first_m, column.left * first_m);
+            if (right_m..=left_m).contains(&at.y) {
+                all += 1;
+                let is_level = column.is_level_from_first(self.height_m);
+                level += usize::from(is_level);
+                from_m = from_m.max(if is_level { at.x } else { 0.0 });
+            }
+        }
+        (all >= LEVEL_MIN && level * LEVEL_OF >= all * (LEVEL_OF - 1)).then_some(from_m)
+    }
+}

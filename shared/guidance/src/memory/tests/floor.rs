@@ -1,0 +1,104 @@
+//! Floor that was seen, that was assumed, and that was neither.
+
+use super::edges::{Bench, cliff};
+use crate::memory::{Floor, Footing};
+use crate::se2::{Point, Se2};
+use messages::{Pose2, UnsafeCause};
+
+const FOOTING: Footing = Footing { radius_m: 0.3, nose_m: 0.0, handler_m: 0.25, overrun_m: 0.1 };
+const FORWARD: Pose2 = Pose2::new(0.3, 0.0, 0.0);
+const ASIDE: Pose2 = Pose2::new(0.0, 0.3, 0.0);
+
+fn flat(_: f64, _: f64) -> f64 {
+    0.0
+}
+
+/// What is known of the floor at a place (robot frame).
+fn floor(bench: &Bench, x_m: f64, y_m: f64) -> Floor {
+    let place = Point::new(x_m, y_m);
+    let mut near = bench.memory.unseen_floor(place, 0.071);
+    near.next().map_or(Floor::Seen, |(_, floor)| floor)
+}
+
+#[test]
+fn floor_that_goes_on_level_is_assumed_up_to_the_first_that_is_seen() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, flat);
+    assert_eq!(floor(&bench, 1.6, 0.0), Floor::Seen);
+    assert_eq!(floor(&bench, 0.7, 0.0), Floor::Assumed);
+    assert_eq!(floor(&bench, 0.7, 1.2), Floor::Unseen, "beside the pair's width");
+    assert_eq!(floor(&bench, -1.5, 0.0), Floor::Unseen);
+    assert_eq!(floor(&bench, 0.0, 0.0), Floor::Seen, "the robot stands on it");
+    assert_eq!(floor(&bench, -0.75, -0.35), Floor::Assumed, "no scan saw the handler there");
+    let (ahead, aside) = (bench.judge(FORWARD), bench.judge(ASIDE));
+    assert!(ahead.safe && ahead.assumes_floor, "{ahead:?}");
+    assert_eq!((aside.safe, aside.cause), (false, UnsafeCause::FloorUnseen), "{aside:?}");
+    assert!(aside.place.is_some_and(|place| place.y > -0.15), "{aside:?}");
+    assert!(bench.judge(Pose2::new(0.0, 0.0, 0.2)).safe, "a turn may go a hand's breadth over floor that was not seen");
+    assert!(bench.judge(Pose2::default()).safe, "nothing keeps one from standing");
+}
+
+#[test]
+fn floor_that_lies_lower_is_not_assumed_to_go_on() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, |x, _| if x > 0.7 { -0.1 } else { 0.0 });
+    let ahead = bench.judge(FORWARD);
+    assert!(!ahead.safe, "{ahead:?}");
+}
+
+#[test]
+fn nothing_is_assumed_after_the_first_metre() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, flat);
+    for step in 1..=12 {
+        bench.sees_nothing(500 * step, 0.1 * step as f64);
+    }
+    assert_eq!(floor(&bench, -0.5, 0.45), Floor::Unseen, "it was assumed beside the pair's way");
+    assert_eq!(floor(&bench, 0.5, 0.0), Floor::Seen, "it was seen from farther off");
+    assert!(bench.judge(FORWARD).safe);
+}
+
+#[test]
+fn floor_is_let_go_after_three_metres_and_stays_while_they_stand() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, flat);
+    bench.sees_nothing(3_600_000, 0.0);
+    assert_eq!(floor(&bench, 1.6, 0.0), Floor::Seen, "an hour later");
+    for step in 1..=31 {
+        bench.sees_nothing(3_600_000 + 100 * step, 0.1 * step as f64);
+    }
+    assert_eq!(floor(&bench, 2.8 - 3.1, 0.8), Floor::Unseen);
+}
+
+#[test]
+fn what_lies_beyond_an_edge_is_kept_off_before_the_edge_is_sure() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, cliff(1.5));
+    assert!(bench.memory.edges().is_empty(), "one frame");
+    assert_eq!(floor(&bench, 1.8, 0.0), Floor::Beyond);
+    bench.sees_nothing(100, 0.9);
+    let ahead = bench.judge(FORWARD);
+    assert_eq!((ahead.safe, ahead.cause), (false, UnsafeCause::DropOff), "{ahead:?}");
+    assert!(ahead.place.is_some_and(|place| (0.5..1.0).contains(&place.x)), "{ahead:?}");
+}
+
+#[test]
+fn a_robot_whose_place_is_lost_keeps_the_floor_and_the_edges_about_it() {
+    let mut bench = Bench::watching(FOOTING);
+    for frame in 0..8 {
+        bench.sees(33 * frame, 0.0, cliff(1.5));
+    }
+    bench.sees_nothing(1_000, 0.7);
+    assert_eq!(floor(&bench, 0.5, 0.3), Floor::Seen);
+    assert_eq!(bench.judge(FORWARD).cause, UnsafeCause::DropOff);
+    // Another odometry frame, in which it stands elsewhere and turned.
+    let odom_from_robot = Se2::new(nalgebra::Vector2::new(-20.0, 7.0), 2.0);
+    bench.memory.anchor(&odom_from_robot);
+    bench.memory.move_to(1_100_000_000, &odom_from_robot);
+    assert_eq!(floor(&bench, 0.5, 0.2), Floor::Seen);
+    assert_eq!(floor(&bench, -1.4, 1.0), Floor::Unseen);
+    let ahead = bench.judge(FORWARD);
+    assert_eq!((ahead.safe, ahead.cause), (false, UnsafeCause::DropOff), "{ahead:?}");
+    let edges = bench.memory.edges();
+    assert!(edges.iter().any(|edge| (0.7..0.9).contains(&edge.place.x) && edge.uncertainty_m >= 0.1), "{edges:?}");
+}
