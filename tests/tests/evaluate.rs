@@ -94,7 +94,7 @@ fn drops(place: &Place, episodes: &str, camera: &str) -> Value {
     report(place, &[&args[..], &["--episodes", episodes, "--seed", "5"]].concat())
 }
 
-fn nobody_falls(found: &Value) {
+fn stay_on_the_floor(found: &Value) {
     let figure = |at: &str| found.pointer(at).and_then(Value::as_f64).unwrap_or(f64::NAN);
     for fell in ["/falls/robot/mean", "/falls/handler/mean"] {
         assert_eq!(figure(fell), 0.0, "{fell}: {found:#}");
@@ -113,14 +113,14 @@ fn nobody_falls(found: &Value) {
 }
 
 #[test]
-fn nobody_falls_where_the_floor_ends() {
-    nobody_falls(&drops(&Place::new(), "200", "128x64"));
+fn robot_and_handler_stay_on_the_floor_where_it_ends() {
+    stay_on_the_floor(&drops(&Place::new(), "200", "128x64"));
 }
 
 /// By hand, and in `scripts/nightly physics`: a quarter of an hour.
 #[test]
 #[ignore = "minutes"]
-fn nobody_falls_in_two_thousand_worlds_whose_floor_ends() {
-    nobody_falls(&drops(&Place::new(), "2000", "128x64"));
-    nobody_falls(&drops(&Place::new(), "100", "640x480"));
+fn robot_and_handler_stay_on_the_floor_in_two_thousand_worlds() {
+    stay_on_the_floor(&drops(&Place::new(), "2000", "128x64"));
+    stay_on_the_floor(&drops(&Place::new(), "100", "640x480"));
 }

@@ -269,7 +269,7 @@ impl Core {
         let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
         if self.is_cued_forward() {
             let (table, mask) = (&self.config.table, running.unsafe_mask);
-            running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, &probabilities);
+            running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, wanted);
         }
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);

@@ -310,15 +310,15 @@ impl Episode {
         self.unsafe_mask
     }
 
-    /// What is taken away where a policy has these probabilities: as [`Self::unsafe_mask`], and everything where it
-    /// waits before an edge.
+    /// The actions that are taken away from a policy whose first choice is `wanted`: those of [`Self::unsafe_mask`],
+    /// and all of them where the robot waits before an edge.
     #[must_use]
-    pub fn mask_for(&self, probabilities: &[f64]) -> u32 {
+    pub fn mask_for(&self, wanted: usize) -> u32 {
         let is_judged = self.config.judges && self.cue == CueKind::Forward && !self.is_blind;
         if !is_judged {
             return self.unsafe_mask;
         }
-        masked_at_edge(&self.config.table, &self.judgements, self.unsafe_mask, probabilities)
+        masked_at_edge(&self.config.table, &self.judgements, self.unsafe_mask, wanted)
     }
 
     /// The policy would take one action, and another one is taken. A stop for the floor where no edge is near is

@@ -77,7 +77,7 @@ pub struct FloorReport {
     pub robot_fell: bool,
     /// The handler's did.
     pub handler_fell: bool,
-    /// The nearest that the robot's body, and the handler's, came to an edge, metres; none where there is none.
+    /// Smallest distance of the robot's body, and of the handler's, to an edge, metres. None in a world without edges.
     pub to_edge_m: Option<[f64; 2]>,
     /// How far the robot's body is from the nearest edge now, metres.
     pub now_m: Option<f64>,

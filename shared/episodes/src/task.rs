@@ -29,9 +29,9 @@ const DUE_M: f64 = 1.5;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
 const BEFORE_M: f64 = 1.6;
 
-/// So many as [`NEAR`] of the cues to go on are given so near to an edge across the way, metres.
+/// Where an edge crosses the way, the share [`NEAR`] of the cues to go on is given at most this far before it, metres.
 const TO_EDGE_M: f64 = 8.0;
-/// The handler does not come nearer to an edge across the way, metres: the robot is ahead of them.
+/// The handler stays at least this far from an edge across the way, metres: the robot is ahead of them.
 const BEFORE_EDGE_M: f64 = 2.0;
 
 /// Cues are given so far from the corridor's beginning and its end at least, metres: where both have room.

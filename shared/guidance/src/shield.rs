@@ -303,11 +303,10 @@ pub fn suppress_in_place(probabilities: &mut [f64], is_unsafe: impl Fn(usize) ->
     all_unsafe
 }
 
-/// The mask of a robot that was cued forward: before an edge that it would walk over it waits, and every action is
-/// taken away. The handler says where to turn.
+/// The mask of a robot that was cued forward. Where `wanted`, the policy's first choice, leads over an edge, the robot
+/// waits: every action is taken away. The handler says where to turn.
 #[must_use]
-pub fn masked_at_edge(table: &ActionTable, judgements: &[Judgement], mask: u32, probabilities: &[f64]) -> u32 {
-    let wanted = choose(probabilities, Draw::ArgMax, 0);
+pub fn masked_at_edge(table: &ActionTable, judgements: &[Judgement], mask: u32, wanted: usize) -> u32 {
     if waits_at_edge(table, judgements, wanted) { (1 << table.len()) - 1 } else { mask }
 }
 

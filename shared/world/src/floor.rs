@@ -169,7 +169,7 @@ impl Falls {
     }
 }
 
-/// Distance from a place to the nearest floor into which one falls, metres; infinite where there is none.
+/// Distance from a place to the nearest hole that is a fall, metres. Infinite in a world without one.
 #[must_use]
 pub fn to_edge_m(holes: &[Hole], at: Point) -> f64 {
     let deep = holes.iter().filter(|hole| hole.depth_m > FALL_M);

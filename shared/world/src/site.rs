@@ -193,7 +193,7 @@ pub struct Site {
 /// How an edge of the floor lies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DropKind {
-    /// There is none.
+    /// The floor has no edge.
     None,
     /// Across the corridor, also askew.
     Across,

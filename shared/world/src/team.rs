@@ -199,7 +199,8 @@ impl Team {
         self.falls
     }
 
-    /// How far robot and handler are from the nearest edge that one falls over, metres; infinite where there is none.
+    /// Distance of the robot's body, and of the handler's, to the nearest hole that is a fall, metres. Infinite in a
+    /// world without one.
     #[must_use]
     pub fn to_edge_m(&self, world: &World) -> [f64; 2] {
         let robot = self.outline(&self.world_from_robot);

@@ -16,7 +16,7 @@ use crate::ramp::{self, Ramp};
 use crate::sweep::{free_share, to_segment, ways_apart};
 use crate::{WorldError, text_file, world_file};
 
-/// A disc's rim is looked at in so many places.
+/// Number of points on a disc's rim whose floor is compared with that under its middle.
 const RIM: usize = 32;
 /// Height of the ceiling where nothing else is said, metres.
 pub const DEFAULT_CEILING_M: f64 = 2.6;
@@ -165,7 +165,7 @@ impl World {
         &self.dark
     }
 
-    /// Distance from a place to the nearest floor into which one falls, metres; infinite where there is none.
+    /// Distance from a place to the nearest hole that is a fall, metres. Infinite in a world without one.
     #[must_use]
     pub fn to_edge_m(&self, at: Point) -> f64 {
         floor::to_edge_m(&self.holes, at)

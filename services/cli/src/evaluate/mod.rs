@@ -261,7 +261,7 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
         [depth.width, depth.height] = args.camera;
         depth.validate().map_err(|error| Failure::input(format!("--camera: {error}")))?;
     }
-    config.arrival = Arrival { must_be_free: false, ..Arrival::DENSE };
+    config.arrival = Arrival { must_be_free: args.tasks == TasksArg::Drops, ..Arrival::DENSE };
     config.measure = episodes::RewardMeasure::Start;
     config.reward.motion_penalty = 0.0;
     let mut worlds = GeneratorConfig::default();
@@ -279,7 +279,6 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     }
     if args.tasks == TasksArg::Drops {
         config.places = Places::Drops(worlds);
-        config.arrival = Arrival::DENSE;
     } else if are_generated(args) {
         config.places = Places::Generated(worlds);
     } else {

@@ -92,7 +92,7 @@ pub fn walk(
     let chosen = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {
         let probabilities: Vec<f64> = probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         let wanted = choose(&probabilities, Draw::ArgMax, decision);
-        let suppressed = suppress(&probabilities, episode.mask_for(&probabilities), way.beta);
+        let suppressed = suppress(&probabilities, episode.mask_for(wanted), way.beta);
         (wanted, choose(&suppressed.probabilities[..count], draw, decision))
     };
     let mut latency_us = Vec::with_capacity(config.decisions);

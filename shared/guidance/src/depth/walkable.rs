@@ -4,9 +4,9 @@ use super::DepthView;
 use super::column::Column;
 use crate::se2::Point;
 
-/// The first floor is level where at least so many columns show it,
+/// At least this many columns must look at the first floor.
 const LEVEL_MIN: usize = 3;
-/// and all but one in so many show it level.
+/// At most one in this many of them may show it not level.
 const LEVEL_OF: usize = 10;
 
 impl DepthView {

@@ -17,8 +17,8 @@ const GAIN: f64 = 0.4;
 const FOOTPRINT_M: f64 = 1.0;
 /// An edge is told with this much evidence of two frames or more: they saw it from 2 m.
 const EDGE_TOLD: f64 = 0.5;
-/// An edge is seen where a column of pixels crosses it, elsewhere in each frame: what was seen so many cells away
-/// counts.
+/// A column of pixels crosses an edge at another place in each frame. Sightings up to this many cells apart count as
+/// one edge.
 const EDGE_BESIDE: i32 = 2;
 /// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
 const ENOUGH: f64 = 2.0;
@@ -144,7 +144,7 @@ impl Spots {
         }
     }
 
-    /// Adds what other frames saw of an edge at most so many cells away.
+    /// Adds what other frames saw of the edge, up to [`EDGE_BESIDE`] cells away.
     fn count_edges_beside(&self, spot: &mut Spot) {
         let (mut frames, mut evidence) = (0, 0.0_f64);
         let (i, j) = spot.cell;

@@ -337,7 +337,7 @@ impl<'a> Present<'a> {
         let bounds = discs.iter().fold(Bounds::NONE, |bounds, disc| bounds.with(disc, edge_m));
         let (mut swept, mut least) = (None, None::<Forbidden>);
         for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
-            // The margin is room to spare, where nobody treads; and so is half a cell.
+            // Robot and handler do not tread on the margin. Half a cell is the map's resolution.
             let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
             let away_m = swept.get_or_insert_with(|| Hull::new(*discs)).signed_distance_m(*place);
             if away_m >= needed_m {
