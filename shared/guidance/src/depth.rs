@@ -313,14 +313,18 @@ impl DepthView {
         let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
         self.lay_out(header, &axes)?;
         let plane = self.find_floor(header, pixels_mm, &axes, camera);
-        let (width, stride, spacing) = (header.width as usize, stride(header), stride(header) as f64 / header.fx_px);
+        let (width, stride) = (header.width as usize, stride(header));
+        let (per_column, per_pixel) = (header.fx_px / stride as f64, header.fy_px.recip());
         let eye = self.eye(header, camera.z);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
+        // Divisions are what a frame costs most: one for each pixel.
+        let (first, step) = (left_of(header, 0), left_of(header, stride) - left_of(header, 0));
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
-            let (up, mut next) = (up_of(header, v), None);
-            for u in (0..width).step_by(stride) {
-                let ray = axes.ray(left_of(header, u), up);
-                let number = ((leftmost - ray.y / ray.x) / spacing + 0.5) as usize;
+            let (row, mut next) = (axes.ray(0.0, up_of(header, v)), None);
+            for (i, u) in (0..width).step_by(stride).enumerate() {
+                let ray = row + axes.left * (first + step * i as f64);
+                let per_ahead = ray.x.recip();
+                let number = ((leftmost - ray.y * per_ahead) * per_column + 0.5) as usize;
                 if ray.x <= AHEAD_MIN || number >= self.columns.len() {
                     continue;
                 }
@@ -343,10 +347,10 @@ impl DepthView {
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
                     // What stands in a cell may lift it: its floor is no drop for that.
                     over_lowest_m: over_plane_m - floor_over_plane_m.min(0.0),
-                    drop_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x + seen.x / header.fy_px,
+                    drop_m: SWAYING_FLOOR_M + (SWAYING_FLOOR_PER_M + per_pixel) * seen.x,
                 };
                 for column in columns {
-                    column.top = column.top.max(ray.z / ray.x);
+                    column.top = column.top.max(ray.z * per_ahead);
                     column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
                 }
             }

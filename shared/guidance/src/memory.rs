@@ -17,7 +17,7 @@ use crate::scan::{BeamKind, Beams, Fan};
 use crate::se2::{Point, Se2};
 pub use floor::{CELL_M as FLOOR_CELL_M, Floor};
 use floor::{FloorMap, Here};
-use spots::{CELL_M, Sight, Sighting, Source, Spot, Spots};
+use spots::{CELL_M, SPOTS, Sight, Sighting, Source, Spot, Spots};
 
 /// Points farther from the robot than this are let go, metres: no hull reaches so far, and twice as much is less than
 /// what the cells cover.
@@ -63,8 +63,10 @@ pub struct Footing {
     pub nose_m: f64,
     /// Radius of the handler's disc, metres.
     pub handler_m: f64,
-    /// It walks at most so far after its place was lost, metres.
+    /// It walks at most so far after its place was lost, metres,
     pub overrun_m: f64,
+    /// and turns at most so far, radians.
+    pub overrun_rad: f64,
 }
 
 /// A remembered obstacle that cannot be seen now.
@@ -142,8 +144,8 @@ impl Memory {
             odom_from_counted: None,
             odom_from_robot: Se2::identity(),
             odometer: Odometer::default(),
-            hidden: Vec::new(),
-            edges_now: Vec::new(),
+            hidden: Vec::with_capacity(SPOTS),
+            edges_now: Vec::with_capacity(SPOTS),
             contacts: Contacts::default(),
         }
     }
@@ -157,7 +159,9 @@ impl Memory {
     /// where they are about it; all else is forgotten.
     pub fn anchor(&mut self, odom_from_robot: &Se2) {
         let Some(footing) = self.config.footing else { return self.clear() };
-        let (before, off_m, drift) = (self.odom_from_robot, footing.overrun_m, self.config.drift);
+        let (before, drift) = (self.odom_from_robot, self.config.drift);
+        // What turns away by an angle is off by as much of its distance.
+        let off_m = footing.overrun_m + footing.overrun_rad * floor::ANCHORED_M;
         let mut kept = Self::new(self.config.clone());
         (kept.odometer, kept.odom_from_robot) = (self.odometer, *odom_from_robot);
         (kept.now_ns, kept.stamp_ns) = (self.now_ns, self.stamp_ns);
@@ -310,24 +314,35 @@ impl Memory {
     /// Whether the floor at a place (robot frame) was seen.
     #[must_use]
     pub fn has_seen_floor(&self, place: Point) -> bool {
-        let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot };
         let cell = floor::cell_of(self.odom_from_robot * place);
-        self.floor.as_ref().is_some_and(|map| map.floor(cell, &here, self.config.drift) == Floor::Seen)
+        self.floor.as_ref().is_some_and(|map| map.floor(cell, &self.here(), self.config.drift) == Floor::Seen)
     }
 
-    /// The floor within a radius of a place that was not seen: places and what is known of them (robot frame). None
-    /// where floor is not remembered.
+    /// Whether floor within a radius of a place (robot frame) was seen, or goes on level from the start up to the first
+    /// that was.
+    #[must_use]
+    pub fn has_floor_near(&self, place: Point, radius_m: f64) -> bool {
+        let at = self.odom_from_robot * place;
+        self.floor.as_ref().is_some_and(|map| map.is_near(at, radius_m, &self.here(), self.config.drift))
+    }
+
+    /// The floor within a radius of a place on which the pair neither stood nor saw that it is there: places and what
+    /// is known of them (robot frame). None where floor is not remembered.
     pub fn unseen_floor(&self, about: Point, radius_m: f64) -> impl Iterator<Item = (Point, Floor)> {
         let robot_from_odom = self.odom_from_robot.inverse();
         let (at, drift) = (self.odom_from_robot * about, self.config.drift);
         self.floor.iter().flat_map(move |map| {
-            let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot };
+            let here = self.here();
             let unseen = floor::cells_about(at, radius_m).filter_map(move |(key, middle)| {
                 let floor = map.floor(key, &here, drift);
-                (floor != Floor::Seen).then_some((middle, floor))
+                (!matches!(floor, Floor::Seen | Floor::Trodden)).then_some((middle, floor))
             });
             unseen.map(move |(middle, floor)| (robot_from_odom * middle, floor))
         })
+    }
+
+    fn here(&self) -> Here<'_> {
+        Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot }
     }
 
     /// Whether one of the last scans saw that nothing is at a point (robot frame), nor on the way to it.

@@ -247,6 +247,7 @@ impl Settings {
             nose_m: self.robot.nose_m,
             handler_m: self.handler.radius_m.get(),
             overrun_m: self.robot.response.overrun_m[0],
+            overrun_rad: self.robot.response.overrun_rad,
         })
     }
 

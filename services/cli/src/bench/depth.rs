@@ -22,14 +22,17 @@ const STANDING_M: f64 = 0.30;
 const SWAY_RAD: f64 = 0.05;
 
 /// A frame, and how the body was held.
-struct Frame {
-    header: DepthHeader,
-    pixels_mm: Vec<u16>,
-    tilt: Tilt,
+pub(super) struct Frame {
+    pub header: DepthHeader,
+    pub pixels_mm: Vec<u16>,
+    pub tilt: Tilt,
 }
 
+/// Metres that the robot goes on between two frames.
+pub(super) const STEP_M: f64 = 0.1;
+
 /// Frames of a corridor with a box in it.
-fn frames(width: usize, height: usize) -> Result<Vec<Frame>, Failure> {
+pub(super) fn frames(width: usize, height: usize) -> Result<Vec<Frame>, Failure> {
     let wall = |y_m: f64| Prism::wall(vec![[-2.0, y_m].into(), [12.0, y_m].into()], [0.0, 2.6]);
     let thing = Prism::cuboid([3.0, 0.3].into(), [0.3, 0.3], 0.4, [0.0, 0.5]);
     let world = World::new(2.6, vec![wall(1.2), wall(-1.2), thing]);
@@ -40,7 +43,7 @@ fn frames(width: usize, height: usize) -> Result<Vec<Frame>, Failure> {
         let swings = i as f64 * 0.7;
         let [roll_rad, pitch_rad] = [swings.sin(), swings.cos()].map(|share| SWAY_RAD * share);
         let tilt = Tilt::of(&Attitude::at_height(1, roll_rad, pitch_rad, STANDING_M))?;
-        let world_from_robot = Pose2::new(0.1 * i as f64, 0.0, 0.0);
+        let world_from_robot = Pose2::new(STEP_M * i as f64, 0.0, 0.0);
         let scene = Scene { world: &world, world_from_robot, tilt: Some(tilt), world_from_handler: None, walkers: &[] };
         let mut pixels_mm = vec![0; camera.pixels()];
         camera.render(&scene, i as u64, &mut pixels_mm);

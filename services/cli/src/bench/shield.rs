@@ -1,5 +1,7 @@
 //! `bench shield`: the shield beside the direct reading of the paper's pseudo-code, in one run, on one core.
 
+mod floor;
+
 use std::hint::black_box;
 use std::time::Instant;
 
@@ -40,10 +42,12 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
             rows.push(row(&actions, beams, times)?);
         }
     }
+    let floor = floor::row(times)?;
     if as_json {
-        return out::json(&json!({ "rows": rows, "nav2_published_us": NAV2_US }));
+        return out::json(&json!({ "rows": rows, "floor": floor, "nav2_published_us": NAV2_US }));
     }
     tell(&rows);
+    floor::tell(&floor);
     Ok(())
 }
 
@@ -122,8 +126,8 @@ struct Ours {
 }
 
 impl Ours {
-    fn new(header: &ScanHeader, ranges: &[f32]) -> Result<Self, Failure> {
-        let config = ShieldConfig {
+    fn config() -> ShieldConfig {
+        ShieldConfig {
             robot_radius_m: ROBOT_RADIUS_M,
             margin_m: 0.0,
             unknown_gap_m: 0.1,
@@ -131,8 +135,11 @@ impl Ours {
             unseen_limit_m2: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
-        };
-        let mut ours = Self { shield: Shield::new(config), beams: Beams::default(), judgements: Vec::new() };
+        }
+    }
+
+    fn new(header: &ScanHeader, ranges: &[f32]) -> Result<Self, Failure> {
+        let mut ours = Self { shield: Shield::new(Self::config()), beams: Beams::default(), judgements: Vec::new() };
         ours.fill(header, ranges)?;
         Ok(ours)
     }

@@ -21,13 +21,15 @@ const WALKED_MIN_M: f64 = 1.0;
 /// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres.
 const FIRST_M: f64 = 1.0;
 /// Floor is kept so far about the robot where its place is lost, metres.
-const ANCHORED_M: f64 = 1.5;
+pub(super) const ANCHORED_M: f64 = 1.5;
 
 /// What is known of the floor at a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Floor {
-    /// It was seen, or robot or handler stood on it.
+    /// It was seen, or robot or handler stood on it when the way began.
     Seen,
+    /// Robot or handler stood on it. It was never seen.
+    Trodden,
     /// It lies between the pair at its start and the first floor that was seen.
     Assumed,
     /// It was never seen, or too long ago.
@@ -85,8 +87,13 @@ impl FloorMap {
     /// a frame of the camera shows.
     pub fn update(&mut self, here: &Here<'_>, bodies: &[Disc], standing: usize, view: Option<&DepthView>) {
         for body in bodies.iter().take(standing) {
-            let stands = |_, old| (old != Floor::Beyond).then_some(Floor::Seen);
-            self.each(here, body.center, body.radius_m, stands);
+            let first = self.walked_m(here) < CELL_M;
+            self.each(here, body.center, body.radius_m, |_, old| match old {
+                Floor::Beyond => None,
+                Floor::Seen => Some(Floor::Seen),
+                _ if first => Some(Floor::Seen),
+                _ => Some(Floor::Trodden),
+            });
         }
         let Some(view) = view.filter(|view| view.number() != self.frame) else { return };
         self.frame = view.number();
@@ -110,6 +117,12 @@ impl FloorMap {
         self.has_beyond = has_beyond;
     }
 
+    /// Whether floor within a radius of a place (odometry frame) was seen, or goes on from there, level.
+    pub fn is_near(&self, at: Point, radius_m: f64, here: &Here<'_>, drift: f64) -> bool {
+        let counts = |key| matches!(self.floor(key, here, drift), Floor::Seen | Floor::Assumed);
+        cells_about(at, radius_m).any(|(key, _)| counts(key))
+    }
+
     /// Calls `f` with each place about another one (robot frame) and what is known of it. What `f` tells is of now.
     fn each(&mut self, here: &Here<'_>, about: Point, radius_m: f64, mut f: impl FnMut(Point, Floor) -> Option<Floor>) {
         let (middle, robot_from_odom) = (here.odom_from_robot * about, here.odom_from_robot.inverse());
@@ -126,8 +139,13 @@ impl FloorMap {
         (cell.key == key && !cell.is_over(here)).then_some(cell)
     }
 
+    /// The way since the robot was placed in this odometry frame, metres.
+    fn walked_m(&self, here: &Here<'_>) -> f64 {
+        here.at.walked_m - self.began.walked_m
+    }
+
     fn is_first_way(&self, here: &Here<'_>) -> bool {
-        here.at.walked_m - self.began.walked_m < FIRST_M
+        self.walked_m(here) < FIRST_M
     }
 
     /// What is known of the floor of a cell. Odometry's drift since it was seen takes its rim away.
@@ -137,10 +155,15 @@ impl FloorMap {
         match cell.floor {
             Floor::Assumed if !self.is_first_way(here) => unseen(),
             Floor::Seen => {
-                let distance_m = (middle_of(key) - Point::from(here.odom_from_robot.translation.vector)).norm();
+                let middle = middle_of(key);
+                let distance_m = (middle - Point::from(here.odom_from_robot.translation.vector)).norm();
                 let off_m = here.at.error_m(&cell.seen_at, drift, distance_m);
-                let is_seen = |other| self.known(other, here).is_some_and(|other| other.floor == Floor::Seen);
-                let inner = off_m <= CELL_M / 2.0 || neighbours(key).into_iter().all(is_seen);
+                let is_trodden = |other| {
+                    let other = self.known(other, here);
+                    other.is_some_and(|other| matches!(other.floor, Floor::Seen | Floor::Trodden))
+                };
+                let inner =
+                    off_m <= CELL_M / 2.0 || cells_about(middle, off_m.max(CELL_M)).all(|(key, _)| is_trodden(key));
                 if inner { Floor::Seen } else { unseen() }
             }
             other => other,
@@ -160,13 +183,16 @@ impl FloorMap {
         self.cells.fill(Cell::UNSEEN);
         self.has_beyond = false;
         let old = Self { cells: std::mem::take(&mut self.spare), spare: Vec::new(), ..*self };
-        let here = Here { odom_from_robot, ..*before };
         let is_seen = |key| old.floor(key, before, drift) == Floor::Seen;
-        self.each(&here, Point::origin(), ANCHORED_M, |place, _| {
-            let then = before.odom_from_robot * place;
+        let now = Point::from(odom_from_robot.translation.vector);
+        let then_from_now = before.odom_from_robot * odom_from_robot.inverse();
+        for (key, middle) in cells_about(now, ANCHORED_M) {
+            let then = then_from_now * middle;
             let is_known = is_seen(cell_of(then)) && cells_about(then, off_m).all(|(key, _)| is_seen(key));
-            is_known.then_some(Floor::Seen)
-        });
+            // It is as old as it was.
+            let known = old.known(cell_of(then), before).filter(|_| is_known);
+            self.cells[slot_of(key)] = known.map_or(Cell::UNSEEN, |cell| Cell { key, ..*cell });
+        }
         self.spare = old.cells;
         self.began = before.at;
     }
@@ -222,10 +248,6 @@ pub(super) fn cell_of(at: Point) -> (i32, i32) {
 
 fn middle_of((i, j): (i32, i32)) -> Point {
     Point::new((f64::from(i) + 0.5) * CELL_M, (f64::from(j) + 0.5) * CELL_M)
-}
-
-fn neighbours((i, j): (i32, i32)) -> [(i32, i32); 4] {
-    [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)]
 }
 
 fn slot_of((i, j): (i32, i32)) -> usize {

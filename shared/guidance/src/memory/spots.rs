@@ -7,6 +7,8 @@ use crate::se2::{Point, Se2};
 pub(super) const CELL_M: f64 = 0.05;
 /// Cells along one side of what is remembered.
 const SIDE: i32 = 160;
+/// There is room for so many spots at first.
+pub(super) const SPOTS: usize = 2048;
 /// Nearer than this a camera says well enough where something is, metres. From farther off a wall may look so much
 /// nearer than the lidar has it that something seems to stand before it.
 const EXACT_M: f64 = 2.0;
@@ -106,7 +108,7 @@ pub(super) struct Spots {
 
 impl Spots {
     pub fn new() -> Self {
-        Self { spots: Vec::new(), numbers: vec![0; (SIDE * SIDE) as usize] }
+        Self { spots: Vec::with_capacity(SPOTS), numbers: vec![0; (SIDE * SIDE) as usize] }
     }
 
     pub fn iter(&self) -> impl Iterator<Item = &Spot> {

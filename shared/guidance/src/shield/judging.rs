@@ -27,6 +27,9 @@ const SLIGHT: f64 = 1e-3;
 const TURN_ASSUMED_M: f64 = 0.3;
 /// and any other motion along so wide a rim about where they stand.
 const RIM_ASSUMED_M: f64 = 0.15;
+/// No part of a body comes farther than this from floor that was seen, metres, however many motions follow each other:
+/// the middle of a handler stands at most 0.25 m beyond it.
+const ASSUMED_M: f64 = 0.5;
 /// Half of a cell of floor, metres.
 const RIM_M: f64 = FLOOR_CELL_M / 2.0;
 /// No hull reaches farther over the floor, metres.
@@ -346,7 +349,8 @@ impl<'a> Present<'a> {
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
                 || if turns { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
-            let is_assumed = *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume();
+            let is_assumed =
+                *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
             let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
             if is_assumed || is_left {
                 judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
@@ -362,6 +366,11 @@ impl<'a> Present<'a> {
             judgement.margin_m = away_m - needed_m;
         }
         judgement.forbid(if is_edge { UnsafeCause::DropOff } else { UnsafeCause::FloorUnseen });
+    }
+
+    /// Floor is assumed only close to floor that was seen.
+    fn is_near_seen(&self, place: Point) -> bool {
+        self.memory.is_some_and(|memory| memory.has_floor_near(place, ASSUMED_M))
     }
 
     /// Whether floor that was not seen is assumed about a pair that goes on: a rim about where they stand. The camera

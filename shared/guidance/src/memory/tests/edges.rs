@@ -4,6 +4,7 @@ use super::{MS, config, handler, memory, scan};
 use crate::depth::DepthView;
 use crate::depth::ramp_tests::seen as seen_ground;
 use crate::depth::tests::{camera_160, held};
+use crate::handler::{HandlerBody, Seen};
 use crate::memory::{Footing, Memory, MemoryConfig, Remembered};
 use crate::scan::Beams;
 use crate::se2::{Se2, se2};
@@ -17,11 +18,13 @@ pub(super) struct Bench {
     pub memory: Memory,
     view: DepthView,
     beams: Beams,
+    /// Each scan sees the handler.
+    pub sees_handler: bool,
 }
 
 impl Bench {
     fn new() -> Self {
-        Self { memory: memory(), view: DepthView::default(), beams: scan(&[]) }
+        Self { memory: memory(), view: DepthView::default(), beams: scan(&[]), sees_handler: false }
     }
 
     /// One that remembers floor as well.
@@ -43,8 +46,21 @@ impl Bench {
         self.update(ms, x_m);
     }
 
+    /// At that time it stands at the origin, turned so far, and sees nothing.
+    pub fn turns(&mut self, ms: u64, heading_rad: f64) {
+        self.view.clear();
+        self.stands(ms, &Se2::rotation(heading_rad));
+    }
+
     fn update(&mut self, ms: u64, x_m: f64) {
-        self.memory.update(ms * MS, &Se2::translation(x_m, 0.0), &self.beams, Some(&self.view), &handler());
+        self.stands(ms, &Se2::translation(x_m, 0.0));
+    }
+
+    fn stands(&mut self, ms: u64, odom_from_robot: &Se2) {
+        let at = handler().center;
+        let seen = self.sees_handler.then_some(Seen { at, next: at });
+        let handler = HandlerBody { seen, ..handler() };
+        self.memory.update(ms * MS, odom_from_robot, &self.beams, Some(&self.view), &handler);
     }
 
     /// Places of edges near the robot's axis.
