@@ -388,6 +388,8 @@ impl Gate {
                     false,
                 ));
             }
+            Outcome::NoFloor => return sudden(StopKind::NoFloor),
+            Outcome::CameraTilted => return sudden(StopKind::CameraTilted),
             Outcome::InvalidAction => return unusable(TopicId::PolicyAction),
         }
         if now_ns > permit.expiry_ns {

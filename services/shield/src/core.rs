@@ -4,13 +4,14 @@ use guidance::contact;
 use guidance::se2::pose2;
 use guidance::shield::{choose, masked_at_edge, suppress};
 use guidance::{
-    ActionTable, Awareness, AwarenessConfig, Draw, InteractionModel, Judgement, Pose, Se2, Shield, ShieldConfig,
+    ActionTable, Awareness, AwarenessConfig, Draw, FloorTrouble, FloorWatch, InteractionModel, Judgement, Pose, Se2,
+    Shield, ShieldConfig, Stood,
 };
 use messages::{
     CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
     PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
-use settings::{Settings, Source};
+use settings::{AttitudeSource, Settings, Source};
 
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
@@ -29,6 +30,10 @@ pub struct CoreConfig {
     action_max_age_ns: u64,
     permit_life_ns: u64,
     absent_streams: u32,
+    /// The camera watches the floor.
+    watches_floor: bool,
+    /// Another source than the camera tells the body's attitude.
+    has_attitude: bool,
 }
 
 impl CoreConfig {
@@ -48,6 +53,8 @@ impl CoreConfig {
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
+            watches_floor: settings.footing().is_some(),
+            has_attitude: settings.odometry.attitude != AttitudeSource::Depth,
         }
     }
 }
@@ -74,6 +81,7 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     awareness: Awareness,
+    floor: FloorWatch,
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
@@ -94,6 +102,7 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
+            floor: FloorWatch::new(),
             jumps: 0,
             mode: None,
             running: None,
@@ -127,6 +136,10 @@ impl Core {
             let action = self.config.table.actions()[running.index].start_from_end();
             self.awareness.feel(&running.odom_from_begin, &action);
         }
+        if is_new && self.floor.trouble().is_some() {
+            // It was told, and a new cue may try again.
+            self.floor.begin_anew();
+        }
         self.mode = Some(*mode);
     }
 
@@ -140,6 +153,12 @@ impl Core {
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
         self.awareness.take_depth(header, pixels_mm);
+        if let Some(odometry) = self.awareness.odometry().filter(|_| self.config.watches_floor) {
+            let attitude = Some(&odometry.attitude).filter(|told| self.config.has_attitude && told.is_known());
+            let stood = Stood { odom_from_robot: self.awareness.odom_from_robot(), attitude };
+            let view = self.awareness.evidence(header.header.stamp_ns).depth;
+            self.floor.take(header, pixels_mm, view, &stood);
+        }
     }
 
     /// A new scan: the verdict on the running action.
@@ -328,6 +347,11 @@ impl Core {
         };
         if age_ns(now_ns, mode.header.stamp_ns) > self.config.mode_max_age_ns {
             return Outcome::NotInRun;
+        }
+        match self.floor.trouble() {
+            Some(FloorTrouble::NoFloor) => return Outcome::NoFloor,
+            Some(FloorTrouble::Tilted) => return Outcome::CameraTilted,
+            None => {}
         }
         let Some(running) = self.running else { return Outcome::NoAction };
         let wanted = if mode.cue.valid { mode.cue.cue.header } else { messages::Header::default() };

@@ -36,6 +36,8 @@ pub const LEAK_MAX_BYTES: usize = 256 << 20;
 pub const LOSS_OF: u64 = 10;
 /// One bit of so many flips on a noisy line.
 pub const NOISE_BITS: u64 = 2_000;
+/// A mount that was bent is so far off, radians: three degrees.
+pub const TILT_RAD: f64 = 0.0524;
 /// A battery that is nearly empty, percent.
 pub const LOW_CHARGE_PERCENT: u8 = 5;
 /// A process that exits on start does so this many times: the third life of it is well.
@@ -63,6 +65,10 @@ pub enum Fault {
     Delayed,
     /// Bursts of messages and of silence, by seed.
     Intermittent,
+    /// The camera shows no floor.
+    NoFloor,
+    /// The camera is mounted [`TILT_RAD`] otherwise than its frames say.
+    Tilted,
     /// SIGKILL.
     Kill,
     /// SIGSTOP.
@@ -155,7 +161,7 @@ const fn row(fault: Fault, name: &'static str, what: &'static str) -> FaultSpec 
 }
 
 /// The table.
-pub const FAULTS: [FaultSpec; 24] = [
+pub const FAULTS: [FaultSpec; 26] = [
     row(Fault::Off, "off", "stream: nothing is published"),
     row(Fault::StuckSeq, "stuck_seq", "stream: the seq stays that of the last good message"),
     row(Fault::StuckStamp, "stuck_stamp", "stream: the stamp stays that of the last good message"),
@@ -170,6 +176,8 @@ pub const FAULTS: [FaultSpec; 24] = [
          line/camera: every frame",
     ),
     row(Fault::Intermittent, "intermittent", "stream: silent for 300 to 600 ms, sending for 100 to 400 ms, by seed"),
+    row(Fault::NoFloor, "no_floor", "depth: pixels of the floor say nothing"),
+    row(Fault::Tilted, "tilted", "depth: the camera is mounted 3 degrees otherwise than its frames say"),
     row(Fault::Kill, "kill", "process: SIGKILL"),
     row(Fault::Hang, "hang", "process: SIGSTOP"),
     row(Fault::Leak, "leak", "process: 512 KiB more memory at each beat, to 256 MiB"),
@@ -209,6 +217,20 @@ impl Fault {
         Self::Slow,
         Self::Delayed,
         Self::Intermittent,
+    ];
+    /// Every fault that the camera's stream can have.
+    pub const OF_DEPTH: [Self; 11] = [
+        Self::Off,
+        Self::StuckSeq,
+        Self::StuckStamp,
+        Self::StuckBytes,
+        Self::Garbage,
+        Self::Wrong,
+        Self::Slow,
+        Self::Delayed,
+        Self::Intermittent,
+        Self::NoFloor,
+        Self::Tilted,
     ];
     /// Every fault that a process can have.
     pub const OF_SERVICES: [Self; 5] = [Self::Kill, Self::Hang, Self::Slow, Self::Leak, Self::ExitOnStart];
@@ -252,6 +274,7 @@ impl Target {
     #[must_use]
     pub fn faults(self) -> &'static [Fault] {
         match self {
+            Self::Stream(TopicId::DepthFrame, _) => &Fault::OF_DEPTH,
             Self::Stream(..) => &Fault::OF_STREAMS,
             Self::Service(_) => &Fault::OF_SERVICES,
             Self::Line(Device::Lidar) => &Fault::OF_LIDAR_LINE,

@@ -342,6 +342,10 @@ pub enum Outcome {
     StuckDepth,
     /// Refused: the scan contradicts the last one that was judged on, wholesale.
     ScanContradicts,
+    /// Refused: the camera shows no floor, though nothing stands before it.
+    NoFloor,
+    /// Refused: the camera is not mounted as the configuration says.
+    CameraTilted,
 }
 
 named!(Outcome);
@@ -354,7 +358,7 @@ impl Outcome {
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 17] = [
+    pub const ALL: [Self; 19] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -372,6 +376,8 @@ impl Outcome {
         Self::StuckScan,
         Self::StuckDepth,
         Self::ScanContradicts,
+        Self::NoFloor,
+        Self::CameraTilted,
     ];
 
     /// The name, as in reports.
@@ -395,6 +401,8 @@ impl Outcome {
             Self::StuckScan => "stuck_scan",
             Self::StuckDepth => "stuck_depth",
             Self::ScanContradicts => "scan_contradicts",
+            Self::NoFloor => "no_floor",
+            Self::CameraTilted => "camera_tilted",
         }
     }
 }

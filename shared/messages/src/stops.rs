@@ -370,6 +370,18 @@ stops! {
         meaning: "robot or handler would come over floor that the camera has not seen",
         advice: "another cue, so that the robot looks there; or lead robot and handler on by hand",
     }
+    NoFloor = 40, "no_floor" {
+        class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
+        meaning: "the camera shows no floor, though nothing stands before it",
+        advice: "look whether it is covered, looks too high, or sees a floor that is dark or shines:                  `guidedog doctor --config` says which floor it should see; then a cue",
+    }
+    CameraTilted = 41, "camera_tilted" {
+        class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
+        meaning: "the camera is mounted otherwise than the configuration says",
+        advice: "measure how the camera is mounted, and mend `[depth.robot_from_camera]`; then a cue",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,

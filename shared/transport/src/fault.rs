@@ -14,7 +14,7 @@ use rustix::event::{Timespec, poll};
 
 use crate::TransportError;
 
-pub(crate) use corrupt::{falsify, falsify_frame, garble, garble_frame};
+pub(crate) use corrupt::{falsify, falsify_frame, garble, garble_frame, spoil_frame};
 
 /// A message that waits for its time.
 type Send = Box<dyn FnOnce() -> Result<(), TransportError>>;

@@ -191,6 +191,11 @@ impl Column {
         self.seen_m[0] <= self.floor_m + FIRST_M && self.near_m > self.seen_m[0] && over_m.abs() <= LEVEL_M
     }
 
+    /// Whether the nearest floor that is seen begins within a distance along the camera's axis, metres.
+    pub fn sees_floor_within(&self, along_m: f64) -> bool {
+        self.seen_m[0] < along_m
+    }
+
     /// Whether floor is seen at a distance along the camera's axis and on for `beyond_m`, metres.
     pub fn sees_floor(&self, along_m: f64, beyond_m: f64) -> bool {
         self.seen_m[0] <= along_m && along_m + beyond_m <= self.seen_m[1] && self.near_m > along_m

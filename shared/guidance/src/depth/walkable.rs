@@ -8,6 +8,14 @@ use crate::se2::Point;
 const LEVEL_MIN: usize = 3;
 /// At most one in this many of them may show it not level.
 const LEVEL_OF: usize = 10;
+/// Floor is looked for in columns in which nothing stands nearer than this, metres,
+const OPEN_M: f64 = 1.5;
+/// which are at least one in this many,
+const OPEN_OF: usize = 4;
+/// as near as this, metres,
+const FLOOR_M: f64 = 3.0;
+/// and one in this many of them shows it.
+const SHOWN_OF: usize = 10;
 
 impl DepthView {
     /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.
@@ -31,6 +39,14 @@ impl DepthView {
         let beside = self.beside(point);
         beside
             .is_some_and(|(columns, along)| columns.iter().all(|column| column.edge_m < along && along < column.near_m))
+    }
+
+    /// Whether the camera shows any floor. None where what stands before it may hide all of it.
+    #[must_use]
+    pub fn shows_any_floor(&self) -> Option<bool> {
+        let open = || self.columns[self.whole.clone()].iter().filter(|column| column.near_m > OPEN_M);
+        let (all, shown) = (open().count(), open().filter(|column| column.sees_floor_within(FLOOR_M)).count());
+        (all > 0 && all * OPEN_OF >= self.whole.len()).then_some(shown * SHOWN_OF >= all)
     }
 
     /// How far ahead of the robot the camera sees the first floor between two places to its left, metres. None where it

@@ -3,7 +3,7 @@
 
 use std::any::{Any, TypeId};
 
-use messages::fault::{Dice, WRONG_AGE_NS, WRONG_SCALE};
+use messages::fault::{Dice, Fault, TILT_RAD, WRONG_AGE_NS, WRONG_SCALE};
 use messages::{
     Cue, CueKind, CueRequest, DepthFrame, DepthHeader, Frame, Health, LidarScan, LocomotionState, Message, Mode,
     Odometry, Outcome, Permit, PolicyAction, Pose2, ScanHeader, Twist2,
@@ -29,6 +29,9 @@ trait CorruptFrame: Frame {
 
     /// A plausible wrong value in the slice.
     fn falsify(data: &mut [Self::Element]);
+
+    /// What only this kind of frame can have, where it can.
+    fn spoil(_: &mut Self::Meta, _: &mut [Self::Element], _: Fault) {}
 }
 
 /// Keeps the code where a row of the topic table is of the kind that is wanted.
@@ -86,6 +89,18 @@ macro_rules! dispatch {
             $(only!(frame, $kind, {
                 if let Some(data) = elements_of::<messages::$type, F>(data) {
                     messages::$type::falsify(data);
+                }
+            });)+
+        }
+
+        /// Does to a frame what only frames of its kind can have.
+        pub(crate) fn spoil_frame<F: Frame>(meta: &mut F::Meta, data: &mut [F::Element], fault: Fault) {
+            $(only!(frame, $kind, {
+                if let Some(data) = elements_of::<messages::$type, F>(data) {
+                    let meta: &mut dyn Any = meta;
+                    if let Some(meta) = meta.downcast_mut() {
+                        messages::$type::spoil(meta, data, fault);
+                    }
                 }
             });)+
         }
@@ -177,6 +192,27 @@ impl CorruptFrame for DepthFrame {
     /// Depths that are too long; what was not seen is not seen.
     fn falsify(pixels_mm: &mut [u16]) {
         pixels_mm.iter_mut().for_each(|pixel| *pixel = pixel.saturating_mul(WRONG_SCALE as u16));
+    }
+
+    fn spoil(meta: &mut DepthHeader, pixels_mm: &mut [u16], fault: Fault) {
+        match fault {
+            Fault::NoFloor => hide_floor(meta, pixels_mm),
+            Fault::Tilted => meta.robot_from_camera.pitch_rad += TILT_RAD,
+            _ => {}
+        }
+    }
+}
+
+/// Pixels that see what is low say nothing.
+fn hide_floor(header: &DepthHeader, pixels_mm: &mut [u16]) {
+    const LOW_M: f64 = 0.2;
+    let (mount, width) = (header.robot_from_camera, (header.width as usize).max(1));
+    let (sin, cos) = mount.pitch_rad.sin_cos();
+    for (v, row_mm) in pixels_mm.chunks_mut(width).enumerate() {
+        let up = (header.cy_px - v as f64) / header.fy_px;
+        let rise = up * cos - sin;
+        let is_low = |pixel_mm: u16| mount.z_m + rise * f64::from(pixel_mm) / 1000.0 < LOW_M;
+        row_mm.iter_mut().filter(|pixel| is_low(**pixel)).for_each(|pixel| *pixel = 0);
     }
 }
 

@@ -16,7 +16,7 @@ use super::{Inlet, Outlet, Shared, Waker, next_header, publish_error, receive_er
 use crate::TransportError;
 use crate::checked::Mapped;
 use crate::domain::Domain;
-use crate::fault::{Filter, Passage, StreamFault, falsify_frame, garble_frame};
+use crate::fault::{Filter, Passage, StreamFault, falsify_frame, garble_frame, spoil_frame};
 
 /// The far side of a writer of frames.
 #[derive(Debug)]
@@ -175,6 +175,11 @@ where
         match fault.fault {
             Fault::StuckBytes if data.len() == loan.data_mut().len() => loan.data_mut().copy_from_slice(data),
             Fault::Wrong => falsify_frame::<F>(loan.data_mut()),
+            Fault::NoFloor | Fault::Tilted => {
+                let mut spoiled = meta;
+                spoil_frame::<F>(&mut spoiled, loan.data_mut(), fault.fault);
+                *loan.meta_mut() = spoiled;
+            }
             Fault::Garbage => {
                 let mut garbled = meta;
                 garble_frame::<F>(&mut garbled, loan.data_mut(), &mut self.filter.dice);
