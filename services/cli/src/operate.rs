@@ -183,6 +183,9 @@ fn status_lines(status: &Status) -> Vec<String> {
     if status.attitude.as_deref() == Some(AttitudeSource::Depth.name()) {
         lines.push("attitude from depth images alone: a ramp or a low step counts as a tilt of the body".to_owned());
     }
+    if status.floor.is_some() {
+        lines.push("floor    not watched: the robot would walk over an edge".to_owned());
+    }
     lines.push(String::new());
     let rows: Vec<Vec<String>> = status.services.iter().map(service_row).collect();
     lines.extend(table(&["service", "state", "pid", "life", "restarts", "critical"], &rows));

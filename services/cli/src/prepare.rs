@@ -61,7 +61,7 @@ pub fn walk(args: &WalkArgs) -> Result<Prepared, Failure> {
 ///
 /// # Errors
 /// As [`walk`], where a world is named beside devices that all are real, and where a real robot's response was not
-/// measured.
+/// measured or nothing watches its floor.
 pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
     let settings = walk_settings(args, true)?;
     if settings.has_world() {
@@ -71,6 +71,7 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
         return Err(Failure::input("no sensor is simulated: there is no world for a scenario or a map"));
     }
     settings::check_origin(&settings).map_err(Failure::input)?;
+    settings::check_floor(&settings).map_err(Failure::input)?;
     check_policy_and_script(&settings)?;
     speech(&settings)?;
     Ok(settings)

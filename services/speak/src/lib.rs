@@ -117,7 +117,7 @@ impl Speak {
             self.speaker.heard(&heard, now_ns);
         }
         while let Some(permit) = self.permits.take()? {
-            self.speaker.permit(&permit);
+            self.speaker.permit(&permit, now_ns);
         }
         while let Some(odometry) = self.odometry.take()? {
             self.speaker.odometry(&odometry);

@@ -174,6 +174,7 @@ impl Supervisor {
             children: Children::new(io.domain.dir.path())?,
             physics: settings.simulation.physics,
             attitude: settings.odometry.attitude,
+            watches_floor: settings.watches_floor(),
             server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,

@@ -71,6 +71,8 @@ pub struct Supervisor {
     physics: PhysicsKind,
     /// Where the body's attitude comes from.
     attitude: AttitudeSource,
+    /// Something watches the floor.
+    watches_floor: bool,
     server: ControlServer,
     figures: Figures,
     janitor: Janitor,

@@ -124,6 +124,7 @@ impl Supervisor {
             published: self.figures.published(),
             world: self.last_truth.as_ref().map(world_status),
             attitude: (self.attitude != AttitudeSource::Told).then(|| self.attitude.name().to_owned()),
+            floor: (!self.watches_floor).then(|| "not_watched".to_owned()),
             locomotion: self.last_locomotion.as_ref().map(locomotion_status),
             said: self.last_said.as_ref().map(report::said_status),
             microphone: self.figures.microphone().map(report::microphone_status),

@@ -31,6 +31,9 @@ pub struct Status {
     /// attitude`). Not there otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub attitude: Option<String>,
+    /// `not_watched` where nothing watches the floor. Not there otherwise.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub floor: Option<String>,
     /// What locomotion commands the robot; none before its first word.
     pub locomotion: Option<LocomotionStatus>,
     /// The sentence that the robot said last.

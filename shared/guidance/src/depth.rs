@@ -18,6 +18,7 @@ use floor::{Cells, Look, Plane};
 
 pub use floor::FloorCell;
 pub use stance::Stance;
+pub use walkable::FloorInView;
 
 /// What is lower is floor or can be walked over, metres.
 const FLOOR_M: f64 = 0.08;

@@ -176,6 +176,10 @@ mod tests {
     fn a_camera_that_shows_no_floor_is_told_within_three_seconds_and_a_wall_is_none() {
         let hidden = |x: f64, _: f64| if x > 4.0 { 2.0 } else { f64::NEG_INFINITY };
         assert_eq!(walk(hidden, 0.0, None)[2], Some(FloorTrouble::NoFloor));
-        assert_eq!(walk(|x, _| if x > 0.9 { 2.0 } else { 0.0 }, 0.0, Some([2.0, 3.0]))[2], None, "a wall stands before it");
+        assert_eq!(
+            walk(|x, _| if x > 0.9 { 2.0 } else { 0.0 }, 0.0, Some([2.0, 3.0]))[2],
+            None,
+            "a wall stands before it"
+        );
     }
 }

@@ -374,7 +374,8 @@ stops! {
         class: Latched,
         holds_a_cue: true, latched_by_locomotion: true,
         meaning: "the camera shows no floor, though nothing stands before it",
-        advice: "look whether it is covered, looks too high, or sees a floor that is dark or shines:                  `guidedog doctor --config` says which floor it should see; then a cue",
+        advice: "look whether it is covered, looks too high, or sees a floor that is dark or shines; \
+                 `guidedog doctor --config` says which floor it should see; then a cue",
     }
     CameraTilted = 41, "camera_tilted" {
         class: Latched,
@@ -428,9 +429,20 @@ mod tests {
             "odometry_contradicts",
             "drop_off",
             "floor_unseen",
+            "no_floor",
+            "camera_tilted",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
-        let latched = ["boot", "mode_stale", "lifeline_closed", "odometry_contradicts", "emergency_stop", "robot_fell"];
+        let latched = [
+            "boot",
+            "mode_stale",
+            "lifeline_closed",
+            "odometry_contradicts",
+            "emergency_stop",
+            "robot_fell",
+            "no_floor",
+            "camera_tilted",
+        ];
         assert_eq!(names(StopKind::is_latched), latched);
         assert!(!StopKind::None.holds_a_cue() && !StopKind::None.is_latched());
     }

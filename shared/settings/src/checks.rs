@@ -121,6 +121,24 @@ pub fn check_origin(settings: &Settings) -> Result<(), String> {
     ))
 }
 
+/// A real robot walks where something watches the floor, or by a word of its own. A configuration alone may leave that
+/// open, as in [`check_origin`].
+///
+/// # Errors
+/// Where nothing watches the floor, and `shield.floor.watched` is not false; the reason begins with the key.
+pub fn check_floor(settings: &Settings) -> Result<(), String> {
+    if !settings.commands_robot() || settings.watches_floor() || !settings.shield.floor.watched {
+        return Ok(());
+    }
+    let why =
+        if settings.depth.source == Source::Absent { "depth.source = \"absent\"" } else { "shield.memory.on = false" };
+    Err(format!(
+        "shield.floor.watched = true, but {why}: nothing watches the floor, and locomotion.link = \"{}\" commands a \
+         real robot. It would walk over an edge. To walk without that, write [shield.floor] watched = false",
+        settings.locomotion.link.row().name
+    ))
+}
+
 /// The settings of each device and link, also where it is not in use.
 fn check_rows(settings: &Settings) -> Result<(), String> {
     let Settings { lidar, depth, odometry, estop, locomotion, .. } = settings;
@@ -392,7 +410,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Settings, check, check_origin};
+    use super::{Settings, check, check_floor, check_origin};
     use crate::sections::PhysicsKind;
 
     #[test]
@@ -483,6 +501,24 @@ mod tests {
         }
         assert_eq!(check_origin(&Settings::default()), Ok(()), "the simulated robot");
         assert!(toml::from_str::<Settings>(&of("guessed")).is_err_and(|error| error.to_string().contains("line 2")));
+    }
+
+    #[test]
+    fn a_real_robot_walks_where_the_floor_is_watched_or_by_a_word_of_its_own() {
+        let real = "[lidar]\nsource = \"device\"\n[odometry]\nsource = \"device\"\n[locomotion]\nlink = \"go2\"\n";
+        let blind = "[depth]\nsource = \"absent\"\nneeded = false\n";
+        let floor = |text: &str| {
+            let settings: Settings = toml::from_str(&format!("{real}{text}")).expect("each key by itself is right");
+            check_floor(&settings)
+        };
+        let why = floor(blind).expect_err("no camera");
+        assert!(why.starts_with("shield.floor.watched = true") && why.contains("depth.source = \"absent\""), "{why}");
+        assert_eq!(floor(&format!("{blind}[shield.floor]\nwatched = false\n")), Ok(()), "written by hand");
+        assert_eq!(floor(&format!("{blind}[simulation.emulated]\non = true\n")), Ok(()), "it is emulated");
+        let sees = "[depth]\nsource = \"device\"\n";
+        assert_eq!(floor(sees), Ok(()));
+        assert!(floor(&format!("{sees}[shield.memory]\non = false\n")).is_err_and(|why| why.contains("memory.on")));
+        assert_eq!(check_floor(&Settings::default()), Ok(()), "the simulated robot");
     }
 
     #[test]

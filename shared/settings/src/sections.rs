@@ -14,8 +14,8 @@ mod speak;
 
 use guidance::se2::Point;
 use guidance::{
-    AwarenessConfig, DelayedHarness, Disc, EdgeDistance, Footing, HandlerEstimate, HandlerLimits, HarnessError,
-    Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
+    AwarenessConfig, DelayedHarness, Disc, EdgeDistance, FloorInView, Footing, HandlerEstimate, HandlerLimits,
+    HarnessError, Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -249,6 +249,32 @@ impl Settings {
             overrun_m: self.robot.response.overrun_m[0],
             overrun_rad: self.robot.response.overrun_rad,
         })
+    }
+
+    /// The floor on which the camera finds edges while the body is level; none where there is no camera, or it sees
+    /// none.
+    #[must_use]
+    pub fn floor_in_view(&self) -> Option<FloorInView> {
+        let depth = &self.depth;
+        (depth.source != Source::Absent).then(|| FloorInView::of(&depth.header(), depth.range_m)).flatten()
+    }
+
+    /// An edge that lies farther ahead of the robot's middle than this forbids no action, metres: two frames have to
+    /// show it before.
+    #[must_use]
+    pub fn edge_wanted_m(&self) -> f64 {
+        let (robot, dt_s) = (&self.robot, self.policy.dt.s());
+        let actions = self.policy.actions.table();
+        let ahead_m = actions.actions().iter().map(|action| action.motion.x_m).fold(0.0_f64, f64::max);
+        let front_m = robot.nose_m + robot.radius_m.get() + self.shield.margin_m + robot.response.overrun_m[0];
+        let frames_m = 2.0 * ahead_m / dt_s / self.depth.rate_hz.get();
+        front_m + ahead_m + self.shield.floor.edge_ahead_m + frames_m
+    }
+
+    /// Whether anything watches the floor.
+    #[must_use]
+    pub fn watches_floor(&self) -> bool {
+        self.shield.memory.on && self.footing().is_some()
     }
 
     /// What is remembered; none: one scan and one frame decide alone.

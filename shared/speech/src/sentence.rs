@@ -23,11 +23,15 @@ pub enum News {
     PolicyChanged,
     /// The robot no longer waits.
     GoingOn,
+    /// The robot walks over floor that it has not seen.
+    FloorAssumed,
+    /// Nothing watches the floor in this run.
+    FloorNotWatched,
 }
 
 impl News {
     /// Every one.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Ready,
         Self::NoLeftTurn,
         Self::NoRightTurn,
@@ -36,6 +40,8 @@ impl News {
         Self::BatteryLow,
         Self::PolicyChanged,
         Self::GoingOn,
+        Self::FloorAssumed,
+        Self::FloorNotWatched,
     ];
 
     /// The name, as in language files.
@@ -50,6 +56,8 @@ impl News {
             Self::BatteryLow => "battery_low",
             Self::PolicyChanged => "policy_changed",
             Self::GoingOn => "going_on",
+            Self::FloorAssumed => "floor_assumed",
+            Self::FloorNotWatched => "floor_not_watched",
         }
     }
 }

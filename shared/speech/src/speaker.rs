@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 use guidance::cue::CueTrack;
 use guidance::se2::se2;
 use messages::{
-    CueAnswer, CueHeard, CueKind, CueRefusal, CueSource, LocomotionState, Mode, ModeClass, NS_PER_S, Odometry, Permit,
-    StopKind, StopReason, Urgency,
+    CueAnswer, CueHeard, CueKind, CueRefusal, CueSource, LocomotionState, Mode, ModeClass, NS_PER_S, Odometry, Outcome,
+    Permit, StopKind, StopReason, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -54,6 +54,8 @@ pub struct SpeakerConfig {
     pub remind_ns: u64,
     /// At this charge the battery is low, percent.
     pub charge_warn_percent: u32,
+    /// Something watches the floor.
+    pub watches_floor: bool,
     /// Actions that lead to the left: bit *i* is action *i* of the table.
     pub left_actions: u32,
     /// Actions that lead to the right likewise.
@@ -75,6 +77,7 @@ impl SpeakerConfig {
             hold_after_ns: speak.hold_after.ns(),
             remind_ns: speak.remind.ns(),
             charge_warn_percent: u32::from(settings.locomotion.charge_warn_percent),
+            watches_floor: settings.watches_floor(),
             left_actions: to_side(1.0),
             right_actions: to_side(-1.0),
         }
@@ -140,6 +143,8 @@ pub struct Speaker {
     ready: (bool, u64),
     ready_told: bool,
     low_states: u32,
+    /// What was told of the floor: once in a run.
+    floor_told: bool,
 }
 
 impl Speaker {
@@ -159,6 +164,7 @@ impl Speaker {
             ready: (false, 0),
             ready_told: false,
             low_states: 0,
+            floor_told: false,
         }
     }
 
@@ -249,8 +255,17 @@ impl Speaker {
     }
 
     /// The shield's verdict has come.
-    pub fn permit(&mut self, permit: &Permit) {
+    pub fn permit(&mut self, permit: &Permit, now_ns: u64) {
         self.unsafe_mask = permit.unsafe_mask;
+        if permit.outcome == Outcome::Granted && permit.assumes_floor {
+            self.tell_of_floor(News::FloorAssumed, now_ns);
+        }
+    }
+
+    fn tell_of_floor(&mut self, news: News, now_ns: u64) {
+        if !std::mem::replace(&mut self.floor_told, true) {
+            self.news(news, now_ns);
+        }
     }
 
     /// Odometry has come.
@@ -393,6 +408,9 @@ impl Speaker {
         // It counts as told once it is its turn: until then it is dropped where the robot is no longer ready.
         if ready && !self.ready_told && for_ns >= READY_AFTER_NS && !self.waits(Topic::News(News::Ready)) {
             self.news_until(News::Ready, now_ns, u64::MAX);
+            if !self.config.watches_floor {
+                self.tell_of_floor(News::FloorNotWatched, now_ns);
+            }
         }
     }
 

@@ -43,6 +43,7 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     }
     checks.extend(response(settings));
     checks.extend(attitude(settings));
+    checks.push(floor(settings));
     if settings.simulation.emulated.on {
         return checks;
     }
@@ -86,6 +87,27 @@ fn attitude(settings: &Settings) -> Option<Check> {
                  step counts as a tilt of the body, and falls are not detected";
     let check = Check { name: "attitude", ok: true, found: found.to_owned(), fix: String::new() };
     (settings.odometry.attitude == AttitudeSource::Depth).then_some(check)
+}
+
+/// Which floor the camera sees, and whether it sees an edge early enough.
+fn floor(settings: &Settings) -> Check {
+    let wanted_m = settings.edge_wanted_m();
+    let check = |ok, found, fix: &str| Check { name: "floor", ok, found, fix: fix.to_owned() };
+    if let Err(refused) = settings::check_floor(settings) {
+        return check(false, refused, "[depth] source = \"device\", or [shield.floor] watched = false");
+    }
+    if !settings.watches_floor() {
+        return check(true, "not watched: the robot would walk over an edge".to_owned(), "");
+    }
+    let fix = "tilt the camera down or mount it lower: [depth.robot_from_camera], in `guidedog doctor --config` again";
+    let Some(view) = settings.floor_in_view() else {
+        return check(false, "the camera sees no floor within 3 m of it".to_owned(), fix);
+    };
+    let found = format!(
+        "seen from {:.2} to {:.2} m ahead of the robot's middle; an edge has to be seen at {wanted_m:.2} m",
+        view.from_m, view.to_m
+    );
+    check(view.from_m <= wanted_m && wanted_m <= view.to_m, found, fix)
 }
 
 /// A program of others, where the shell would find it.
@@ -238,18 +260,38 @@ mod tests {
             let settings: Settings = toml::from_str(&text).expect("right");
             checks(&settings).iter().map(|check| (check.name, check.ok)).collect::<Vec<_>>()
         };
-        let names = ["response", "lidar", "depth socket", "emergency stop", "robot"];
-        let expected = |oks: [bool; 5]| names.into_iter().zip(oks).collect::<Vec<_>>();
-        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, false, true, false, true]));
+        let names = ["response", "floor", "lidar", "depth socket", "emergency stop", "robot"];
+        let expected = |oks: [bool; 6]| names.into_iter().zip(oks).collect::<Vec<_>>();
+        assert_eq!(ok(text("button", ".", "127.0.0.1:9")), expected([false, true, false, true, false, true]));
         // From the loopback no other network is reached, whatever this machine's is.
-        assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false; 5]));
-        assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, false, true, false, true]));
-        assert_eq!(ok(String::new()), []);
+        assert_eq!(ok(text("none", "none", "198.51.100.1:9")), expected([false, true, false, false, false, false]));
+        assert_eq!(ok(text("paper", ".", "127.0.0.1:9")), expected([false, true, false, true, false, true]));
+        assert_eq!(ok(String::new()), [("floor", true)]);
         let go2 = |network: &str| format!("[locomotion]\nlink = \"go2\"\ndds = {{ networks = [\"{network}\"] }}\n");
-        assert_eq!(ok(go2("127.0.0.1")), [("response", false), ("robot", true)]);
-        assert_eq!(ok(go2("198.51.100.1")), [("response", false), ("robot", false)]);
+        assert_eq!(ok(go2("127.0.0.1")), [("response", false), ("floor", true), ("robot", true)]);
+        assert_eq!(ok(go2("198.51.100.1")), [("response", false), ("floor", true), ("robot", false)]);
         for robot in ["profile_unmeasured = true", "response = { origin = \"measured\" }"] {
-            assert_eq!(ok(format!("[robot]\n{robot}\n{}", go2("127.0.0.1"))), [("response", true), ("robot", true)]);
+            assert_eq!(
+                ok(format!("[robot]\n{robot}\n{}", go2("127.0.0.1"))),
+                [("response", true), ("floor", true), ("robot", true)]
+            );
         }
+    }
+
+    #[test]
+    fn doctor_says_which_floor_the_camera_sees_and_whether_it_is_enough() {
+        let floor = |text: &str| {
+            let settings: Settings = toml::from_str(text).expect("right");
+            checks(&settings).into_iter().find(|check| check.name == "floor").map(|check| (check.ok, check.found))
+        };
+        let told = |ok: bool, found: &str| Some((ok, found.to_owned()));
+        let seen = "seen from 0.85 to 3.22 m ahead of the robot's middle; an edge has to be seen at 1.01 m";
+        assert_eq!(floor(""), told(true, seen));
+        // 25 degrees up, it sees the floor from far on; 80 degrees up, never.
+        let pitched = |rad: f64| format!("[depth.robot_from_camera]\nx_m = 0.25\nz_m = 0.45\npitch_rad = {rad}\n");
+        assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(false));
+        assert_eq!(floor(&pitched(-1.4)), told(false, "the camera sees no floor within 3 m of it"));
+        let blind = "[depth]\nsource = \"absent\"\nneeded = false\n";
+        assert_eq!(floor(blind), told(true, "not watched: the robot would walk over an edge"));
     }
 }

@@ -1,7 +1,9 @@
 //! Where a depth frame shows floor, and where it does not.
 
-use super::DepthView;
+use messages::DepthHeader;
+
 use super::column::Column;
+use super::{DepthView, EDGE_REACH_M, up_of};
 use crate::se2::Point;
 
 /// At least this many columns must look at the first floor.
@@ -16,6 +18,35 @@ const OPEN_OF: usize = 4;
 const FLOOR_M: f64 = 3.0;
 /// and one in this many of them shows it.
 const SHOWN_OF: usize = 10;
+
+/// The floor on which a camera of a level body finds edges: ahead of the robot's middle, metres.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FloorInView {
+    /// From here,
+    pub from_m: f64,
+    /// to here.
+    pub to_m: f64,
+}
+
+impl FloorInView {
+    /// Of a camera whose depths are in a range, metres. None where it sees no floor.
+    #[must_use]
+    pub fn of(header: &DepthHeader, range_m: [f64; 2]) -> Option<Self> {
+        let mount = header.robot_from_camera;
+        let (sin, cos) = mount.pitch_rad.sin_cos();
+        // Depth at which a row meets the floor, and how far along it leads.
+        let meets = |v: usize| {
+            let up = up_of(header, v);
+            let (along, rise) = (cos + up * sin, up * cos - sin);
+            let depth_m = -mount.z_m / rise;
+            (rise < 0.0 && along > 0.0 && depth_m >= range_m[0] && depth_m <= range_m[1]).then_some(depth_m * along)
+        };
+        let along_m = || (0..header.height as usize).filter_map(meets).filter(|along_m| *along_m <= EDGE_REACH_M);
+        let ahead_m = |along_m: f64| mount.x_m + along_m * mount.yaw_rad.cos();
+        let (from_m, to_m) = (along_m().fold(f64::INFINITY, f64::min), along_m().fold(0.0, f64::max));
+        (from_m < to_m).then(|| Self { from_m: ahead_m(from_m), to_m: ahead_m(to_m) })
+    }
+}
 
 impl DepthView {
     /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.

@@ -1,7 +1,7 @@
 //! The depth camera's section.
 
 use camera::Head;
-use messages::Pose3;
+use messages::{DepthHeader, Pose3};
 use serde::{Deserialize, Serialize};
 
 use super::Source;
@@ -117,6 +117,27 @@ impl Default for DepthSettings {
 }
 
 impl DepthSettings {
+    /// What stands beside a frame's pixels, by the configuration: the lens where it is known, or else one of that field
+    /// of view whose axis is in the middle.
+    #[must_use]
+    pub fn header(&self) -> DepthHeader {
+        let [width, height] = [self.width, self.height].map(f64::from);
+        let focal_px = 0.5 * width / (0.5 * self.field_of_view_deg.get().to_radians()).tan();
+        let middle = |pixels: f64| (pixels - 1.0) / 2.0;
+        let lens = self.intrinsics.map(|lens| [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px].map(f64::from));
+        let [fx_px, fy_px, cx_px, cy_px] = lens.unwrap_or([focal_px, focal_px, middle(width), middle(height)]);
+        DepthHeader {
+            width: self.width,
+            height: self.height,
+            fx_px,
+            fy_px,
+            cx_px,
+            cy_px,
+            robot_from_camera: self.robot_from_camera,
+            ..DepthHeader::default()
+        }
+    }
+
     /// Nothing but the configuration tells what a pipeline's frames are.
     fn check_gstreamer(&self) -> Result<(), String> {
         if (self.source, self.device) != (Source::Device, DepthDevice::Gstreamer) {

@@ -1,6 +1,6 @@
 use messages::{
     Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueSource, Header, LocomotionState, Mode, ModeClass,
-    Odometry, Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
+    Odometry, Outcome, Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -302,7 +302,7 @@ fn a_turn_that_is_not_found_is_told_once_the_way_says_so_and_one_that_is_blocked
         for dm in 0..=(way_m * 10.0) as u32 {
             walked(&mut bench, f64::from(dm) / 10.0);
         }
-        bench.speaker.permit(&Permit { unsafe_mask, ..Permit::default() });
+        bench.speaker.permit(&Permit { unsafe_mask, ..Permit::default() }, 0);
         bench.pass(1000, &[StopKind::PolicyStop]);
         bench.texts().last().map(|text| (*text).to_owned())
     };
@@ -486,4 +486,37 @@ fn a_stop_that_could_not_be_heard_is_told_once_more_while_it_lasts() {
     bench.run(CueKind::Forward);
     bench.pass(5000, &[]);
     assert_eq!(bench.heard.len(), 1, "{:?}", bench.heard);
+}
+
+#[test]
+fn what_is_assumed_of_the_floor_is_said_once() {
+    let mut bench = Bench::running();
+    let permit = |outcome, assumes_floor| Permit { outcome, assumes_floor, ..Permit::default() };
+    bench.speaker.permit(&permit(Outcome::Granted, false), bench.now_ms * MS);
+    bench.speaker.permit(&permit(Outcome::AllUnsafe, true), bench.now_ms * MS);
+    bench.pass(2000, &[]);
+    assert_eq!(bench.texts(), [""; 0], "nothing was assumed to walk");
+    for _ in 0..3 {
+        bench.speaker.permit(&permit(Outcome::Granted, true), bench.now_ms * MS);
+        bench.pass(2000, &[]);
+    }
+    assert_eq!(bench.texts(), ["I cannot see the floor beside you."]);
+}
+
+#[test]
+fn a_run_in_which_nothing_watches_the_floor_says_so_once() {
+    let mut settings = Settings::default();
+    settings.shield.floor.watched = false;
+    let mut bench = Bench::new(Verbosity::Normal);
+    bench.speaker = Speaker::new(SpeakerConfig::of(&settings));
+    for epoch in 1..4 {
+        bench.mode = Mode { epoch, ready_for_cue: true, reason: StopReason::of(StopKind::Boot), ..bench.mode };
+        bench.mode.class = ModeClass::Fault;
+        bench.pass(5000, &[]);
+        bench.run(CueKind::Forward);
+        bench.pass(5000, &[]);
+        bench.dies(ServiceId::Lidar);
+    }
+    let said = bench.texts().into_iter().filter(|text| *text == "I do not watch the floor.").count();
+    assert_eq!(said, 1, "{:?}", bench.heard);
 }

@@ -31,7 +31,7 @@ trait CorruptFrame: Frame {
     fn falsify(data: &mut [Self::Element]);
 
     /// What only this kind of frame can have, where it can.
-    fn spoil(_: &mut Self::Meta, _: &mut [Self::Element], _: Fault) {}
+    fn spoil(meta: &mut Self::Meta, data: &mut [Self::Element], fault: Fault);
 }
 
 /// Keeps the code where a row of the topic table is of the kind that is wanted.
@@ -168,6 +168,10 @@ impl CorruptFrame for LidarScan {
     /// Readings that are too long, up to where a lidar sees nothing.
     fn falsify(ranges_m: &mut [f32]) {
         ranges_m.iter_mut().for_each(|range| *range *= WRONG_SCALE as f32);
+    }
+
+    fn spoil(_: &mut ScanHeader, _: &mut [f32], _: Fault) {
+        // Every fault of a scan is one of all streams.
     }
 }
 

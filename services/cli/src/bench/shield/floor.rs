@@ -96,7 +96,8 @@ pub(super) fn tell(row: &Value) {
         format!("{p50:.0} ({p99:.0})")
     };
     say(format!(
-        "with floor, a frame of {}x{} and {BEAMS} beams, microseconds, median (99 %): frame {}, memory {}, judging {}, all {}",
+        "with floor, a frame of {}x{} and {BEAMS} beams, microseconds, median (99 %): frame {}, memory {}, judging {}, \
+         all {}",
         PIXELS.0,
         PIXELS.1,
         us("frame"),
