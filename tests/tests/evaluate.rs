@@ -113,6 +113,38 @@ fn stay_on_the_floor(found: &Value) {
 }
 
 #[test]
+fn shards_that_were_interrupted_come_to_the_same_figures_as_one_evaluation() {
+    let place = Place::new();
+    let file = |name: &str| place.path().join(name).with_extension("jsonl").display().to_string();
+    let of = |more: &[&str]| {
+        let args = ["evaluate", "--policy", "geometric", "--tasks", "drops", "--episodes", "6", "--json"];
+        let (mut report, code) = place.json(&[&args, more].concat());
+        report["decision_us"] = Value::Null;
+        (report, code)
+    };
+    let (whole, code) = of(&[]);
+    assert_eq!((code, &whole["episodes"]), (0, &6.into()), "{whole:#}");
+    for shard in ["1/2", "2/2"] {
+        let file = file(&shard[..1]);
+        let (part, code) = of(&["--shard", shard, "--outcomes", &file]);
+        assert_eq!((code, &part["episodes"], &part["episodes_missing"]), (0, &3.into(), &3.into()), "{part:#}");
+    }
+    // It was left while it wrote its last line.
+    let first = file("1");
+    let text = std::fs::read_to_string(&first).expect("written");
+    std::fs::write(&first, &text[..text.len() - 40]).expect("written");
+    let (refused, code) = of(&["--shard", "1/2", "--outcomes", &first]);
+    assert!(code != 0 && refused["error"].to_string().contains("--resume goes on with it"), "{refused:#}");
+    let (other, code) = of(&["--shard", "1/2", "--outcomes", &first, "--resume", "--seed", "2"]);
+    assert!(code != 0 && other["error"].to_string().contains("its seed is 1, not 2"), "{other:#}");
+    assert_eq!(of(&["--shard", "1/2", "--outcomes", &first, "--resume"]).1, 0);
+    let (mut merged, code) = place.json(&["evaluate", "--json", "--merge", &first, &file("2")]);
+    merged["decision_us"] = Value::Null;
+    assert_eq!(code, 0);
+    assert_eq!(merged, whole);
+}
+
+#[test]
 fn robot_and_handler_stay_on_the_floor_where_it_ends() {
     stay_on_the_floor(&drops(&Place::new(), "200", "128x64"));
 }

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use guidance::se2::{Point, Se2};
 use messages::{CueKind, UnsafeCause};
+use serde::{Deserialize, Serialize};
 use world::{DropKind, Stepped, Team, World};
 
 use crate::task::{END_M, Goal, STILL_DECISIONS, STILL_M, Task};
@@ -27,7 +28,7 @@ pub struct Score {
 }
 
 /// What became of an episode.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Report {
     /// What was asked for.
     pub cue: CueKind,
@@ -67,7 +68,7 @@ pub struct Report {
 }
 
 /// What became of robot and handler where the floor ends.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FloorReport {
     /// How the edge lies.
     pub kind: DropKind,

@@ -1,6 +1,7 @@
 //! A world and what is known of its ways: for who sets tasks in it and judges how they were done. The robot is told
 //! none of it.
 
+use serde::{Deserialize, Serialize};
 use std::f64::consts::FRAC_PI_4;
 
 use guidance::TravelLine;
@@ -191,7 +192,7 @@ pub struct Site {
 }
 
 /// How an edge of the floor lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum DropKind {
     /// The floor has no edge.
     None,

@@ -50,6 +50,18 @@ pub struct EvaluateArgs {
     /// Write pictures (SVG) of the first twelve episodes, and of twelve that went wrong, into this folder
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
+    /// Write what became of each episode into this file, a line of JSON for each
+    #[arg(long, value_name = "FILE", conflicts_with = "paired")]
+    pub outcomes: Option<PathBuf>,
+    /// Go on with the file of --outcomes where an earlier evaluation left it
+    #[arg(long, requires = "outcomes")]
+    pub resume: bool,
+    /// Of the episodes only part I of N, counted from 1: several machines share an evaluation
+    #[arg(long, value_name = "I/N", value_parser = shard, requires = "outcomes", conflicts_with = "pictures")]
+    pub shard: Option<[u32; 2]>,
+    /// Run nothing: report the episodes in the --outcomes files of shards
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["outcomes", "paired", "pictures"])]
+    pub merge: Vec<PathBuf>,
     /// On so many threads; on all cores without it. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
@@ -62,6 +74,12 @@ pub struct EvaluateArgs {
 fn pixels(text: &str) -> Result<[usize; 2], String> {
     let size = text.split_once('x').and_then(|(width, height)| Some([width.parse().ok()?, height.parse().ok()?]));
     size.ok_or_else(|| format!("{text} is no size such as 640x480"))
+}
+
+/// A part, such as `2/4`.
+fn shard(text: &str) -> Result<[u32; 2], String> {
+    let part = text.split_once('/').and_then(|(part, of)| Some([part.parse().ok()?, of.parse().ok()?]));
+    part.filter(|[part, of]| (1..=*of).contains(part)).ok_or_else(|| format!("{text} is no part such as 2/4"))
 }
 
 /// See [`episodes::Noise`].
@@ -134,6 +152,8 @@ Examples:
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
   guidedog evaluate --policy guide --tasks timing --pictures pictures
   guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
+  guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
+  guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json
 
 An episode is one cue and a hundred decisions; robot and handler have come along the corridor, and what the
 robot saw on the last two metres is remembered. A motion in which robot or handler would touch something is

@@ -288,7 +288,9 @@ mod tests {
         let seen = "seen from 0.85 to 3.22 m ahead of the robot's middle; an edge has to be seen at 1.01 m";
         assert_eq!(floor(""), told(true, seen));
         // 25 degrees up, it sees the floor from far on; 80 degrees up, never.
-        let pitched = |rad: f64| format!("[depth.robot_from_camera]\nx_m = 0.25\nz_m = 0.45\npitch_rad = {rad}\n");
+        let pitched = |rad: f64| {
+            format!("[depth.robot_from_camera]\nx_m = 0.25\ny_m = 0.0\nz_m = 0.45\nyaw_rad = 0.0\npitch_rad = {rad}\n")
+        };
         assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(false));
         assert_eq!(floor(&pitched(-1.4)), told(false, "the camera sees no floor within 3 m of it"));
         let blind = "[depth]\nsource = \"absent\"\nneeded = false\n";

@@ -2,6 +2,7 @@
 
 mod figures;
 mod floor;
+mod log;
 mod outcome;
 mod picture;
 
@@ -16,11 +17,13 @@ use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
 use settings::{Choice, HandlerModel, PolicyModel, Profile, Settings};
+use sha2::{Digest as _, Sha256};
 use world::{FloorPlan, GeneratorConfig};
 
 use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
 use crate::exit::Failure;
 use crate::out::{self, say};
+use log::{Log, Outcomes};
 use outcome::{Outcome, Way, walk};
 
 /// Cues are given so much too early or too late, metres.
@@ -35,31 +38,26 @@ const PICTURES: usize = 12;
 /// # Errors
 /// Where a file cannot be read or written, or an argument is out of its bounds.
 pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
+    if !args.merge.is_empty() {
+        let (head, outcomes) = log::merge(&args.merge)?;
+        let report = report(head, &outcomes.into_values().collect::<Vec<_>>());
+        return tell(&report, as_json);
+    }
     check(args)?;
     let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
     let settings = crate::prepare::load(profile, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
     args.pictures.as_ref().map_or(Ok(()), |folder| may_write(folder))?;
-    let outcomes = evaluation.run(args, args.beta_test)?;
-    let mut report = json!({
-        "policy": args.policy,
-        "sha256": evaluation.model.as_ref().map(|model| &model.sha256),
-        "worlds": world_names(args),
-        "episodes": args.episodes,
-        "noise": word(&args.noise),
-        "beta_test": args.beta_test,
-        "harness": word(&args.harness),
-        "handlers": word(&args.handlers),
-        "tasks": word(&args.tasks),
-        "choice": evaluation.choice,
-        "seed": args.seed,
-    });
-    figures::add(&mut report, &outcomes);
-    if args.tasks == TasksArg::Drops {
-        floor::add(&mut report, &outcomes);
+    let head = evaluation.head(args);
+    let outcomes = evaluation.logged(args, &head)?;
+    let mut report = report(head, &outcomes);
+    if let Some([part, of]) = args.shard {
+        report["shard"] = json!(format!("{part}/{of}"));
     }
     if args.paired {
-        let without = evaluation.run(args, 1.0)?;
+        let numbers: Vec<usize> = (0..args.episodes as usize).collect();
+        let without: Vec<Outcome> =
+            evaluation.run(args, 1.0, &numbers, None)?.into_iter().map(|(_, outcome)| outcome).collect();
         report["without_shield"] = json!({});
         figures::add(&mut report["without_shield"], &without);
         report["difference"] = figures::difference(&outcomes, &without);
@@ -68,12 +66,23 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     if let Err(failure) = &drawn {
         report["error"] = json!(failure.message);
     }
-    if as_json {
-        out::json(&report)?;
-    } else {
-        tell(&report);
-    }
+    tell(&report, as_json)?;
     drawn.map_err(|failure| Failure { told: true, ..failure })
+}
+
+/// The figures of episodes that `head` describes.
+fn report(head: Value, outcomes: &[Outcome]) -> Value {
+    let mut report = head;
+    let (wanted, done) = (report["episodes"].as_u64().unwrap_or(0), outcomes.len() as u64);
+    report["episodes"] = json!(done);
+    if done < wanted {
+        report["episodes_missing"] = json!(wanted - done);
+    }
+    figures::add(&mut report, outcomes);
+    if report["tasks"] == json!(word(&TasksArg::Drops)) {
+        floor::add(&mut report, outcomes);
+    }
+    report
 }
 
 /// Refuses what cannot be run, before anything is.
@@ -151,15 +160,61 @@ impl Evaluation {
         Ok(Pilot::new(engine))
     }
 
+    /// What describes the episodes: those of an equal one are the same.
+    fn head(&self, args: &EvaluateArgs) -> Value {
+        json!({
+            "policy": args.policy,
+            "sha256": self.model.as_ref().map(|model| &model.sha256),
+            "worlds": world_names(args),
+            "episodes": args.episodes,
+            "noise": word(&args.noise),
+            "beta_test": args.beta_test,
+            "harness": word(&args.harness),
+            "handlers": word(&args.handlers),
+            "tasks": word(&args.tasks),
+            "camera": args.camera,
+            "choice": self.choice,
+            "seed": args.seed,
+            "settings_sha256": self.settings_sha256(),
+        })
+    }
+
+    fn settings_sha256(&self) -> Option<String> {
+        let text = serde_json::to_vec(&self.settings).ok()?;
+        Some(Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect())
+    }
+
     fn episode(&self) -> Result<Episode, Failure> {
         Episode::new(self.config.clone()).map_err(Failure::of_input)
     }
 
-    /// All episodes, in order, whoever ran them.
-    fn run(&self, args: &EvaluateArgs, beta: f64) -> Result<Vec<Outcome>, Failure> {
-        let count = args.episodes as usize;
+    /// The episodes that are wanted, in order, with those that a file has already; each is written there as it ends.
+    fn logged(&self, args: &EvaluateArgs, head: &Value) -> Result<Vec<Outcome>, Failure> {
+        let (log, mut outcomes) = match &args.outcomes {
+            None => (None, Outcomes::new()),
+            Some(path) if args.resume && path.exists() => {
+                Log::resume(path, head).map(|(log, outcomes)| (Some(log), outcomes))?
+            }
+            Some(path) => (Some(Log::create(path, head)?), Outcomes::new()),
+        };
+        let is_ours = |number: &usize| args.shard.is_none_or(|[part, of]| *number as u32 % of == part - 1);
+        let is_new = |number: &usize| !outcomes.contains_key(number);
+        let numbers: Vec<usize> = (0..args.episodes as usize).filter(is_ours).filter(is_new).collect();
+        outcomes.extend(self.run(args, args.beta_test, &numbers, log.as_ref())?);
+        Ok(outcomes.into_values().collect())
+    }
+
+    /// These episodes, whoever runs them.
+    fn run(
+        &self,
+        args: &EvaluateArgs,
+        beta: f64,
+        numbers: &[usize],
+        log: Option<&Log>,
+    ) -> Result<Vec<(usize, Outcome)>, Failure> {
+        let count = numbers.len();
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count);
+        let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
         let way = Way { beta, choice: self.choice, traced: false };
         let pilots = (0..workers).map(|_| self.pilot()).collect::<Result<Vec<_>, _>>()?;
         let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
@@ -167,14 +222,13 @@ impl Evaluation {
             let mut episode = self.episode()?;
             let mut done = Vec::new();
             loop {
-                let number = next.fetch_add(1, Ordering::Relaxed);
-                if number >= count {
-                    return Ok(done);
-                }
+                let Some(number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)).copied() else { return Ok(done) };
                 let seed = part_seed(args.seed, number as u64);
                 let walked = walk(&mut episode, &mut pilot, &self.config, seed, way);
-                // What one cannot walk ends the work of all.
-                done.push((number, walked.inspect_err(|_| next.store(count, Ordering::Relaxed))?));
+                let written =
+                    walked.and_then(|walked| log.map_or(Ok(()), |log| log.add(number, &walked)).map(|()| walked));
+                // What one cannot walk, or write, ends the work of all.
+                done.push((number, written.inspect_err(|_| next.store(count, Ordering::Relaxed))?));
                 bar.inc(1);
             }
         };
@@ -188,7 +242,7 @@ impl Evaluation {
         .concat();
         bar.finish_and_clear();
         outcomes.sort_by_key(|(number, _)| *number);
-        Ok(outcomes.into_iter().map(|(_, outcome)| outcome).collect())
+        Ok(outcomes)
     }
 
     /// Walks the first episodes again, and those that went wrong, and draws where they went, in place of what an
@@ -289,7 +343,10 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     Ok(config)
 }
 
-/// The report for people.
-fn tell(report: &Value) {
+fn tell(report: &Value, as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        return out::json(report);
+    }
     say(figures::text(report));
+    Ok(())
 }
