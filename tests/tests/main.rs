@@ -10,6 +10,7 @@ mod enrol;
 mod evaluate;
 mod fault_matrix;
 mod faults;
+mod floor;
 mod gstreamer;
 mod hearing;
 mod hulls;

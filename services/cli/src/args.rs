@@ -4,6 +4,7 @@ mod bench;
 pub mod cues;
 mod emulate;
 pub mod evaluate;
+pub mod floor;
 mod policy;
 mod robot;
 mod values;
@@ -91,6 +92,9 @@ pub enum Verb {
     /// Ask the shield itself: one case a line on standard input, one answer a line on standard output
     #[command(after_help = SHIELD_HELP)]
     Shield(ShieldArgs),
+    /// What the shield makes of the floor in one depth frame: where it is, and where it drops
+    #[command(after_help = floor::HELP)]
+    Floor(floor::FloorArgs),
     /// Measure
     Bench(BenchArgs),
     /// The other end of `bench transport`

@@ -14,6 +14,7 @@ mod exit;
 mod find;
 mod fit;
 mod fit_robot;
+mod floor;
 mod import;
 mod launch;
 mod legs;
@@ -119,6 +120,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::EvaluateCues(args) => done(cues::evaluate(&args, json)),
         Verb::Emulate(args) => done(emulate::emulate(&args)),
         Verb::Shield(args) => done(shield::shield(&args, json)),
+        Verb::Floor(args) => done(floor::floor(&args, json)),
         Verb::BenchReceiver(args) => done(bench::receiver::receive(&args)),
     }
 }

@@ -1,0 +1,144 @@
+//! `guidedog floor`: what the shield makes of the floor in one depth frame.
+
+use std::path::Path;
+
+use guidance::se2::Point;
+use guidance::{DepthView, Stance, Tilt};
+use image::{DynamicImage, ImageReader};
+use messages::{Attitude, DepthHeader};
+use serde_json::{Value, json};
+use settings::Profile;
+
+use crate::args::floor::FloorArgs;
+use crate::exit::Failure;
+use crate::out::{self, say};
+use crate::prepare;
+
+/// Side of a cell of the picture, metres, and how far it reaches ahead and to either side.
+const CELL_M: f64 = 0.1;
+const AHEAD_M: f64 = 4.0;
+const ASIDE_M: f64 = 2.5;
+
+/// `guidedog floor`.
+///
+/// # Errors
+/// Where the frame cannot be read, is no depth frame of that camera, or shows no floor by which it could be found how
+/// the body is held.
+pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
+    let frame = || args.frame.display();
+    let (pixels_mm, [width, height]) = read(&args.frame)?;
+    let header = header(args, width, height)?;
+    let refused = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", frame()));
+    let attitude = if args.find {
+        let found = Stance::default().attitude(&header, &pixels_mm, header.robot_from_camera.z_m);
+        found.map_err(|error| refused(&error))?.ok_or_else(|| {
+            refused(&"it shows no floor within 12 degrees of a level body; --height-m and --pitch-deg say better")
+        })?
+    } else {
+        Attitude::at_height(1, args.roll_deg.to_radians(), 0.0, header.robot_from_camera.z_m)
+    };
+    // The camera's height is over the floor on which the body stands as it is held.
+    let attitude = Attitude { stamp_ns: 1, ..attitude };
+    let tilt = Tilt::of(&attitude).ok_or_else(|| refused(&"no body stands as it would have to be held"))?;
+    let mut view = DepthView::default();
+    view.fill_tilted(&header, &pixels_mm, Some(&tilt)).map_err(|error| refused(&error))?;
+    let report = report(args, &pixels_mm, &attitude, &view);
+    if as_json {
+        return out::json(&report);
+    }
+    tell(&report, &view);
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<(Vec<u16>, [u32; 2]), Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
+    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(|error| failed(&error))?;
+    match reader.decode().map_err(|error| failed(&error))? {
+        DynamicImage::ImageLuma16(frame) => Ok((frame.as_raw().clone(), [frame.width(), frame.height()])),
+        other => Err(failed(&format!("its pixels are {:?}, not grey of 16 bits: it is no depth frame", other.color()))),
+    }
+}
+
+fn header(args: &FloorArgs, width: u32, height: u32) -> Result<DepthHeader, Failure> {
+    let mut depth = prepare::load(Profile::Walk, args.config.as_deref())?.depth;
+    if args.lens.is_none() && depth.intrinsics.is_some() && (depth.width, depth.height) != (width, height) {
+        let (path, of) = (args.frame.display(), (depth.width, depth.height));
+        return Err(Failure::input(format!(
+            "{path}: it has {width}x{height} pixels, and depth.intrinsics is of {}x{}; --lens says better",
+            of.0, of.1
+        )));
+    }
+    (depth.width, depth.height) = (width, height);
+    let mut header = depth.header();
+    if let Some([fx_px, fy_px, cx_px, cy_px]) = args.lens {
+        header = DepthHeader { fx_px, fy_px, cx_px, cy_px, ..header };
+    }
+    let mount = &mut header.robot_from_camera;
+    mount.z_m = args.height_m.unwrap_or(mount.z_m);
+    mount.pitch_rad = args.pitch_deg.map_or(mount.pitch_rad, f64::to_radians);
+    Ok(header)
+}
+
+fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &DepthView) -> Value {
+    let known = pixels_mm.iter().filter(|pixel| **pixel > 0).count();
+    let places = |places: &[Point]| places.iter().map(|place| json!([place.x, place.y])).collect::<Vec<_>>();
+    let seen = || cells().flat_map(|(_, row)| row).filter(|place| view.shows_floor(*place));
+    json!({
+        "frame": args.frame,
+        "known": known as f64 / pixels_mm.len().max(1) as f64,
+        "attitude": {
+            "roll_deg": attitude.roll_rad.to_degrees(),
+            "pitch_deg": attitude.pitch_rad.to_degrees(),
+            "height_m": attitude.height_m,
+        },
+        "floor": {
+            "shown": view.shows_any_floor(),
+            "area_m2": seen().count() as f64 * CELL_M * CELL_M,
+            "from_m": seen().map(|place| place.x).min_by(f64::total_cmp),
+            "to_m": seen().map(|place| place.x).max_by(f64::total_cmp),
+        },
+        "edges": places(view.edges()),
+        "obstacles": places(view.points()),
+    })
+}
+
+/// Rows of cells, the farthest first, and in each the middles of its cells from left to right.
+fn cells() -> impl Iterator<Item = (f64, impl Iterator<Item = Point>)> {
+    let count = |m: f64| (m / CELL_M).round() as i32;
+    let rows = (0..count(AHEAD_M)).rev().map(|row| (f64::from(row) + 0.5) * CELL_M);
+    rows.map(move |x| {
+        let columns = (-count(ASIDE_M)..count(ASIDE_M)).rev();
+        (x, columns.map(move |column| Point::new(x, (f64::from(column) + 0.5) * CELL_M)))
+    })
+}
+
+fn tell(report: &Value, view: &DepthView) {
+    let is_in = |place: Point, points: &[Point]| points.iter().any(|point| (point - place).amax() <= CELL_M / 2.0);
+    let character = |place: Point| match () {
+        () if is_in(place, view.edges()) => 'E',
+        () if is_in(place, view.points()) => '#',
+        () if view.shows_floor(place) => '.',
+        () if view.is_beyond_edge(place) => '~',
+        () => ' ',
+    };
+    for (x_m, row) in cells() {
+        say(format!("{x_m:4.2} {}", row.map(character).collect::<String>().trim_end()));
+    }
+    let number = |path: &str| out::number(report, path);
+    let count = |key: &str| report[key].as_array().map_or(0, Vec::len);
+    say(format!("measured {:.0} % of the pixels", 100.0 * number("/known")));
+    let [roll, pitch, height] = ["roll_deg", "pitch_deg", "height_m"].map(|key| number(&format!("/attitude/{key}")));
+    say(format!("held     roll {roll:.1}, pitch {pitch:.1} degrees, camera {height:.2} m over the floor"));
+    let floor = if number("/floor/area_m2") > 0.0 {
+        format!(
+            "{:.1} m2, {:.2} to {:.2} m ahead",
+            number("/floor/area_m2"),
+            number("/floor/from_m"),
+            number("/floor/to_m")
+        )
+    } else {
+        "none is seen".to_owned()
+    };
+    say(format!("floor    {floor}"));
+    say(format!("edges    in {} columns; obstacles in {}", count("edges"), count("obstacles")));
+}
