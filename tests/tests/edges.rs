@@ -23,6 +23,8 @@ struct Floor {
     name: &'static str,
     /// World files' `[[ramp]]` entries: at, size, height of the foot, direction in degrees.
     plateaus: Vec<([f64; 2], [f64; 2], f64, f64)>,
+    /// Other entries.
+    more: &'static str,
     /// None where a way leads over it.
     edge: Option<Edge>,
     /// What both bodies keep from it, metres.
@@ -40,7 +42,7 @@ fn floors() -> Vec<Floor> {
     let steps = (0..5).map(|i| ([5.0 + 0.28 * f64::from(i), 0.0], [0.28, 2.4], 0.85 - 0.17 * f64::from(i), 0.0));
     let ends = |name, high_m| {
         let plateaus = vec![plateau(high_m)];
-        Floor { name, plateaus, edge: across(5.0), kept_m: 0.3, reaches: false }
+        Floor { name, plateaus, more: "", edge: across(5.0), kept_m: 0.3, reaches: false }
     };
     let turned = std::f64::consts::FRAC_PI_6;
     let (sin, cos) = turned.sin_cos();
@@ -54,8 +56,21 @@ fn floors() -> Vec<Floor> {
         Floor { name: "kerb-5", edge: None, reaches: true, ..ends("", 0.05) },
         Floor { name: "hole", plateaus: vec![plateau(1.0), ([6.0, 0.0], [6.0, 2.4], 1.0, 0.0)], ..ends("", 0.0) },
         Floor {
+            name: "hole-of-1-m",
+            plateaus: Vec::new(),
+            more: "[[hole]]\nat = [5, 0]\nsize = [1, 2.4]\ndepth_m = 1\n",
+            ..ends("", 0.0)
+        },
+        Floor {
+            name: "stairs-of-a-file",
+            plateaus: Vec::new(),
+            more: "[[stairs]]\nat = [5, 0]\nsteps = 8\nwidth_m = 2.4\nrise_m = -0.17\nlanding_m = 4\n",
+            ..ends("", 0.0)
+        },
+        Floor {
             name: "oblique",
             plateaus: vec![oblique],
+            more: "",
             edge: Some(Edge { at: Point::new(5.0, 0.0), away: [cos, sin] }),
             kept_m: 0.3,
             reaches: false,
@@ -63,6 +78,7 @@ fn floors() -> Vec<Floor> {
         Floor {
             name: "platform",
             plateaus: vec![([-3.0, 0.15], [15.0, 2.1], 1.0, 0.0)],
+            more: "",
             edge: Some(Edge { at: Point::new(0.0, -0.9), away: [0.0, -1.0] }),
             kept_m: 0.15,
             reaches: true,
@@ -77,7 +93,7 @@ fn scenario(place: &Place, floor: &Floor) -> String {
         format!("[[ramp]]\nat = {at:?}\nsize = {size:?}\nfrom_m = {from_m:?}\nrise_m = 0\nyaw_deg = {yaw_deg:?}\n")
     });
     let world = place.path().join("floor.toml");
-    fs::write(&world, walls.to_owned() + &ramps.collect::<String>()).expect("written");
+    fs::write(&world, walls.to_owned() + &ramps.collect::<String>() + floor.more).expect("written");
     let lines = "start = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [9, 0], within_m = 0.7 }\ntime_limit_s = 30\n\
          [[cue]]\nkind = \"forward\"\nat_s = 1.0";
     place.scenario(&world.to_string_lossy(), lines)
@@ -172,13 +188,14 @@ fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
 
 #[test]
 fn a_go2_stands_before_stairs_that_lead_down() {
+    let of_a_file = floors().into_iter().find(|floor| floor.name == "stairs-of-a-file").expect("it is one of them");
     if has_legs() {
-        walks(&floors()[0], "soft", 1);
+        walks(&of_a_file, "soft", 1);
     }
 }
 
 #[test]
-#[ignore = "six minutes: scripts/nightly physics"]
+#[ignore = "eight minutes: scripts/nightly physics"]
 fn a_go2_and_its_handler_keep_off_every_edge() {
     for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
         for floor in floors() {

@@ -288,9 +288,6 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
         Failure::input(format!("{file}{}", crate::exit::chain(error)))
     };
     if settings.simulation.physics == settings::PhysicsKind::Mujoco {
-        if !world.holes().is_empty() {
-            return Err(file_of(&world::WorldError::Holes));
-        }
         Arc::make_mut(&mut level).flatten();
     }
     Physics::new(level, config, scenario.start).map_err(|error| file_of(&error))?;

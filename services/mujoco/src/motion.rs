@@ -6,7 +6,7 @@ use guidance::se2::{Point, se2};
 use guidedog_simulator::{Motion, Simulator};
 use messages::{Attitude, MAX_WALKERS, Pose2, Twist2, Walker, WorldFrame, WorldScan, WorldTruth};
 use mujoco_rs::prelude::*;
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::{Rotation2, Vector2, Vector3};
 use settings::{Mujoco, Settings};
 use transport::{FramePublisher, Io, Rhythm, TransportError};
 use world::floor::Falls;
@@ -24,6 +24,8 @@ use crate::touch::Touches;
 
 /// Steps of the physics in a quantum.
 const STEPS: u64 = (TICK_S / STEP_S).round() as u64;
+/// What a ray meets so close to height 0 is the floor, metres.
+const FLOOR_M: f64 = 1e-3;
 /// Beams of a scan that an emulated lidar takes its samples from, at every quantum: five to a degree, and none older
 /// than a quantum. In a building of 24,000 boxes that is a sixth of a core (`examples/pace.rs`).
 const EMULATED_BEAMS: usize = 1800;
@@ -148,8 +150,9 @@ impl LeggedMotion {
         let (lidar, camera) = (lidar.map_err(TransportError::service)?, camera.map_err(TransportError::service)?);
         let (beams, pixels) = (lidar.config().beams, camera.pixels());
         self.sensors = Some(Sensors {
-            lidar_rays: Rays::new(&self.data, &[scene::SEEN], &[scene::PERSON]),
-            camera_rays: Rays::new(&self.data, &[scene::SEEN, scene::SEEN_BY_CAMERA], &[scene::PERSON]),
+            lidar_rays: Rays::new(&self.data, &[scene::SEEN], &[scene::PERSON]).over(&self.world),
+            camera_rays: Rays::new(&self.data, &[scene::SEEN, scene::SEEN_BY_CAMERA], &[scene::PERSON])
+                .over(&self.world),
             lidar,
             camera,
             scans: (io.frame_publisher(beams)?, Rhythm::at_hz(scans_hz)),
@@ -263,7 +266,7 @@ impl Motion for LeggedMotion {
         let Some(sensors) = &mut self.sensors else { return Ok(()) };
         let base = Sight::of(&self.data, self.standing_m);
         sensors.scan(&self.data, &base, stamp_ns)?;
-        sensors.photograph(&self.data, &base, stamp_ns)
+        sensors.photograph(&self.data, &self.world, &base, stamp_ns)
     }
 }
 
@@ -278,11 +281,22 @@ impl Sensors {
         self.scans.0.publish(stamp_ns, loan).map(|_| ())
     }
 
-    fn photograph(&mut self, data: &MjData<Box<MjModel>>, base: &Sight, stamp_ns: u64) -> Result<(), TransportError> {
+    fn photograph(
+        &mut self,
+        data: &MjData<Box<MjModel>>,
+        world: &World,
+        base: &Sight,
+        stamp_ns: u64,
+    ) -> Result<(), TransportError> {
         let Some(number) = self.frames.1.due(stamp_ns) else { return Ok(()) };
         self.camera_rays.look(data);
         let (header, reach_m) = (self.camera.depth_header(), self.camera.config().range_max_m);
-        base.photograph(&header, reach_m, &mut self.camera_rays, &mut self.inverse_depths);
+        let camera = &self.camera;
+        let is_dark = |pixel: [usize; 2], at: &Vector3<f64>| {
+            let is_floor = !world.dark_floor().is_empty() && at.z.abs() < FLOOR_M;
+            is_floor && camera.is_dark(world, Point::from(at.xy()), number, pixel)
+        };
+        base.photograph(&header, reach_m, &mut self.camera_rays, is_dark, &mut self.inverse_depths);
         let mut loan = self.frames.0.loan(self.inverse_depths.len())?;
         loan.meta_mut().depth = header;
         let (width, depths) = (header.width as usize, &self.inverse_depths);

@@ -7,6 +7,7 @@
 
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::fun::utility::mju_ray_geom;
+use world::World;
 
 /// Side of a cell of the grid, metres.
 const CELL_M: f64 = 1.0;
@@ -77,6 +78,8 @@ pub struct Rays {
     corner: [f64; 2],
     size: [usize; 2],
     cells: Vec<Vec<u32>>,
+    /// The floor, where it has holes: no geom is one.
+    ground: Option<World>,
     /// Number of the ray that asked each of them last.
     asked: Vec<u64>,
     ray: u64,
@@ -121,6 +124,13 @@ impl Rays {
         rays
     }
 
+    /// The same rays over the floor of a world with holes, whose geoms are of no group that they ask.
+    #[must_use]
+    pub fn over(mut self, world: &World) -> Self {
+        self.ground = (!world.holes().is_empty()).then(|| world.clone());
+        self
+    }
+
     fn sort_in(&mut self, solid: u32, bounds: &[[f64; 2]; 2]) {
         let [x, y] = [0, 1].map(|axis| {
             bounds[axis].map(|end_m| (((end_m - self.corner[axis]) / CELL_M) as usize).min(self.size[axis] - 1))
@@ -150,7 +160,8 @@ impl Rays {
     pub fn cast(&mut self, from: &[f64; 3], way: &[f64; 3], max_m: f64) -> Option<f64> {
         debug_assert!(from.iter().chain(way).all(|number| number.is_finite()) && max_m.is_finite());
         self.ray += 1;
-        let mut nearest = max_m;
+        let ground = self.ground.as_ref().and_then(|world| world.ground_along(&(*from).into(), &(*way).into()));
+        let mut nearest = ground.map_or(max_m, |way_m| way_m.min(max_m));
         for &solid in &self.endless {
             nearest = self.solids[solid as usize].nearer(from, way, nearest);
         }

@@ -7,7 +7,7 @@ use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
+use world::{GridMap, HANDLER_SEEN_RADIUS_M, Hole, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -21,9 +21,15 @@ const CLEAR_M: f64 = 0.02;
 
 /// A ramp is so thick, metres: it reaches below the floor.
 const RAMP_M: f64 = 0.5;
-/// Bits by which MuJoCo tells what meets (`contype`). Anything else has the first, and meets all that has it. A ramp
-/// and the handler, who slides over the floor on a plane, have one of their own and do not meet.
-pub(crate) const RAMP_BIT: i32 = 2;
+/// A floor with holes is so thick below the deepest of them, metres,
+const FLOOR_M: f64 = 0.5;
+/// is in convex pieces so far around them, metres,
+const NEAR_HOLES_M: f64 = 5.0;
+/// and reaches so far, metres.
+const FLOOR_WIDE_M: f64 = 500.0;
+/// Bits by which MuJoCo tells what meets (`contype`). Anything else has the first, and meets all that has it. A ramp,
+/// a floor with holes, and the handler, who slides over the floor on a plane, have one of their own and do not meet.
+pub(crate) const FLOOR_BIT: i32 = 2;
 const HANDLER_BIT: i32 = 4;
 
 /// Group of the geoms that stand still and that lidar and camera see. The Go2's own are in groups 2 and 3.
@@ -73,8 +79,8 @@ impl Scene<'_> {
         let floor_m = self.world.floor_m(Point::new(self.start.x_m, self.start.y_m));
         *base.pos_mut() = [self.start.x_m, self.start.y_m, floor_m + self.body_m];
         *base.quat_mut() = turned(self.start.yaw_rad);
+        add_floor(&mut spec, self.world.holes());
         let still = spec.world_body_mut();
-        add_plane(still, 0.0);
         add_plane(still, self.world.ceiling_m());
         if let Some(map) = self.world.map() {
             add_map(still, map, self.world.ceiling_m());
@@ -136,6 +142,50 @@ pub fn step(data: &mut MjData<Box<MjModel>>) -> Result<(), Diverged> {
 pub struct Diverged {
     /// Time of the physics, seconds.
     pub time_s: f64,
+}
+
+/// The level floor, with holes where there are any.
+fn add_floor(spec: &mut MjSpec, holes: &[Hole]) {
+    let Some(deepest_m) = holes.iter().map(|hole| hole.depth_m).max_by(f64::total_cmp) else {
+        return add_plane(spec.world_body_mut(), 0.0);
+    };
+    let bottom_m = -deepest_m - FLOOR_M;
+    let corners = || holes.iter().flat_map(|hole| &hole.outline);
+    let low = corners().fold(Point::new(f64::INFINITY, f64::INFINITY), |low, corner| low.inf(corner));
+    let high = corners().fold(Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY), |high, corner| high.sup(corner));
+    let (near, wide) = (Vector2::repeat(NEAR_HOLES_M), Vector2::repeat(FLOOR_WIDE_M));
+    let (inner, outer) = ([low - near, high + near], [low - wide, high + wide]);
+    // Four boxes lie around what is near the holes, that in convex pieces.
+    for [from, to] in [
+        [outer[0], Point::new(inner[0].x, outer[1].y)],
+        [Point::new(inner[1].x, outer[0].y), outer[1]],
+        [Point::new(inner[0].x, outer[0].y), Point::new(inner[1].x, inner[0].y)],
+        [Point::new(inner[0].x, inner[1].y), Point::new(inner[1].x, outer[1].y)],
+    ] {
+        let at = Se2::new(nalgebra::center(&from, &to).coords, 0.0);
+        let size = to - from;
+        let geom = add_box(spec.world_body_mut(), at, [size.x, size.y], [bottom_m, 0.0]);
+        geom.set_group(UNSEEN);
+        geom.set_contype(FLOOR_BIT);
+    }
+    let square = [inner[0], Point::new(inner[1].x, inner[0].y), inner[1], Point::new(inner[0].x, inner[1].y)];
+    let around = world::ground::around(holes, &square);
+    for (number, outline) in around.iter().enumerate() {
+        add_piece(spec, &format!("floor_{number}"), outline, [bottom_m, 0.0]);
+    }
+    for (number, hole) in holes.iter().enumerate() {
+        add_piece(spec, &format!("hole_{number}"), &hole.outline, [bottom_m, -hole.depth_m]);
+    }
+}
+
+/// A piece of the floor: a convex outline, from its bottom to its top. Rays have the floor of the world itself.
+fn add_piece(spec: &mut MjSpec, name: &str, outline: &[Point], z_m: [f64; 2]) {
+    let corners = z_m.iter().flat_map(|z_m| outline.iter().flat_map(|corner| [corner.x, corner.y, *z_m]));
+    let corners: Vec<f32> = corners.map(|metres| metres as f32).collect();
+    spec.add_mesh().with_name(name).set_uservert(&corners);
+    let geom = spec.world_body_mut().add_geom().with_type(MjtGeomBase::mjGEOM_MESH).with_group(UNSEEN);
+    geom.set_meshname(name);
+    geom.set_contype(FLOOR_BIT);
 }
 
 /// The floor, which looks up, or the ceiling, which looks down.
@@ -259,7 +309,7 @@ fn add_ramp(still: &mut MjsBody, ramp: &Ramp) {
     *geom.pos_mut() = middle.into();
     *geom.quat_mut() = [turned.w, turned.i, turned.j, turned.k];
     *geom.size_mut() = [over_foot.x, ramp.width_m / 2.0, RAMP_M / 2.0];
-    geom.set_contype(RAMP_BIT);
+    geom.set_contype(FLOOR_BIT);
 }
 
 /// A box, `size` along its own x and y axes.

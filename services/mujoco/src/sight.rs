@@ -43,10 +43,17 @@ impl Sight {
     }
 
     /// The inverse depth of each pixel along the optical axis, 1/metres, row by row; 0 where nothing is met within
-    /// `reach_m`.
-    pub fn photograph(&self, camera: &DepthHeader, reach_m: f64, rays: &mut Rays, inverse_depths: &mut [f32]) {
+    /// `reach_m`, or where what a pixel (row, column) meets at a place (world frame) is dark.
+    pub fn photograph(
+        &self,
+        camera: &DepthHeader,
+        reach_m: f64,
+        rays: &mut Rays,
+        is_dark: impl Fn([usize; 2], &Vector3<f64>) -> bool,
+        inverse_depths: &mut [f32],
+    ) {
         let mount = camera.robot_from_camera;
-        let from = self.place(mount.x_m, mount.y_m, mount.z_m).into();
+        let from: [f64; 3] = self.place(mount.x_m, mount.y_m, mount.z_m).into();
         let turned = self.turned * UnitQuaternion::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
         for (i, inverse_depth) in inverse_depths.iter_mut().enumerate() {
             let (row, column) = (i / camera.width as usize, i % camera.width as usize);
@@ -54,7 +61,9 @@ impl Sight {
             let up = -(row as f64 - camera.cy_px) / camera.fy_px;
             let way = Vector3::new(1.0, left, up);
             let length = way.norm();
-            let met = rays.cast(&from, &(turned * (way / length)).into(), reach_m * length);
+            let way = turned * (way / length);
+            let met = rays.cast(&from, &way.into(), reach_m * length);
+            let met = met.filter(|range_m| !is_dark([row, column], &(Vector3::from(from) + way * *range_m)));
             *inverse_depth = met.map_or(0.0, |range_m| (length / range_m) as f32);
         }
     }

@@ -65,7 +65,7 @@ impl Touches {
             let is_leg = || feet.iter().any(|foot| model.geom_bodyid()[*foot] as usize == body);
             match body {
                 0 if model.geom_type()[geom] == MjtGeomBase::mjGEOM_PLANE => Owner::Floor,
-                0 if model.geom_contype()[geom] == scene::RAMP_BIT => Owner::Floor,
+                0 if model.geom_contype()[geom] == scene::FLOOR_BIT => Owner::Floor,
                 0 => Owner::World,
                 body if body == handler => Owner::Handler,
                 body if passers.contains(&body) => Owner::Passer,

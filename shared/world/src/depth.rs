@@ -20,6 +20,7 @@ use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
 use crate::redwood::Redwood;
 use crate::scene::PERSON_HEIGHT_M;
+use crate::world::World;
 use crate::{ConfigError, Scene};
 
 /// The most columns, and the most rows.
@@ -187,7 +188,7 @@ impl DepthSensor {
         faces.sort_unstable_by_key(|face| face.rows().0);
         let (mut active, mut next) = (Vec::with_capacity(faces.len()), 0);
         let (camera, ceiling_m) = (self.camera, scene.world.ceiling_m());
-        let silence = mixed(mixed(self.seed, u64::from(self.incarnation)), frame);
+        let silence = self.silence(frame);
         let draw = |row: usize, inverse_depths: &mut [f32]| {
             while next < faces.len() && faces[next].rows().0 <= row {
                 active.push(next);
@@ -203,6 +204,17 @@ impl DepthSensor {
         };
         self.measure(draw, frame, pixels);
         (self.faces, self.patches) = (faces, patches);
+    }
+
+    fn silence(&self, frame: u64) -> u64 {
+        mixed(mixed(self.seed, u64::from(self.incarnation)), frame)
+    }
+
+    /// Whether a pixel (row, column) of a frame says nothing of the floor that it sees at a place (world frame).
+    #[must_use]
+    pub fn is_dark(&self, world: &World, at: Point, frame: u64, pixel: [usize; 2]) -> bool {
+        let mut dark = world.dark_floor().iter().filter(|dark| dark.distance_m(at) == 0.0);
+        dark.any(|dark| is_silent(self.silence(frame), pixel, dark.silent))
     }
 
     /// As [`Self::render`], of depths that are told: `draw` writes a row's true inverse depths along the optical axis,
@@ -277,14 +289,18 @@ impl Patches {
     fn darken(&self, row: usize, silence: u64, inverse_depths: &mut [f32]) {
         for (face, silent) in self.dark.iter().filter(|(face, _)| face.is_in(row)) {
             face.each(row, inverse_depths, |column, here, pixel| {
-                let number = mixed(silence, (row * MAX_SIZE[0] + column) as u64);
-                let is_silent = (number >> 11) as f64 / (1u64 << 53) as f64;
-                if (*pixel - here).abs() <= SAME * here && is_silent < *silent {
+                if (*pixel - here).abs() <= SAME * here && is_silent(silence, [row, column], *silent) {
                     *pixel = 0.0;
                 }
             });
         }
     }
+}
+
+/// Whether a pixel (row, column) of floor of which such a share says nothing is silent.
+fn is_silent(silence: u64, [row, column]: [usize; 2], share: f64) -> bool {
+    let number = mixed(silence, (row * MAX_SIZE[0] + column) as u64);
+    ((number >> 11) as f64 / (1u64 << 53) as f64) < share
 }
 
 /// How a camera is held over the floor.

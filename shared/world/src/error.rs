@@ -64,11 +64,6 @@ pub enum WorldError {
     /// The project's own world is flat.
     #[error("ramps need --physics mujoco: this world is flat")]
     Ramps,
-    /// The world has holes, and the walk is in MuJoCo.
-    #[error(
-        "the world has holes or stairs that lead down, which only the flat world knows: leave out --physics mujoco"
-    )]
-    Holes,
     /// Robot and handler find no way in a floor plan.
     #[error("{file}: there is no corridor of {length_m} m with room for robot and handler")]
     NoWay {

@@ -17,6 +17,7 @@ pub mod floor_plan;
 pub mod generate;
 pub mod grid_map;
 mod grid_walk;
+pub mod ground;
 mod index;
 pub mod legs;
 pub mod lidar;

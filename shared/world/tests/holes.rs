@@ -43,15 +43,7 @@ fn is_solid(world: &World, at: Point3<f64>) -> bool {
 
 /// The depth that a pixel should have, millimetres.
 fn expected_mm(config: &DepthConfig, world: &World, tilt: Option<&Tilt>, pixel: usize) -> f64 {
-    let half_rad: f64 = 0.5 * config.hfov_rad;
-    let focal_px = 0.5 * WIDTH as f64 / half_rad.tan();
-    let (row, column) = ((pixel / WIDTH) as f64, (pixel % WIDTH) as f64);
-    let left = -(column - 0.5 * (WIDTH as f64 - 1.0)) / focal_px;
-    let up = -(row - 0.5 * (HEIGHT as f64 - 1.0)) / focal_px;
-    let mount = config.robot_from_camera;
-    let way = Rotation3::from_euler_angles(0.0, mount.pitch_rad, 0.0) * Vector3::new(1.0, left, up);
-    let eye = Point3::new(mount.x_m, mount.y_m, mount.z_m);
-    let (eye, way) = tilt.map_or((eye, way), |tilt| (tilt.place(eye), tilt.direction(way)));
+    let (eye, way) = ray(config, tilt, pixel);
     let step = STEP_M / way.norm();
     let mut depth_m = 0.0;
     while depth_m < config.range_max_m && !is_solid(world, eye + way * depth_m) {
@@ -60,14 +52,43 @@ fn expected_mm(config: &DepthConfig, world: &World, tilt: Option<&Tilt>, pixel: 
     if depth_m < config.range_max_m { 1000.0 * depth_m } else { 0.0 }
 }
 
+/// Where a pixel looks from, and the way that a metre of depth leads.
+fn ray(config: &DepthConfig, tilt: Option<&Tilt>, pixel: usize) -> (Point3<f64>, Vector3<f64>) {
+    let half_rad: f64 = 0.5 * config.hfov_rad;
+    let focal_px = 0.5 * WIDTH as f64 / half_rad.tan();
+    let (row, column) = ((pixel / WIDTH) as f64, (pixel % WIDTH) as f64);
+    let left = -(column - 0.5 * (WIDTH as f64 - 1.0)) / focal_px;
+    let up = -(row - 0.5 * (HEIGHT as f64 - 1.0)) / focal_px;
+    let mount = config.robot_from_camera;
+    let way = Rotation3::from_euler_angles(0.0, mount.pitch_rad, 0.0) * Vector3::new(1.0, left, up);
+    let eye = Point3::new(mount.x_m, mount.y_m, mount.z_m);
+    tilt.map_or((eye, way), |tilt| (tilt.place(eye), tilt.direction(way)))
+}
+
+/// Holds the way to the ground against the rays, in a world in which nothing else is.
+fn hold_ground(config: &DepthConfig, world: &World, tilt: Option<&Tilt>, expected_mm: &[f64]) {
+    let is_off = |pixel: &usize| {
+        let (eye, way) = ray(config, tilt, *pixel);
+        let found_m = world.ground_along(&eye.coords, &way).filter(|depth_m| *depth_m < config.range_max_m);
+        (found_m.unwrap_or(0.0) - expected_mm[*pixel] / 1000.0).abs() > STEP_M
+    };
+    // In a step a flat ray may pass the rim of a hole.
+    let off = (0..WIDTH * HEIGHT).filter(is_off).count();
+    assert!(off * 200 < WIDTH * HEIGHT, "{off} pixels are off");
+}
+
 /// Holds a frame against the rays: pixels on an edge may show either side of it.
 fn hold(world: &World, pitch_rad: f64, tilt: Option<Tilt>) {
     let config = camera(pitch_rad);
     let seen = frame(&config, world, tilt, 0);
+    let expected: Vec<f64> =
+        (0..WIDTH * HEIGHT).map(|pixel| expected_mm(&config, world, tilt.as_ref(), pixel)).collect();
+    if world.prisms().is_empty() {
+        hold_ground(&config, world, tilt.as_ref(), &expected);
+    }
     let is_off = |pixel: &usize| {
-        let expected_mm = expected_mm(&config, world, tilt.as_ref(), *pixel);
         // A flat ray passes much floor in a step.
-        (f64::from(seen[*pixel]) - expected_mm).abs() > 8.0 + 0.01 * expected_mm
+        (f64::from(seen[*pixel]) - expected[*pixel]).abs() > 8.0 + 0.01 * expected[*pixel]
     };
     let floor = (0..WIDTH * HEIGHT).filter(|pixel| (1..5000).contains(&seen[*pixel]));
     let (off, all) = (floor.clone().filter(is_off).count(), floor.count());
