@@ -34,6 +34,10 @@ pub enum Floor {
     Assumed,
     /// It was never seen, or too long ago.
     Unseen,
+    /// The camera looked at it once, and saw no floor.
+    Doubted,
+    /// It did so again.
+    Denied,
     /// The camera saw an edge before it.
     Beyond,
 }
@@ -51,7 +55,9 @@ impl Cell {
 
     fn is_over(&self, here: &Here<'_>) -> bool {
         let walked_m = here.at.walked_m - self.seen_at.walked_m;
-        walked_m > KEPT_M || walked_m > WALKED_MIN_M && here.now_ns.saturating_sub(self.seen_ns) > KEPT_NS
+        let is_old = walked_m > WALKED_MIN_M && here.now_ns.saturating_sub(self.seen_ns) > KEPT_NS;
+        // What lies beyond an edge stays there until floor is seen.
+        self.floor != Floor::Beyond && (walked_m > KEPT_M || is_old)
     }
 }
 
@@ -89,7 +95,7 @@ impl FloorMap {
         for body in bodies.iter().take(standing) {
             let first = self.walked_m(here) < CELL_M;
             self.each(here, body.center, body.radius_m, |_, old| match old {
-                Floor::Beyond => None,
+                Floor::Beyond | Floor::Denied => None,
                 Floor::Seen => Some(Floor::Seen),
                 _ if first => Some(Floor::Seen),
                 _ => Some(Floor::Trodden),
@@ -110,9 +116,21 @@ impl FloorMap {
             if view.shows_floor(place) {
                 return Some(Floor::Seen);
             }
-            let is_beyond = old != Floor::Seen && view.is_beyond_edge(place);
+            if matches!(old, Floor::Seen | Floor::Trodden) {
+                return None;
+            }
+            let is_beyond = view.is_beyond_edge(place);
             has_beyond |= is_beyond;
-            is_beyond.then_some(Floor::Beyond)
+            if is_beyond {
+                Some(Floor::Beyond)
+            } else {
+                let denied = || view.denies_floor(place);
+                match old {
+                    Floor::Unseen => denied().then_some(Floor::Doubted),
+                    Floor::Doubted => denied().then_some(Floor::Denied),
+                    _ => None,
+                }
+            }
         });
         self.has_beyond = has_beyond;
     }
@@ -153,6 +171,7 @@ impl FloorMap {
         let unseen = || if self.is_beside_edge(key, here) { Floor::Beyond } else { Floor::Unseen };
         let Some(cell) = self.known(key, here) else { return unseen() };
         match cell.floor {
+            Floor::Doubted => unseen(),
             Floor::Assumed if !self.is_first_way(here) => unseen(),
             Floor::Seen => {
                 let middle = middle_of(key);
