@@ -4,14 +4,14 @@ use guidance::contact;
 use guidance::se2::pose2;
 use guidance::shield::{choose, masked_at_edge, suppress};
 use guidance::{
-    ActionTable, Awareness, AwarenessConfig, Draw, FloorTrouble, FloorWatch, InteractionModel, Judgement, Pose, Se2,
-    Shield, ShieldConfig, Stood,
+    ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, InteractionModel, Judgement, Pose, Se2, Shield,
+    ShieldConfig,
 };
 use messages::{
     CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
     PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
-use settings::{AttitudeSource, Settings, Source};
+use settings::{Settings, Source};
 
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
@@ -32,8 +32,6 @@ pub struct CoreConfig {
     absent_streams: u32,
     /// The camera watches the floor.
     watches_floor: bool,
-    /// Another source than the camera tells the body's attitude.
-    has_attitude: bool,
 }
 
 impl CoreConfig {
@@ -54,7 +52,6 @@ impl CoreConfig {
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
             watches_floor: settings.footing().is_some(),
-            has_attitude: settings.odometry.attitude != AttitudeSource::Depth,
         }
     }
 }
@@ -102,7 +99,7 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
-            floor: FloorWatch::new(),
+            floor: FloorWatch::default(),
             jumps: 0,
             mode: None,
             running: None,
@@ -136,8 +133,8 @@ impl Core {
             let action = self.config.table.actions()[running.index].start_from_end();
             self.awareness.feel(&running.odom_from_begin, &action);
         }
-        if is_new && self.floor.trouble().is_some() {
-            // It was told, and a new cue may try again.
+        if mode.class == ModeClass::Run && self.mode.is_some_and(|old| old.class != ModeClass::Run) {
+            // What was wrong was told, and a new cue may try again.
             self.floor.begin_anew();
         }
         self.mode = Some(*mode);
@@ -153,11 +150,9 @@ impl Core {
     /// The newest depth frame.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
         self.awareness.take_depth(header, pixels_mm);
-        if let Some(odometry) = self.awareness.odometry().filter(|_| self.config.watches_floor) {
-            let attitude = Some(&odometry.attitude).filter(|told| self.config.has_attitude && told.is_known());
-            let stood = Stood { odom_from_robot: self.awareness.odom_from_robot(), attitude };
-            let view = self.awareness.evidence(header.header.stamp_ns).depth;
-            self.floor.take(header, pixels_mm, view, &stood);
+        if self.config.watches_floor {
+            let stamp_ns = header.header.stamp_ns;
+            self.floor.take(stamp_ns, self.awareness.evidence(stamp_ns).depth);
         }
     }
 
@@ -348,10 +343,8 @@ impl Core {
         if age_ns(now_ns, mode.header.stamp_ns) > self.config.mode_max_age_ns {
             return Outcome::NotInRun;
         }
-        match self.floor.trouble() {
-            Some(FloorTrouble::NoFloor) => return Outcome::NoFloor,
-            Some(FloorTrouble::Tilted) => return Outcome::CameraTilted,
-            None => {}
+        if self.floor.sees_none() {
+            return Outcome::NoFloor;
         }
         let Some(running) = self.running else { return Outcome::NoAction };
         let wanted = if mode.cue.valid { mode.cue.cue.header } else { messages::Header::default() };

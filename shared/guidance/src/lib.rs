@@ -27,7 +27,7 @@ pub mod wayfinding;
 pub use action::{Action, ActionTable};
 pub use awareness::{Awareness, AwarenessConfig, Pose};
 pub use depth::{DepthView, FloorCell, FloorInView, Stance};
-pub use floor_watch::{FloorTrouble, FloorWatch, Stood};
+pub use floor_watch::FloorWatch;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Discs, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};

@@ -344,8 +344,6 @@ pub enum Outcome {
     ScanContradicts,
     /// Refused: the camera shows no floor, though nothing stands before it.
     NoFloor,
-    /// Refused: the camera is not mounted as the configuration says.
-    CameraTilted,
 }
 
 named!(Outcome);
@@ -358,7 +356,7 @@ impl Outcome {
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 18] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -377,7 +375,6 @@ impl Outcome {
         Self::StuckDepth,
         Self::ScanContradicts,
         Self::NoFloor,
-        Self::CameraTilted,
     ];
 
     /// The name, as in reports.
@@ -402,7 +399,6 @@ impl Outcome {
             Self::StuckDepth => "stuck_depth",
             Self::ScanContradicts => "scan_contradicts",
             Self::NoFloor => "no_floor",
-            Self::CameraTilted => "camera_tilted",
         }
     }
 }

@@ -377,12 +377,6 @@ stops! {
         advice: "look whether it is covered, looks too high, or sees a floor that is dark or shines; \
                  `guidedog doctor --config` says which floor it should see; then a cue",
     }
-    CameraTilted = 41, "camera_tilted" {
-        class: Latched,
-        holds_a_cue: true, latched_by_locomotion: true,
-        meaning: "the camera is mounted otherwise than the configuration says",
-        advice: "measure how the camera is mounted, and mend `[depth.robot_from_camera]`; then a cue",
-    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
@@ -430,7 +424,6 @@ mod tests {
             "drop_off",
             "floor_unseen",
             "no_floor",
-            "camera_tilted",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
         let latched = [
@@ -441,7 +434,6 @@ mod tests {
             "emergency_stop",
             "robot_fell",
             "no_floor",
-            "camera_tilted",
         ];
         assert_eq!(names(StopKind::is_latched), latched);
         assert!(!StopKind::None.holds_a_cue() && !StopKind::None.is_latched());

@@ -559,28 +559,33 @@ fn wall_without_floor_mm(mm: u16) -> Vec<u16> {
     wall_mm(mm).into_iter().map(|pixel| if pixel < mm { 0 } else { pixel }).collect()
 }
 
+/// What comes of three seconds with such frames, ten a second, from then on.
+fn outcomes(core: &mut Core, from_ms: u64, epoch: u64, pixels: fn(u16) -> Vec<u16>) -> Vec<Outcome> {
+    let tick = |i: u64| {
+        let ms = from_ms + 100 * i;
+        core.take_mode(&Mode { epoch, ..mode(ModeClass::Run, ms - 10) });
+        core.take_odometry(&odometry(ms - 10, 0.0));
+        core.take_depth(&depth_header(ms - 10), &pixels(5000 + i as u16));
+        core.on_scan(ms * MS, &scan_header(ms - 10), &open_scan());
+        let decision = action(ms / 500, 1);
+        core.on_action(ms * MS, &decision);
+        core.on_scan((ms + 1) * MS, &scan_header(ms - 9), &open_scan()).outcome
+    };
+    (0..30).map(tick).collect()
+}
+
 #[test]
 fn a_camera_that_shows_no_floor_holds_the_robot_until_another_cue_and_longer_where_it_still_shows_none() {
     let mut core = ready();
-    let mut outcomes = |from_ms: u64, epoch: u64, pixels: fn(u16) -> Vec<u16>| -> Vec<Outcome> {
-        let tick = |i: u64| {
-            let ms = from_ms + 100 * i;
-            core.take_mode(&Mode { epoch, ..mode(ModeClass::Run, ms - 10) });
-            core.take_odometry(&odometry(ms - 10, 0.0));
-            core.take_depth(&depth_header(ms - 10), &pixels(5000 + i as u16));
-            core.on_scan(ms * MS, &scan_header(ms - 10), &open_scan());
-            let decision = action(ms / 500, 1);
-            core.on_action(ms * MS, &decision);
-            core.on_scan((ms + 1) * MS, &scan_header(ms - 9), &open_scan()).outcome
-        };
-        (0..30).map(tick).collect()
-    };
-    let blind = outcomes(1100, 3, wall_without_floor_mm);
+    let blind = outcomes(&mut core, 1100, 3, wall_without_floor_mm);
     let first = blind.iter().position(|outcome| *outcome == Outcome::NoFloor);
     assert!(first.is_some_and(|first| (15..=22).contains(&first)), "{blind:?}");
     assert!(blind[first.unwrap_or(0)..].iter().all(|outcome| *outcome == Outcome::NoFloor), "{blind:?}");
-    let again = outcomes(4100, 4, wall_without_floor_mm);
+    // The supervisor makes a fault of it, and a cue that comes later runs in the epoch of the fault.
+    core.take_mode(&Mode { epoch: 4, ..mode(ModeClass::Fault, 4000) });
+    let again = outcomes(&mut core, 9100, 4, wall_without_floor_mm);
     assert!(again[..10].iter().all(|outcome| *outcome != Outcome::NoFloor), "a new cue may try again: {again:?}");
     assert_eq!(again.last(), Some(&Outcome::NoFloor));
-    assert!(outcomes(7100, 5, wall_mm).iter().all(|outcome| *outcome != Outcome::NoFloor));
+    core.take_mode(&Mode { epoch: 5, ..mode(ModeClass::Fault, 12_000) });
+    assert!(outcomes(&mut core, 13_100, 5, wall_mm).iter().all(|outcome| *outcome != Outcome::NoFloor));
 }

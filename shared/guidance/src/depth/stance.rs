@@ -37,8 +37,6 @@ pub struct Stance {
     /// Of each place: how far off a slope that is tried it may be, metres, and what it counts for. Near ones count for
     /// more: they are at the feet.
     weighed: Vec<(f64, f64)>,
-    /// The slopes that are tried, ahead and to the left, in steps: the gentle ones first.
-    slopes: Vec<(i32, i32)>,
 }
 
 impl Stance {
@@ -103,15 +101,14 @@ impl Stance {
 
     /// The slope that most of the places lie on, roughly; `None` where too few lie on any. Of two that hold about as
     /// many it is the gentler one.
-    fn steepness(&mut self) -> Option<Plane> {
+    fn steepness(&self) -> Option<Plane> {
         let step = MOST.slope_max / f64::from(STEPS);
-        if self.slopes.is_empty() {
-            self.slopes.extend((-STEPS..=STEPS).flat_map(|b| (-STEPS..=STEPS).map(move |c| (b, c))));
-            self.slopes.sort_by_key(|(ahead, left)| ahead * ahead + left * left);
-        }
+        let mut slopes: Vec<(i32, i32)> =
+            (-STEPS..=STEPS).flat_map(|b| (-STEPS..=STEPS).map(move |c| (b, c))).collect();
+        slopes.sort_by_key(|(ahead, left)| ahead * ahead + left * left);
         let mut best = (None, POINTS_MIN);
-        for (ahead, left) in &self.slopes {
-            let plane = Plane::sloped(f64::from(*ahead) * step, f64::from(*left) * step);
+        for (ahead, left) in slopes {
+            let plane = Plane::sloped(f64::from(ahead) * step, f64::from(left) * step);
             let held = self.held_by(&plane);
             if held > best.1 * STEEPER {
                 best = (Some(plane), held);

@@ -91,7 +91,9 @@ impl DepthView {
     /// Whether the camera shows any floor. None where what stands before it may hide all of it.
     #[must_use]
     pub fn shows_any_floor(&self) -> Option<bool> {
-        let open = || self.columns[self.whole.clone()].iter().filter(|column| column.near_m > OPEN_M);
+        // The floor before an edge may lie below the image.
+        let is_open = |column: &&Column| column.near_m > OPEN_M && !column.edge_m.is_finite();
+        let open = || self.columns[self.whole.clone()].iter().filter(is_open);
         let (all, shown) = (open().count(), open().filter(|column| column.sees_floor_within(FLOOR_M)).count());
         (all > 0 && all * OPEN_OF >= self.whole.len()).then_some(shown * SHOWN_OF >= all)
     }
