@@ -138,6 +138,11 @@ fn shards_that_were_interrupted_come_to_the_same_figures_as_one_evaluation() {
     let (other, code) = of(&["--shard", "1/2", "--outcomes", &first, "--resume", "--seed", "2"]);
     assert!(code != 0 && other["error"].to_string().contains("its seed is 1, not 2"), "{other:#}");
     assert_eq!(of(&["--shard", "1/2", "--outcomes", &first, "--resume"]).1, 0);
+    let (empty, code) = of(&["--shard", "7/7", "--outcomes", &file("7")]);
+    assert_eq!((code, &empty["episodes"]), (0, &0.into()), "{empty:#}");
+    std::fs::write(file("null"), "null\n").expect("written");
+    let (none, code) = place.json(&["evaluate", "--json", "--merge", &file("null")]);
+    assert!(code == 2 && none["error"].to_string().contains("null.jsonl, line 1"), "{none:#}");
     let (mut merged, code) = place.json(&["evaluate", "--json", "--merge", &first, &file("2")]);
     merged["decision_us"] = Value::Null;
     assert_eq!(code, 0);

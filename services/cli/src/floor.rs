@@ -1,13 +1,15 @@
 //! `guidedog floor`: what the shield makes of the floor in one depth frame.
 
+use std::io::Cursor;
 use std::path::Path;
 
 use guidance::se2::Point;
 use guidance::{DepthView, Stance, Tilt};
-use image::{DynamicImage, ImageReader};
+use image::codecs::pnm::PnmDecoder;
+use image::{DynamicImage, ImageFormat, ImageReader};
 use messages::{Attitude, DepthHeader};
 use serde_json::{Value, json};
-use settings::Profile;
+use settings::{DepthIntrinsics, Profile};
 
 use crate::args::floor::FloorArgs;
 use crate::exit::Failure;
@@ -52,7 +54,18 @@ pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<(Vec<u16>, [u32; 2]), Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", path.display()));
-    let reader = ImageReader::open(path).and_then(ImageReader::with_guessed_format).map_err(|error| failed(&error))?;
+    if !std::fs::metadata(path).map_err(|error| failed(&error))?.is_file() {
+        return Err(failed(&"it is no regular file"));
+    }
+    let bytes = std::fs::read(path).map_err(|error| failed(&error))?;
+    let reader = ImageReader::new(Cursor::new(&bytes[..])).with_guessed_format().map_err(|error| failed(&error))?;
+    if reader.format() == Some(ImageFormat::Pnm) {
+        // Of another maximum, its numbers would be scaled.
+        let header = PnmDecoder::new(&bytes[..]).map_err(|error| failed(&error))?.header().maximal_sample();
+        if header != u32::from(u16::MAX) && header > u32::from(u8::MAX) {
+            return Err(failed(&format!("its greatest number is {header}; of millimetres it has to be 65535")));
+        }
+    }
     match reader.decode().map_err(|error| failed(&error))? {
         DynamicImage::ImageLuma16(frame) => Ok((frame.as_raw().clone(), [frame.width(), frame.height()])),
         other => Err(failed(&format!("its pixels are {:?}, not grey of 16 bits: it is no depth frame", other.color()))),
@@ -70,7 +83,11 @@ fn header(args: &FloorArgs, width: u32, height: u32) -> Result<DepthHeader, Fail
     }
     (depth.width, depth.height) = (width, height);
     let mut header = depth.header();
-    if let Some([fx_px, fy_px, cx_px, cy_px]) = args.lens {
+    if let Some(lens) = args.lens {
+        let [fx_px, fy_px, cx_px, cy_px] = lens.map(|px| px as f32);
+        let told = DepthIntrinsics { fx_px, fy_px, cx_px, cy_px };
+        told.head(&depth).check().map_err(|refused| Failure::input(format!("--lens: {refused}")))?;
+        let [fx_px, fy_px, cx_px, cy_px] = lens;
         header = DepthHeader { fx_px, fy_px, cx_px, cy_px, ..header };
     }
     let mount = &mut header.robot_from_camera;
@@ -89,7 +106,6 @@ fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &Depth
         "attitude": {
             "roll_deg": attitude.roll_rad.to_degrees(),
             "pitch_deg": attitude.pitch_rad.to_degrees(),
-            "height_m": attitude.height_m,
         },
         "floor": {
             "shown": view.shows_any_floor(),
@@ -127,8 +143,8 @@ fn tell(report: &Value, view: &DepthView) {
     let number = |path: &str| out::number(report, path);
     let count = |key: &str| report[key].as_array().map_or(0, Vec::len);
     say(format!("measured {:.0} % of the pixels", 100.0 * number("/known")));
-    let [roll, pitch, height] = ["roll_deg", "pitch_deg", "height_m"].map(|key| number(&format!("/attitude/{key}")));
-    say(format!("held     roll {roll:.1}, pitch {pitch:.1} degrees, camera {height:.2} m over the floor"));
+    let [roll, pitch] = ["roll_deg", "pitch_deg"].map(|key| number(&format!("/attitude/{key}")));
+    say(format!("held     roll {roll:.1}, pitch {pitch:.1} degrees"));
     let floor = if number("/floor/area_m2") > 0.0 {
         format!(
             "{:.1} m2, {:.2} to {:.2} m ahead",

@@ -263,7 +263,7 @@ impl Speaker {
     }
 
     fn tell_of_floor(&mut self, news: News, now_ns: u64) {
-        if !std::mem::replace(&mut self.floor_told, true) {
+        if !self.floor_told && !self.waits(Topic::News(news)) {
             self.news(news, now_ns);
         }
     }
@@ -284,6 +284,9 @@ impl Speaker {
     pub fn state(&mut self, state: &LocomotionState, now_ns: u64) {
         self.judge_battery(state, now_ns);
         let Some(mode) = self.mode else { return };
+        if !self.config.watches_floor && (self.ready_told || mode.class == ModeClass::Run) {
+            self.tell_of_floor(News::FloorNotWatched, now_ns);
+        }
         let asked = mode.class == ModeClass::Run && mode.cue.valid && state.epoch == mode.epoch;
         let (stands, kind) = (state.applied.is_zero(), state.limited_by.kind);
         if !(asked && stands && kind.holds_a_cue() && kind != StopKind::StopCue) {
@@ -363,7 +366,9 @@ impl Speaker {
         }
         self.speaking = Some(Speaking { urgency: best, since_ns: now_ns, is_over: false });
         let utterance = self.waiting.remove(i).utterance;
-        self.ready_told |= utterance.sentence.topic == Topic::News(News::Ready);
+        let topic = utterance.sentence.topic;
+        self.ready_told |= topic == Topic::News(News::Ready);
+        self.floor_told |= matches!(topic, Topic::News(News::FloorAssumed | News::FloorNotWatched));
         Some(utterance)
     }
 
@@ -408,9 +413,6 @@ impl Speaker {
         // It counts as told once it is its turn: until then it is dropped where the robot is no longer ready.
         if ready && !self.ready_told && for_ns >= READY_AFTER_NS && !self.waits(Topic::News(News::Ready)) {
             self.news_until(News::Ready, now_ns, u64::MAX);
-            if !self.config.watches_floor {
-                self.tell_of_floor(News::FloorNotWatched, now_ns);
-            }
         }
     }
 

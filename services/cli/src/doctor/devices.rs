@@ -99,15 +99,17 @@ fn floor(settings: &Settings) -> Check {
     if !settings.watches_floor() {
         return check(true, "not watched: the robot would walk over an edge".to_owned(), "");
     }
-    let fix = "tilt the camera down or mount it lower: [depth.robot_from_camera], in `guidedog doctor --config` again";
+    let mend = "mount the camera so, and write it into [depth.robot_from_camera]: ";
     let Some(view) = settings.floor_in_view() else {
-        return check(false, "the camera sees no floor within 3 m of it".to_owned(), fix);
+        let fix = format!("{mend}tilted down, looking ahead");
+        return check(false, "the camera sees no floor ahead of the robot within 3 m of it".to_owned(), &fix);
     };
     let found = format!(
-        "seen from {:.2} to {:.2} m ahead of the robot's middle; an edge has to be seen at {wanted_m:.2} m",
+        "seen from {:.2} to {:.2} m ahead of the robot's middle; an edge has to be seen at {wanted_m:.2} m or farther",
         view.from_m, view.to_m
     );
-    check(view.from_m <= wanted_m && wanted_m <= view.to_m, found, fix)
+    // What lies nearer than where it sees floor is remembered.
+    check(wanted_m <= view.to_m, found, &format!("{mend}tilted up, so that it sees the floor farther off"))
 }
 
 /// A program of others, where the shell would find it.
@@ -285,14 +287,18 @@ mod tests {
             checks(&settings).into_iter().find(|check| check.name == "floor").map(|check| (check.ok, check.found))
         };
         let told = |ok: bool, found: &str| Some((ok, found.to_owned()));
-        let seen = "seen from 0.85 to 3.22 m ahead of the robot's middle; an edge has to be seen at 1.01 m";
+        let seen = "seen from 0.85 to 3.22 m ahead of the robot's middle; an edge has to be seen at 1.01 m or farther";
         assert_eq!(floor(""), told(true, seen));
-        // 25 degrees up, it sees the floor from far on; 80 degrees up, never.
+        // 80 degrees up it sees no floor; 70 degrees down none that is far enough.
         let pitched = |rad: f64| {
             format!("[depth.robot_from_camera]\nx_m = 0.25\ny_m = 0.0\nz_m = 0.45\nyaw_rad = 0.0\npitch_rad = {rad}\n")
         };
-        assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(false));
-        assert_eq!(floor(&pitched(-1.4)), told(false, "the camera sees no floor within 3 m of it"));
+        assert_eq!(floor(&pitched(1.2)).map(|(ok, _)| ok), Some(false));
+        assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(true), "what is nearer is remembered");
+        let none = "the camera sees no floor ahead of the robot within 3 m of it";
+        assert_eq!(floor(&pitched(-1.4)), told(false, none));
+        let aside = "[depth.robot_from_camera]\nx_m = 0.25\ny_m = 0.0\nz_m = 0.45\nyaw_rad = 1.05\npitch_rad = 0.0\n";
+        assert_eq!(floor(aside), told(false, none));
         let blind = "[depth]\nsource = \"absent\"\nneeded = false\n";
         assert_eq!(floor(blind), told(true, "not watched: the robot would walk over an edge"));
     }

@@ -20,7 +20,8 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     let is_turn = |r: &Report| matches!(r.cue, CueKind::Left | CueKind::Right);
     let mut latency: Vec<f32> = outcomes.iter().flat_map(|outcome| outcome.latency_us.iter().copied()).collect();
     latency.sort_by(f32::total_cmp);
-    let quantile = |share: f64| latency.get(((latency.len() as f64 * share) as usize).min(latency.len() - 1));
+    let quantile =
+        |share: f64| latency.get(((latency.len() as f64 * share) as usize).min(latency.len().saturating_sub(1)));
     let figures = json!({
         "collision_free": ratio(reports().map(|r| r.collisions == 0)),
         "collisions_per_episode": of(|r| f64::from(r.collisions)),

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{Read, Seek, SeekFrom, Write};
+use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
@@ -13,6 +13,12 @@ use serde_json::Value;
 
 use super::outcome::Outcome;
 use crate::exit::Failure;
+
+/// Key of a head that tells which part of the episodes a file has.
+pub const SHARD: &str = "shard";
+
+/// Keys of a head that stand in no report: digests of the program and of the maps.
+pub const ONLY_THERE: [&str; 2] = ["program_sha256", "worlds_sha256"];
 
 /// Outcomes by the number of their episode.
 pub type Outcomes = BTreeMap<usize, Outcome>;
@@ -39,30 +45,41 @@ impl Log {
     /// # Errors
     /// Where there is one already, or it cannot be written.
     pub fn create(path: &Path, head: &Value) -> Result<Self, Failure> {
-        let mut file = OpenOptions::new().write(true).create_new(true).open(path).map_err(|error| {
+        let created = OpenOptions::new().append(true).create_new(true).open(path).map_err(|error| {
             let more =
                 if error.kind() == std::io::ErrorKind::AlreadyExists { "; --resume goes on with it" } else { "" };
             Failure::input(format!("{}: {error}{more}", path.display()))
         })?;
-        writeln!(file, "{head}").map_err(|error| failed(path, &error))?;
-        Ok(Self { path: path.to_owned(), file: Mutex::new(file) })
+        Self::begin(path, created, head)
     }
 
     /// A file that is there, and what it has. A line that was being written when it was left is dropped.
     ///
     /// # Errors
-    /// Where it is of other episodes than `head` describes, or cannot be read and written.
+    /// Where it is of other episodes than `head` describes, cannot be read and written, or another evaluation writes to
+    /// it.
     pub fn resume(path: &Path, head: &Value) -> Result<(Self, Outcomes), Failure> {
-        let open = OpenOptions::new().read(true).write(true).open(path);
+        regular(path)?;
+        let open = OpenOptions::new().read(true).append(true).open(path);
         let mut file = open.map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
-        let mut text = String::new();
-        file.read_to_string(&mut text).map_err(|error| failed(path, &error))?;
-        let whole = text.rfind('\n').map_or(0, |end| end + 1);
-        let (theirs, outcomes) = parse(path, &text[..whole])?;
-        same(path, &theirs, head)?;
-        let cut = file.set_len(whole as u64).and_then(|()| file.seek(SeekFrom::End(0)));
-        cut.map_err(|error| failed(path, &error))?;
+        lock(path, &file)?;
+        let mut bytes = Vec::new();
+        file.read_to_end(&mut bytes).map_err(|error| failed(path, &error))?;
+        let whole = whole(&bytes);
+        if whole.is_empty() {
+            file.set_len(0).map_err(|error| failed(path, &error))?;
+            return Ok((Self::begin(path, file, head)?, Outcomes::new()));
+        }
+        let (theirs, outcomes) = parse(path, whole)?;
+        same(path, &theirs, head, &[])?;
+        file.set_len(whole.len() as u64).map_err(|error| failed(path, &error))?;
         Ok((Self { path: path.to_owned(), file: Mutex::new(file) }, outcomes))
+    }
+
+    fn begin(path: &Path, mut file: File, head: &Value) -> Result<Self, Failure> {
+        lock(path, &file)?;
+        writeln!(file, "{head}").map_err(|error| failed(path, &error))?;
+        Ok(Self { path: path.to_owned(), file: Mutex::new(file) })
     }
 
     /// Adds an episode.
@@ -81,46 +98,83 @@ impl Log {
 /// The episodes of several files, which must be of one evaluation, and what describes it.
 ///
 /// # Errors
-/// Where a file cannot be read, or is of other episodes than the first.
+/// Where a file cannot be read, is of other episodes than the first, or tells otherwise of one that another has.
 pub fn merge(paths: &[PathBuf]) -> Result<(Value, Outcomes), Failure> {
-    let (mut head, mut all) = (Value::Null, Outcomes::new());
+    let (mut head, mut all) = (None, Outcomes::new());
     for path in paths {
-        let text = std::fs::read_to_string(path);
-        let text = text.map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
-        let (theirs, outcomes) = parse(path, &text)?;
-        if head.is_null() {
-            head = theirs;
-        } else {
-            same(path, &theirs, &head)?;
+        regular(path)?;
+        let bytes = std::fs::read(path).map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+        let (theirs, outcomes) = parse(path, whole(&bytes))?;
+        same(path, &theirs, head.get_or_insert_with(|| theirs.clone()), &[SHARD])?;
+        for (number, outcome) in outcomes {
+            add(path, &mut all, number, outcome)?;
         }
-        all.extend(outcomes);
     }
-    Ok((head, all))
+    Ok((head.unwrap_or_default(), all))
 }
 
-fn parse(path: &Path, text: &str) -> Result<(Value, Outcomes), Failure> {
+/// Adds an episode. The same one has the same outcome wherever it was run.
+fn add(path: &Path, all: &mut Outcomes, number: usize, outcome: Outcome) -> Result<(), Failure> {
+    let is_same = |other: &Outcome| (other.report, other.stopped) == (outcome.report, outcome.stopped);
+    if all.get(&number).is_some_and(|other| !is_same(other)) {
+        return Err(Failure::input(format!(
+            "{}: episode {number} is there twice, and came out otherwise",
+            path.display()
+        )));
+    }
+    all.insert(number, outcome);
+    Ok(())
+}
+
+/// The lines that were written to their end.
+fn whole(bytes: &[u8]) -> &[u8] {
+    &bytes[..bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1)]
+}
+
+fn parse(path: &Path, bytes: &[u8]) -> Result<(Value, Outcomes), Failure> {
     let wrong =
         |line: usize, why: &dyn std::fmt::Display| Failure::input(format!("{}, line {line}: {why}", path.display()));
-    let mut lines = text.lines();
-    let head: Value = serde_json::from_str(lines.next().unwrap_or_default())
-        .map_err(|error| wrong(1, &format!("these are no outcomes of an evaluation: {error}")))?;
-    let outcome = |(i, line): (usize, &str)| {
-        let line: Line = serde_json::from_str(line).map_err(|error| wrong(i + 2, &error))?;
+    let none = |why: &dyn std::fmt::Display| wrong(1, &format!("these are no outcomes of an evaluation: {why}"));
+    let mut lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).enumerate();
+    let (_, head) = lines.next().ok_or_else(|| none(&"it is empty"))?;
+    let head: Value = serde_json::from_slice(head).map_err(|error| none(&error))?;
+    let count = head["episodes"].as_u64().filter(|_| head["seed"].is_u64() && head["tasks"].is_string());
+    let count = count.ok_or_else(|| none(&"it says neither episodes nor seed nor tasks"))?;
+    let mut outcomes = Outcomes::new();
+    for (i, line) in lines {
+        let line: Line = serde_json::from_slice(line).map_err(|error| wrong(i + 1, &error))?;
+        if line.number as u64 >= count {
+            return Err(wrong(i + 1, &format!("episode {} of {count}, counted from 0", line.number)));
+        }
         let latency_us = line.latency_us.iter().map(|us| *us as f32).collect();
-        Ok((line.number, Outcome { report: line.report, stopped: line.stopped, latency_us, trace: None }))
-    };
-    Ok((head, lines.enumerate().map(outcome).collect::<Result<_, _>>()?))
+        let outcome = Outcome { report: line.report, stopped: line.stopped, latency_us, trace: None };
+        add(path, &mut outcomes, line.number, outcome)?;
+    }
+    Ok((head, outcomes))
 }
 
-/// Refuses a file of other episodes.
-fn same(path: &Path, theirs: &Value, ours: &Value) -> Result<(), Failure> {
-    let keys = ours.as_object().into_iter().flatten().map(|(key, _)| key);
-    let keys = keys.chain(theirs.as_object().into_iter().flatten().map(|(key, _)| key));
-    let other = keys.into_iter().find(|key| theirs[key.as_str()] != ours[key.as_str()]);
+/// Refuses a file of other episodes. Some keys may differ.
+fn same(path: &Path, theirs: &Value, ours: &Value, but: &[&str]) -> Result<(), Failure> {
+    let keys =
+        |of: &'_ Value| of.as_object().map(|object| object.keys().cloned().collect::<Vec<_>>()).unwrap_or_default();
+    let mut all = keys(ours).into_iter().chain(keys(theirs));
+    let other = all.find(|key| !but.contains(&key.as_str()) && theirs[key] != ours[key]);
     other.map_or(Ok(()), |key| {
-        let (theirs, ours) = (&theirs[key.as_str()], &ours[key.as_str()]);
+        let (theirs, ours) = (&theirs[&key], &ours[&key]);
         Err(Failure::input(format!("{}: its {key} is {theirs}, not {ours}", path.display())))
     })
+}
+
+/// Folders, pipes and devices are not opened.
+fn regular(path: &Path) -> Result<(), Failure> {
+    let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
+    let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
+    if metadata.is_file() { Ok(()) } else { Err(wrong(&"it is no regular file")) }
+}
+
+fn lock(path: &Path, file: &File) -> Result<(), Failure> {
+    let locked = file.try_lock();
+    locked.map_err(|error| Failure::input(format!("{}: another evaluation writes to it ({error})", path.display())))
 }
 
 fn failed(path: &Path, error: &std::io::Error) -> Failure {

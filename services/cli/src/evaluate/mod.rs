@@ -39,7 +39,10 @@ const PICTURES: usize = 12;
 /// Where a file cannot be read or written, or an argument is out of its bounds.
 pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     if !args.merge.is_empty() {
-        let (head, outcomes) = log::merge(&args.merge)?;
+        let (mut head, outcomes) = log::merge(&args.merge)?;
+        if let Some(head) = head.as_object_mut() {
+            head.remove(log::SHARD);
+        }
         let report = report(head, &outcomes.into_values().collect::<Vec<_>>());
         return tell(&report, as_json);
     }
@@ -51,9 +54,6 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     let head = evaluation.head(args);
     let outcomes = evaluation.logged(args, &head)?;
     let mut report = report(head, &outcomes);
-    if let Some([part, of]) = args.shard {
-        report["shard"] = json!(format!("{part}/{of}"));
-    }
     if args.paired {
         let numbers: Vec<usize> = (0..args.episodes as usize).collect();
         let without: Vec<Outcome> =
@@ -73,6 +73,9 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
 /// The figures of episodes that `head` describes.
 fn report(head: Value, outcomes: &[Outcome]) -> Value {
     let mut report = head;
+    if let Some(report) = report.as_object_mut() {
+        log::ONLY_THERE.iter().for_each(|key| drop(report.remove(*key)));
+    }
     let (wanted, done) = (report["episodes"].as_u64().unwrap_or(0), outcomes.len() as u64);
     report["episodes"] = json!(done);
     if done < wanted {
@@ -128,6 +131,17 @@ fn picture_name(kind: &str, number: usize) -> String {
     format!("{kind}-{number}.svg")
 }
 
+/// The maps and the images that they name, where they are beside them under their own name.
+fn maps(worlds: &[PathBuf]) -> Vec<PathBuf> {
+    let images =
+        |map: &PathBuf| ["pgm", "png"].map(|kind| map.with_extension(kind)).into_iter().filter(|p| p.is_file());
+    worlds.iter().flat_map(|map| std::iter::once(map.clone()).chain(images(map))).collect()
+}
+
+fn sha256(bytes: &[u8]) -> String {
+    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+}
+
 /// The word of an argument's choice, as it is given.
 fn word(choice: &impl clap::ValueEnum) -> Option<String> {
     choice.to_possible_value().map(|value| value.get_name().to_owned())
@@ -162,7 +176,7 @@ impl Evaluation {
 
     /// What describes the episodes: those of an equal one are the same.
     fn head(&self, args: &EvaluateArgs) -> Value {
-        json!({
+        let mut head = json!({
             "policy": args.policy,
             "sha256": self.model.as_ref().map(|model| &model.sha256),
             "worlds": world_names(args),
@@ -175,13 +189,18 @@ impl Evaluation {
             "camera": args.camera,
             "choice": self.choice,
             "seed": args.seed,
-            "settings_sha256": self.settings_sha256(),
-        })
-    }
-
-    fn settings_sha256(&self) -> Option<String> {
-        let text = serde_json::to_vec(&self.settings).ok()?;
-        Some(Sha256::digest(text).iter().map(|byte| format!("{byte:02x}")).collect())
+            "settings_sha256": serde_json::to_vec(&self.settings).ok().map(|text| sha256(&text)),
+        });
+        if let Some([part, of]) = args.shard {
+            head[log::SHARD] = json!(format!("{part}/{of}"));
+        }
+        if args.outcomes.is_some() {
+            // Another program, or other maps of the same names, has other episodes.
+            let read = |path: &Path| std::fs::read(path).ok().map(|bytes| sha256(&bytes));
+            head[log::ONLY_THERE[0]] = json!(std::env::current_exe().ok().and_then(|program| read(&program)));
+            head[log::ONLY_THERE[1]] = json!(maps(&args.worlds).iter().map(|map| read(map)).collect::<Vec<_>>());
+        }
+        head
     }
 
     fn episode(&self) -> Result<Episode, Failure> {

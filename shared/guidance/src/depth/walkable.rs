@@ -3,7 +3,7 @@
 use messages::DepthHeader;
 
 use super::column::Column;
-use super::{DepthView, EDGE_REACH_M, up_of};
+use super::{DepthView, EDGE_REACH_M, left_of, up_of};
 use crate::se2::Point;
 
 /// At least this many columns must look at the first floor.
@@ -45,10 +45,11 @@ impl FloorInView {
             let depth_m = -mount.z_m / rise;
             (rise < 0.0 && along > 0.0 && depth_m >= range_m[0] && depth_m <= range_m[1]).then_some(depth_m * along)
         };
+        let looks_ahead = mount.yaw_rad.abs().tan() < left_of(header, 0) && mount.yaw_rad.cos() > 0.0;
         let along_m = || (0..header.height as usize).filter_map(meets).filter(|along_m| *along_m <= EDGE_REACH_M);
         let ahead_m = |along_m: f64| mount.x_m + along_m * mount.yaw_rad.cos();
         let (from_m, to_m) = (along_m().fold(f64::INFINITY, f64::min), along_m().fold(0.0, f64::max));
-        (from_m < to_m).then(|| Self { from_m: ahead_m(from_m), to_m: ahead_m(to_m) })
+        (looks_ahead && from_m < to_m).then(|| Self { from_m: ahead_m(from_m), to_m: ahead_m(to_m) })
     }
 }
 
