@@ -103,7 +103,7 @@ fn stay_on_the_floor(found: &Value) {
         ("/stood_before_edge/n", 5.0),
         ("/stood_before_edge/mean", 0.7),
         ("/robot_before_edge_min_m", 0.3),
-        ("/beside_edge_min_m", 0.05),
+        ("/beside_edge_min_m", 0.1),
         ("/cue_followed_where_a_way_exists/mean", 0.7),
     ] {
         assert!(figure(at) >= least, "{at} = {}, at least {least} is wanted: {found:#}", figure(at));

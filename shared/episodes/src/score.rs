@@ -82,8 +82,8 @@ pub struct FloorReport {
     pub to_edge_m: Option<[f64; 2]>,
     /// How far the robot's body is from the nearest edge now, metres.
     pub now_m: Option<f64>,
-    /// How far the robot was from the edge when the cue was given, metres.
-    pub begun_m: Option<f64>,
+    /// How far robot and handler were from the edge when the cue was given, metres.
+    pub begun_m: Option<[f64; 2]>,
     /// Times that the robot stopped for an edge where none was near.
     pub false_stops: u32,
     /// Those of them that were on floor of which a camera sees little.
@@ -102,7 +102,7 @@ impl FloorReport {
             handler_fell: false,
             to_edge_m,
             now_m: None,
-            begun_m: to_edge_m.map(|to_edge_m| to_edge_m[0]),
+            begun_m: to_edge_m,
             false_stops: 0,
             dark_stops: 0,
             unseen_stops: 0,

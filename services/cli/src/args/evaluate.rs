@@ -60,7 +60,8 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "I/N", value_parser = shard, requires = "outcomes", conflicts_with = "pictures")]
     pub shard: Option<[u32; 2]>,
     /// Run nothing: report the episodes in the --outcomes files of shards. Other arguments do not count
-    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = ["outcomes", "resume", "shard", "paired", "pictures"])]
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    #[arg(conflicts_with_all = ["outcomes", "resume", "shard", "paired", "pictures"])]
     pub merge: Vec<PathBuf>,
     /// On so many threads; on all cores without it. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]

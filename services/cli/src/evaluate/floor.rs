@@ -20,11 +20,14 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     let has_edge = |r: &&Report| r.floor.kind != DropKind::None;
     let ahead = || {
         let across = reports().map(|r| &r.floor).filter(|floor| floor.kind == DropKind::Across && floor.before_edge);
-        across.filter(|floor| floor.begun_m.is_some_and(|begun_m| begun_m >= IN_VIEW_M)).filter_map(robot_m)
+        across.filter(|floor| floor.begun_m.is_some_and(|[robot_m, _]| robot_m >= IN_VIEW_M)).filter_map(robot_m)
     };
     let beside = || {
-        let platforms = reports().filter(|r| r.floor.kind == DropKind::Beside);
-        platforms.filter_map(|r| r.floor.to_edge_m.map(|[robot_m, handler_m]| robot_m.min(handler_m)))
+        let platforms = reports().map(|r| &r.floor).filter(|floor| floor.kind == DropKind::Beside);
+        let nearer_m = |of: Option<[f64; 2]>| of.map(|[robot_m, handler_m]| robot_m.min(handler_m));
+        // The shield does not place them: who begins nearer does not count.
+        let begins_off = |floor: &&FloorReport| nearer_m(floor.begun_m).is_some_and(|begun_m| begun_m >= BESIDE_M);
+        platforms.filter(begins_off).filter_map(move |floor| nearer_m(floor.to_edge_m))
     };
     let least = |gaps: &mut dyn Iterator<Item = f64>| gaps.min_by(f64::total_cmp);
     let km = reports().map(|r| r.walked_m).sum::<f64>() / 1000.0;

@@ -77,8 +77,8 @@ impl DepthView {
             .is_some_and(|(columns, along)| columns.iter().all(|column| column.edge_m < along && along < column.near_m))
     }
 
-    /// Whether the camera looks at a point (robot frame) on the floor, with nothing before it, and shows no floor in any
-    /// column beside it. Farther off than two rows of pixels tell it is not asked.
+    /// Whether the camera looks at a point (robot frame) on the floor, with nothing before it, and none of the columns
+    /// beside it shows floor. Farther off than two rows of pixels tell it is not asked.
     #[must_use]
     pub fn denies_floor(&self, point: Point) -> bool {
         let beside = self.beside(point).filter(|(_, along)| self.apart_at_1_m * along * along <= DENIED_APART_M);
