@@ -41,7 +41,7 @@ pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
     };
     // The camera's height is over the floor on which the body stands as it is held.
     let attitude = Attitude { stamp_ns: 1, ..attitude };
-    let tilt = Tilt::of(&attitude).ok_or_else(|| refused(&"no body stands as it would have to be held"))?;
+    let tilt = Tilt::of(&attitude).ok_or_else(|| refused(&"this attitude cannot be used"))?;
     let mut view = DepthView::default();
     view.fill_tilted(&header, &pixels_mm, Some(&tilt)).map_err(|error| refused(&error))?;
     let report = report(args, &pixels_mm, &attitude, &view);

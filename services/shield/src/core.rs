@@ -51,7 +51,7 @@ impl CoreConfig {
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
-            watches_floor: settings.footing().is_some(),
+            watches_floor: settings.watches_floor(),
         }
     }
 }
@@ -133,8 +133,9 @@ impl Core {
             let action = self.config.table.actions()[running.index].start_from_end();
             self.awareness.feel(&running.odom_from_begin, &action);
         }
-        if mode.class == ModeClass::Run && self.mode.is_some_and(|old| old.class != ModeClass::Run) {
-            // What was wrong was told, and a new cue may try again.
+        let was_told = |old: Mode| old.class != ModeClass::Run && old.reason.kind == StopKind::NoFloor;
+        if mode.class == ModeClass::Run && self.mode.is_some_and(was_told) {
+            // A new cue may try again.
             self.floor.begin_anew();
         }
         self.mode = Some(*mode);

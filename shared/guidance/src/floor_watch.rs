@@ -19,14 +19,16 @@ pub struct FloorWatch {
 }
 
 impl FloorWatch {
-    /// A frame of that stamp came, of which the newest view was made; none where it cannot be used.
+    /// A frame of that stamp came, of which the newest view was made. One that cannot be used has none, and says
+    /// nothing.
     pub fn take(&mut self, stamp_ns: u64, view: Option<&DepthView>) {
+        let Some(view) = view else { return };
         let since_ns = self.last_ns.map_or(u64::MAX, |last_ns| age_ns(stamp_ns, last_ns));
         if since_ns < EVERY_NS {
             return;
         }
         self.last_ns = Some(stamp_ns);
-        self.silent = match view.and_then(DepthView::shows_any_floor) {
+        self.silent = match view.shows_any_floor() {
             Some(false) if since_ns < APART_NS => self.silent + 1,
             Some(false) => 1,
             // What stands before the camera says nothing of the floor.

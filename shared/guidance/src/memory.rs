@@ -326,8 +326,8 @@ impl Memory {
         self.floor.as_ref().is_some_and(|map| map.is_near(at, radius_m, &self.here(), self.config.drift))
     }
 
-    /// The floor within a radius of a place on which the pair neither stood nor saw that it is there: places and what
-    /// is known of them (robot frame). None where floor is not remembered.
+    /// Cells near a place that were neither seen nor trodden (robot frame), and what is known of each. None where floor
+    /// is not remembered.
     pub fn unseen_floor(&self, about: Point, radius_m: f64) -> impl Iterator<Item = (Point, Floor)> {
         let robot_from_odom = self.odom_from_robot.inverse();
         let (at, drift) = (self.odom_from_robot * about, self.config.drift);

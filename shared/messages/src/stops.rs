@@ -374,7 +374,7 @@ stops! {
         class: Latched,
         holds_a_cue: true, latched_by_locomotion: true,
         meaning: "the camera shows no floor, though nothing stands before it",
-        advice: "look whether it is covered, looks too high, or sees a floor that is dark or shines; \
+        advice: "check that the camera is not aimed too high; a dark or shiny floor gives no depth; \
                  `guidedog doctor --config` says which floor it should see; then a cue",
     }
     Arrived = 36, "arrived" {

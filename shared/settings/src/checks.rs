@@ -121,8 +121,8 @@ pub fn check_origin(settings: &Settings) -> Result<(), String> {
     ))
 }
 
-/// A real robot walks where something watches the floor, or by a word of its own. A configuration alone may leave that
-/// open, as in [`check_origin`].
+/// A real robot starts only if its floor is watched, or if the configuration says `watched = false`. A configuration
+/// alone may leave that open, as in [`check_origin`].
 ///
 /// # Errors
 /// Where nothing watches the floor, and `shield.floor.watched` is not false; the reason begins with the key.

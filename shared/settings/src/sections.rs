@@ -259,8 +259,7 @@ impl Settings {
         (depth.source != Source::Absent).then(|| FloorInView::of(&depth.header(), depth.range_m)).flatten()
     }
 
-    /// An edge that lies farther ahead of the robot's middle than this forbids no action, metres: two frames have to
-    /// show it before.
+    /// Distance ahead of the robot's middle at which two frames must have shown an edge, metres.
     #[must_use]
     pub fn edge_wanted_m(&self) -> f64 {
         let (robot, dt_s) = (&self.robot, self.policy.dt.s());

@@ -21,7 +21,7 @@ pub struct FloorArgs {
     /// Roll of the body, degrees: its left side up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = angle, default_value_t = 0.0)]
     pub roll_deg: f64,
-    /// Find in the frame how the body is held: within 12 degrees of level
+    /// Estimate roll and pitch of the body from the frame, up to 12 degrees
     #[arg(long, conflicts_with = "roll_deg")]
     pub find: bool,
     /// Mount and lens of the camera

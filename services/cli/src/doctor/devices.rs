@@ -108,8 +108,14 @@ fn floor(settings: &Settings) -> Check {
         "seen from {:.2} to {:.2} m ahead of the robot's middle; an edge has to be seen at {wanted_m:.2} m or farther",
         view.from_m, view.to_m
     );
-    // What lies nearer than where it sees floor is remembered.
-    check(wanted_m <= view.to_m, found, &format!("{mend}tilted up, so that it sees the floor farther off"))
+    // At its start the robot assumes a metre of floor, and no more; then what lies nearer is remembered.
+    let assumed_m = settings.robot.nose_m + settings.robot.radius_m.get() + 1.0;
+    let (tilt, ok) = if view.from_m > assumed_m {
+        ("down, so that it sees the floor from nearer on", false)
+    } else {
+        ("up, so that it sees the floor farther off", wanted_m <= view.to_m)
+    };
+    check(ok, found, &format!("{mend}tilted {tilt}"))
 }
 
 /// A program of others, where the shell would find it.
@@ -294,7 +300,7 @@ mod tests {
             format!("[depth.robot_from_camera]\nx_m = 0.25\ny_m = 0.0\nz_m = 0.45\nyaw_rad = 0.0\npitch_rad = {rad}\n")
         };
         assert_eq!(floor(&pitched(1.2)).map(|(ok, _)| ok), Some(false));
-        assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(true), "what is nearer is remembered");
+        assert_eq!(floor(&pitched(-0.44)).map(|(ok, _)| ok), Some(false), "too far off for a start");
         let none = "the camera sees no floor ahead of the robot within 3 m of it";
         assert_eq!(floor(&pitched(-1.4)), told(false, none));
         let aside = "[depth.robot_from_camera]\nx_m = 0.25\ny_m = 0.0\nz_m = 0.45\nyaw_rad = 1.05\npitch_rad = 0.0\n";

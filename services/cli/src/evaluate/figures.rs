@@ -68,7 +68,8 @@ pub fn difference(with: &[Outcome], without: &[Outcome]) -> Value {
 
 /// The report as lines for people.
 pub fn text(report: &Value) -> String {
-    let mut lines = Vec::new();
+    let missing = report["episodes_missing"].as_u64().map(|n| format!("{n} episodes are missing"));
+    let mut lines: Vec<String> = missing.into_iter().collect();
     let row = |name: &str, at: &str, digits: usize| {
         let interval = report.pointer(at).filter(|value| value.is_object())?;
         let value = |key| number(interval, key);

@@ -24,10 +24,9 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     };
     let beside = || {
         let platforms = reports().map(|r| &r.floor).filter(|floor| floor.kind == DropKind::Beside);
-        let nearer_m = |of: Option<[f64; 2]>| of.map(|[robot_m, handler_m]| robot_m.min(handler_m));
         // The shield does not place them: who begins nearer does not count.
         let begins_off = |floor: &&FloorReport| nearer_m(floor.begun_m).is_some_and(|begun_m| begun_m >= BESIDE_M);
-        platforms.filter(begins_off).filter_map(move |floor| nearer_m(floor.to_edge_m))
+        platforms.filter(begins_off).filter_map(|floor| nearer_m(floor.to_edge_m))
     };
     let least = |gaps: &mut dyn Iterator<Item = f64>| gaps.min_by(f64::total_cmp);
     let km = reports().map(|r| r.walked_m).sum::<f64>() / 1000.0;
@@ -55,6 +54,11 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     if let (Value::Object(report), Value::Object(figures)) = (report, figures) {
         report.extend(figures);
     }
+}
+
+/// Of robot and handler, the one that is nearer.
+fn nearer_m(to_edge_m: Option<[f64; 2]>) -> Option<f64> {
+    to_edge_m.map(|[robot_m, handler_m]| robot_m.min(handler_m))
 }
 
 fn robot_m(floor: &FloorReport) -> Option<f64> {

@@ -582,10 +582,11 @@ fn a_camera_that_shows_no_floor_holds_the_robot_until_another_cue_and_longer_whe
     assert!(first.is_some_and(|first| (15..=22).contains(&first)), "{blind:?}");
     assert!(blind[first.unwrap_or(0)..].iter().all(|outcome| *outcome == Outcome::NoFloor), "{blind:?}");
     // The supervisor makes a fault of it, and a cue that comes later runs in the epoch of the fault.
-    core.take_mode(&Mode { epoch: 4, ..mode(ModeClass::Fault, 4000) });
+    let reason = StopReason::of(StopKind::NoFloor);
+    core.take_mode(&Mode { epoch: 4, reason, ..mode(ModeClass::Fault, 4000) });
     let again = outcomes(&mut core, 9100, 4, wall_without_floor_mm);
     assert!(again[..10].iter().all(|outcome| *outcome != Outcome::NoFloor), "a new cue may try again: {again:?}");
     assert_eq!(again.last(), Some(&Outcome::NoFloor));
-    core.take_mode(&Mode { epoch: 5, ..mode(ModeClass::Fault, 12_000) });
+    core.take_mode(&Mode { epoch: 5, reason, ..mode(ModeClass::Fault, 12_000) });
     assert!(outcomes(&mut core, 13_100, 5, wall_mm).iter().all(|outcome| *outcome != Outcome::NoFloor));
 }

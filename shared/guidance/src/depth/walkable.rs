@@ -14,13 +14,13 @@ const LEVEL_OF: usize = 10;
 const DENIED_APART_M: f64 = 0.1;
 /// Nor does it so close before what stands there, metres.
 const BEFORE_M: f64 = 0.3;
-/// Floor is looked for in columns in which nothing stands nearer than this, metres,
+/// A column with an obstacle nearer than this is not asked about floor, metres.
 const OPEN_M: f64 = 1.5;
-/// which are at least one in this many,
+/// At least one column in this many must be open, or the frame says nothing.
 const OPEN_OF: usize = 4;
-/// as near as this, metres,
+/// An open column shows floor where it sees some within this distance, metres.
 const FLOOR_M: f64 = 3.0;
-/// and one in this many of them shows it.
+/// The frame shows floor where at least one open column in this many does.
 const SHOWN_OF: usize = 10;
 
 /// The floor on which a camera of a level body finds edges: ahead of the robot's middle, metres.

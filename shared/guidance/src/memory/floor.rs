@@ -20,6 +20,10 @@ const KEPT_NS: u64 = 10_000_000_000;
 const WALKED_MIN_M: f64 = 1.0;
 /// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres.
 const FIRST_M: f64 = 1.0;
+/// Where a body that turned by less stands at its start is floor, radians.
+const BEGUN_RAD: f64 = 0.1;
+/// Middles of cells are so exact, metres.
+const ROUNDING_M: f64 = 1e-6;
 /// Floor is kept so far about the robot where its place is lost, metres.
 pub(super) const ANCHORED_M: f64 = 1.5;
 
@@ -93,7 +97,7 @@ impl FloorMap {
     /// a frame of the camera shows.
     pub fn update(&mut self, here: &Here<'_>, bodies: &[Disc], standing: usize, view: Option<&DepthView>) {
         for body in bodies.iter().take(standing) {
-            let first = self.walked_m(here) < CELL_M;
+            let first = self.walked_m(here) < CELL_M && here.at.turned_rad - self.began.turned_rad < BEGUN_RAD;
             self.each(here, body.center, body.radius_m, |_, old| match old {
                 Floor::Beyond | Floor::Denied => None,
                 Floor::Seen => Some(Floor::Seen),
@@ -116,7 +120,7 @@ impl FloorMap {
             if view.shows_floor(place) {
                 return Some(Floor::Seen);
             }
-            if matches!(old, Floor::Seen | Floor::Trodden) {
+            if old == Floor::Seen {
                 return None;
             }
             let is_beyond = view.is_beyond_edge(place);
@@ -173,7 +177,7 @@ impl FloorMap {
         match cell.floor {
             Floor::Doubted => unseen(),
             Floor::Assumed if !self.is_first_way(here) => unseen(),
-            Floor::Seen => {
+            Floor::Seen | Floor::Trodden => {
                 let middle = middle_of(key);
                 let distance_m = (middle - Point::from(here.odom_from_robot.translation.vector)).norm();
                 let off_m = here.at.error_m(&cell.seen_at, drift, distance_m);
@@ -181,9 +185,10 @@ impl FloorMap {
                     let other = self.known(other, here);
                     other.is_some_and(|other| matches!(other.floor, Floor::Seen | Floor::Trodden))
                 };
-                let inner =
-                    off_m <= CELL_M / 2.0 || cells_about(middle, off_m.max(CELL_M)).all(|(key, _)| is_trodden(key));
-                if inner { Floor::Seen } else { unseen() }
+                // The four cells beside it at least, whatever rounding says of their middles.
+                let rim_m = off_m.max(CELL_M) + ROUNDING_M;
+                let inner = off_m <= CELL_M / 2.0 || cells_about(middle, rim_m).all(|(key, _)| is_trodden(key));
+                if inner { cell.floor } else { unseen() }
             }
             other => other,
         }
@@ -196,24 +201,34 @@ impl FloorMap {
     }
 
     /// The odometry frame is another one. What was seen close to the robot stays where it is about the robot, less so
-    /// much at its rim, metres.
+    /// much at its rim, metres; what lies beyond edges stays, and as much more.
     pub fn anchor(&mut self, before: &Here<'_>, odom_from_robot: &Se2, off_m: f64, drift: f64) {
         std::mem::swap(&mut self.cells, &mut self.spare);
         self.cells.fill(Cell::UNSEEN);
         self.has_beyond = false;
         let old = Self { cells: std::mem::take(&mut self.spare), spare: Vec::new(), ..*self };
-        let is_seen = |key| old.floor(key, before, drift) == Floor::Seen;
+        let is_beyond = |key| {
+            let cell = old.known(key, before);
+            cell.filter(|cell| matches!(cell.floor, Floor::Beyond | Floor::Denied))
+        };
         let now = Point::from(odom_from_robot.translation.vector);
         let then_from_now = before.odom_from_robot * odom_from_robot.inverse();
         for (key, middle) in cells_about(now, ANCHORED_M) {
             let then = then_from_now * middle;
-            let is_known = is_seen(cell_of(then)) && cells_about(then, off_m).all(|(key, _)| is_seen(key));
+            let floor = old.floor(cell_of(then), before, drift);
+            let is_kept = match floor {
+                Floor::Seen => cells_about(then, off_m).all(|(key, _)| old.floor(key, before, drift) == Floor::Seen),
+                other => other == Floor::Trodden,
+            };
             // It is as old as it was.
-            let known = old.known(cell_of(then), before).filter(|_| is_known);
-            self.cells[slot_of(key)] = known.map_or(Cell::UNSEEN, |cell| Cell { key, ..*cell });
+            let kept = old.known(cell_of(then), before).filter(|_| is_kept);
+            let lost = || cells_about(then, off_m.max(CELL_M)).find_map(|(key, _)| is_beyond(key));
+            if let Some(cell) = kept.or_else(lost) {
+                self.cells[slot_of(key)] = Cell { key, ..*cell };
+                self.has_beyond |= cell.floor == Floor::Beyond;
+            }
         }
         self.spare = old.cells;
-        self.began = before.at;
     }
 }
 

@@ -23,9 +23,9 @@ const BEYOND_M: f64 = 1e-9;
 const CLOSER_M: f64 = 1e-4;
 /// A shorter way, a smaller turn or a smaller difference of direction counts as none: metres, radians, share.
 const SLIGHT: f64 = 1e-3;
-/// A turn may lead the pair over so much floor that was never seen, metres,
+/// A turn on the spot may lead the pair over so much floor that was never seen, metres.
 const TURN_ASSUMED_M: f64 = 0.3;
-/// and any other motion along so wide a rim about where they stand.
+/// Any other motion may lead over a rim this wide around the pair, metres.
 const RIM_ASSUMED_M: f64 = 0.15;
 /// No part of a body comes farther than this from floor that was seen, metres, however many motions follow each other:
 /// the middle of a handler stands at most 0.25 m beyond it.
@@ -332,8 +332,8 @@ impl<'a> Present<'a> {
     /// edge, as from an edge beside their way. An edge is told rather than floor that was not seen.
     fn judge_floor(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let (way, turns) = (motion.robot.translation.vector, motion.robot.rotation.angle().abs() > SLIGHT);
-        let stands = !turns && way.norm() < SLIGHT;
-        if stands || self.sorted.unseen_floor.is_empty() {
+        let is_on_spot = way.norm() < SLIGHT;
+        if is_on_spot && !turns || self.sorted.unseen_floor.is_empty() {
             return;
         }
         let edge_m = self.config.edges.beside_m;
@@ -349,7 +349,7 @@ impl<'a> Present<'a> {
             }
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
-                || if turns { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
+                || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
             let is_assumed =
                 *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
             let is_left = is_looked_at && from_here_m < edge_m && !self.gets_closer(*place, motion);

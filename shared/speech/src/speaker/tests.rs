@@ -517,6 +517,6 @@ fn a_run_in_which_nothing_watches_the_floor_says_so_once() {
         bench.pass(5000, &[]);
         bench.dies(ServiceId::Lidar);
     }
-    let said = bench.texts().into_iter().filter(|text| *text == "I do not watch the floor.").count();
+    let said = bench.texts().into_iter().filter(|text| *text == "I cannot warn of steps or edges.").count();
     assert_eq!(said, 1, "{:?}", bench.heard);
 }

@@ -88,6 +88,36 @@ fn drift_takes_away_more_of_the_rim_the_farther_they_come() {
 }
 
 #[test]
+fn on_a_straight_way_drift_takes_a_cell_of_the_rim_wherever_it_lies() {
+    for offset in 0..8 {
+        let mut bench = Bench::watching(FOOTING);
+        let from_m = 0.1 * f64::from(offset);
+        bench.sees(0, from_m, flat);
+        // The farthest cell ahead, counted in the odometry frame.
+        let far = |bench: &Bench, at_m: f64| {
+            let is_seen = |i: &i32| floor(bench, 0.1 * f64::from(*i) + 0.05 - at_m, 0.05) == Floor::Seen;
+            (0..60).rev().find(is_seen)
+        };
+        let before = far(&bench, from_m);
+        (1..=23).for_each(|step| bench.sees_nothing(200 * step, from_m + 0.1 * step as f64));
+        let after = far(&bench, from_m + 2.3);
+        assert!(before.zip(after).is_some_and(|(before, after)| after < before), "{offset}: {before:?}, {after:?}");
+    }
+}
+
+#[test]
+fn a_turn_at_the_start_makes_no_floor_under_the_handler() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees_handler = true;
+    (0..=9).for_each(|turn| bench.turns(100 * turn, 0.15 * turn as f64));
+    // Where the handler stood at first, and where they came to.
+    let now = |x_m: f64, y_m: f64| Se2::rotation(-1.35) * Point::new(x_m, y_m);
+    let (first, last) = (now(-0.75, -0.35), Point::new(-0.75, -0.35));
+    assert_eq!(floor(&bench, first.x, first.y), Floor::Seen);
+    assert!(bench.memory.has_seen_floor(first) && !bench.memory.has_seen_floor(last), "they trod on it");
+}
+
+#[test]
 fn floor_is_let_go_after_three_metres_and_stays_while_they_stand() {
     let mut bench = Bench::watching(FOOTING);
     bench.sees(0, 0.0, flat);
