@@ -10,10 +10,6 @@ use crate::se2::Point;
 const LEVEL_MIN: usize = 3;
 /// At most one in this many of them may show it not level.
 const LEVEL_OF: usize = 10;
-/// Where two rows of pixels lie farther apart on the floor, metres, the camera denies none.
-const DENIED_APART_M: f64 = 0.1;
-/// Nor does it so close before what stands there, metres.
-const BEFORE_M: f64 = 0.3;
 /// A column with an obstacle nearer than this is not asked about floor, metres.
 const OPEN_M: f64 = 1.5;
 /// At least one column in this many must be open, or the frame says nothing.
@@ -75,18 +71,6 @@ impl DepthView {
         let beside = self.beside(point);
         beside
             .is_some_and(|(columns, along)| columns.iter().all(|column| column.edge_m < along && along < column.near_m))
-    }
-
-    /// Whether the camera looks at a point (robot frame) on the floor, with nothing before it, and none of the columns
-    /// beside it shows floor. Farther off than two rows of pixels tell it is not asked.
-    #[must_use]
-    pub fn denies_floor(&self, point: Point) -> bool {
-        let beside = self.beside(point).filter(|(_, along)| self.apart_at_1_m * along * along <= DENIED_APART_M);
-        beside.is_some_and(|(columns, along)| {
-            let looks =
-                |column: &Column| column.first_floor_m() + DENIED_APART_M < along && along + BEFORE_M < column.near_m;
-            columns.iter().all(|column| looks(column) && !column.sees_floor(along, 0.0))
-        })
     }
 
     /// Whether the camera shows any floor. None where what stands before it may hide all of it.

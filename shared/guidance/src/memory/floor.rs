@@ -38,10 +38,6 @@ pub enum Floor {
     Assumed,
     /// It was never seen, or too long ago.
     Unseen,
-    /// The camera looked at it once, and saw no floor.
-    Doubted,
-    /// It did so again.
-    Denied,
     /// The camera saw an edge before it.
     Beyond,
 }
@@ -99,7 +95,7 @@ impl FloorMap {
         for body in bodies.iter().take(standing) {
             let first = self.walked_m(here) < CELL_M && here.at.turned_rad - self.began.turned_rad < BEGUN_RAD;
             self.each(here, body.center, body.radius_m, |_, old| match old {
-                Floor::Beyond | Floor::Denied => None,
+                Floor::Beyond => None,
                 Floor::Seen => Some(Floor::Seen),
                 _ if first => Some(Floor::Seen),
                 _ => Some(Floor::Trodden),
@@ -125,16 +121,7 @@ impl FloorMap {
             }
             let is_beyond = view.is_beyond_edge(place);
             has_beyond |= is_beyond;
-            if is_beyond {
-                Some(Floor::Beyond)
-            } else {
-                let denied = || view.denies_floor(place);
-                match old {
-                    Floor::Unseen => denied().then_some(Floor::Doubted),
-                    Floor::Doubted => denied().then_some(Floor::Denied),
-                    _ => None,
-                }
-            }
+            is_beyond.then_some(Floor::Beyond)
         });
         self.has_beyond = has_beyond;
     }
@@ -175,7 +162,6 @@ impl FloorMap {
         let unseen = || if self.is_beside_edge(key, here) { Floor::Beyond } else { Floor::Unseen };
         let Some(cell) = self.known(key, here) else { return unseen() };
         match cell.floor {
-            Floor::Doubted => unseen(),
             Floor::Assumed if !self.is_first_way(here) => unseen(),
             Floor::Seen | Floor::Trodden => {
                 let middle = middle_of(key);
@@ -209,7 +195,7 @@ impl FloorMap {
         let old = Self { cells: std::mem::take(&mut self.spare), spare: Vec::new(), ..*self };
         let is_beyond = |key| {
             let cell = old.known(key, before);
-            cell.filter(|cell| matches!(cell.floor, Floor::Beyond | Floor::Denied))
+            cell.filter(|cell| cell.floor == Floor::Beyond)
         };
         let now = Point::from(odom_from_robot.translation.vector);
         let then_from_now = before.odom_from_robot * odom_from_robot.inverse();

@@ -341,8 +341,7 @@ impl<'a> Present<'a> {
         let (mut swept, mut least) = (None, None::<Forbidden>);
         for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
             // Robot and handler do not tread on the margin. Half a cell is the map's resolution.
-            let is_looked_at = matches!(floor, Floor::Beyond | Floor::Denied);
-            let needed_m = if is_looked_at { edge_m } else { -self.config.margin_m - RIM_M };
+            let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
             let away_m = swept.get_or_insert_with(|| Hull::new(*discs)).signed_distance_m(*place);
             if away_m >= needed_m {
                 continue;
@@ -352,7 +351,7 @@ impl<'a> Present<'a> {
                 || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
             let is_assumed =
                 *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
-            let is_left = is_looked_at && from_here_m < edge_m && !self.gets_closer(*place, motion);
+            let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
             if is_assumed || is_left {
                 judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
                 continue;
