@@ -96,7 +96,7 @@ pub struct Arrival {
 }
 
 impl Arrival {
-    /// A few looks, with time between to have walked, and not so much that the floor seen first is let go.
+    /// A few looks. The time between them is enough for the way, and short enough that the first floor is remembered.
     pub const SPARSE: Self = Self { looks: 3, apart_m: 0.75, apart_s: 2.5, must_be_free: false };
     /// A look at each decision on the way.
     pub const DENSE: Self = Self { looks: 9, apart_m: 0.25, apart_s: 0.5, must_be_free: true };

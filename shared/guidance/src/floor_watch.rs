@@ -4,9 +4,9 @@ use messages::{NS_PER_S, age_ns};
 
 use crate::depth::DepthView;
 
-/// A frame is looked at so often, nanoseconds: one of a camera of five a second each.
+/// Least time between two frames that are looked at, nanoseconds. A camera of 5 Hz has each of its frames looked at.
 const EVERY_NS: u64 = NS_PER_S * 9 / 50;
-/// The camera shows no floor in so many of those frames in a row: two seconds.
+/// Frames in a row without floor after which the camera is said to show none: two seconds.
 const SILENT: u32 = 10;
 /// Frames that are farther apart do not follow each other, nanoseconds.
 const APART_NS: u64 = NS_PER_S * 3 / 2;
@@ -55,7 +55,7 @@ mod tests {
     use crate::depth::ramp_tests::seen;
     use crate::depth::tests::{camera_160, held};
 
-    /// Whether no floor is seen after so many frames of such pixels, so many milliseconds apart.
+    /// Whether the watch reports that no floor is seen, after a number of equal frames.
     fn sees_none(pixels_mm: &[u16], frames: u64, apart_ms: u64) -> bool {
         let (mut watch, mut view) = (FloorWatch::default(), DepthView::default());
         view.fill_tilted(&camera_160(), pixels_mm, Some(&held(2.0, 3.0))).expect("usable");

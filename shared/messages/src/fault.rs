@@ -219,19 +219,13 @@ impl Fault {
         Self::Intermittent,
     ];
     /// Every fault that the camera's stream can have.
-    pub const OF_DEPTH: [Self; 11] = [
-        Self::Off,
-        Self::StuckSeq,
-        Self::StuckStamp,
-        Self::StuckBytes,
-        Self::Garbage,
-        Self::Wrong,
-        Self::Slow,
-        Self::Delayed,
-        Self::Intermittent,
-        Self::NoFloor,
-        Self::Tilted,
-    ];
+    pub const OF_DEPTH: [Self; 11] = {
+        let mut all = [Self::NoFloor; 11];
+        let (streams, own) = all.split_at_mut(Self::OF_STREAMS.len());
+        streams.copy_from_slice(&Self::OF_STREAMS);
+        own.copy_from_slice(&[Self::NoFloor, Self::Tilted]);
+        all
+    };
     /// Every fault that a process can have.
     pub const OF_SERVICES: [Self; 5] = [Self::Kill, Self::Hang, Self::Slow, Self::Leak, Self::ExitOnStart];
     /// Every fault that the lidar's line can have.

@@ -171,4 +171,5 @@ far has corrected nothing.
 --tasks drops: one world in five has no edge; in the others the floor ends across the corridor, in a branch, beside
 it, or in a hole with a way past it. Where a footprint leaves the floor, robot or handler has fallen and the episode
 ends. stood_before_edge: the way goes over an edge, and at the end the robot stands within 2 m of it. A stop for the
-floor is false where no edge is within 1 m; those at dark floor are counted separately.";
+floor is false where no edge is within 1 m; those at dark floor are counted separately. The figures beside an edge
+leave out episodes in which robot or handler begins nearer to it than 0.15 m.";

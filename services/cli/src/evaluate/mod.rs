@@ -223,7 +223,7 @@ impl Evaluation {
         Ok(outcomes.into_values().collect())
     }
 
-    /// These episodes, whoever runs them.
+    /// Runs the episodes of these numbers, on all workers.
     fn run(
         &self,
         args: &EvaluateArgs,

@@ -20,9 +20,9 @@ const KEPT_NS: u64 = 10_000_000_000;
 const WALKED_MIN_M: f64 = 1.0;
 /// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres.
 const FIRST_M: f64 = 1.0;
-/// Where a body that turned by less stands at its start is floor, radians.
+/// A robot that turned by less still stands at its start, radians.
 const BEGUN_RAD: f64 = 0.1;
-/// Middles of cells are so exact, metres.
+/// Rounding error of the middle of a cell, at most, metres.
 const ROUNDING_M: f64 = 1e-6;
 /// Floor is kept so far about the robot where its place is lost, metres.
 pub(super) const ANCHORED_M: f64 = 1.5;

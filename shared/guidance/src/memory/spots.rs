@@ -7,7 +7,7 @@ use crate::se2::{Point, Se2};
 pub(super) const CELL_M: f64 = 0.05;
 /// Cells along one side of what is remembered.
 const SIDE: i32 = 160;
-/// There is room for so many spots at first.
+/// Spots for which room is made at first.
 pub(super) const SPOTS: usize = 2048;
 /// Nearer than this a camera says well enough where something is, metres. From farther off a wall may look so much
 /// nearer than the lidar has it that something seems to stand before it.

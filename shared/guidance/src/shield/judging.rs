@@ -23,12 +23,12 @@ const BEYOND_M: f64 = 1e-9;
 const CLOSER_M: f64 = 1e-4;
 /// A shorter way, a smaller turn or a smaller difference of direction counts as none: metres, radians, share.
 const SLIGHT: f64 = 1e-3;
-/// A turn on the spot may lead the pair over so much floor that was never seen, metres.
+/// A turn on the spot may lead the pair this far over floor that was never seen, metres.
 const TURN_ASSUMED_M: f64 = 0.3;
 /// Any other motion may lead over a rim this wide around the pair, metres.
 const RIM_ASSUMED_M: f64 = 0.15;
-/// No part of a body comes farther than this from floor that was seen, metres, however many motions follow each other:
-/// the middle of a handler stands at most 0.25 m beyond it.
+/// No part of a body comes farther than this from floor that was seen, metres, also over several motions. The middle of
+/// a handler then stands at most 0.25 m beyond it.
 const ASSUMED_M: f64 = 0.5;
 /// Half of a cell of floor, metres.
 const RIM_M: f64 = FLOOR_CELL_M / 2.0;
