@@ -438,11 +438,14 @@ impl Gate {
 fn unsafe_reason(permit: &Permit) -> StopReason {
     let floor = |kind| {
         let at_m = [permit.place_x_m, permit.place_y_m];
-        StopReason::floor(kind, at_m, permit.reading_m, permit.threshold_m)
+        StopReason::floor(kind, at_m, permit.reading_m, permit.threshold_m).step(permit.step_m)
     };
     match (permit.unsafe_cause, permit.outcome) {
         (UnsafeCause::DropOff, _) => floor(StopKind::DropOff),
         (UnsafeCause::FloorUnseen, _) => floor(StopKind::FloorUnseen),
+        (UnsafeCause::StepUp, _) => floor(StopKind::StepUp),
+        (UnsafeCause::LowStepDown, _) => floor(StopKind::LowStepDown),
+        (UnsafeCause::LowStepUp, _) => floor(StopKind::LowStepUp),
         (_, Outcome::AllUnsafe) => StopReason::of(StopKind::AllUnsafe),
         _ => StopReason::of(StopKind::RemainderUnsafe),
     }

@@ -1,20 +1,27 @@
 //! What the shield decides: pure, times come in with the inputs.
 
 use guidance::contact;
-use guidance::se2::pose2;
+use guidance::se2::{Point, pose2};
 use guidance::shield::{choose, masked_at_edge, suppress};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, InteractionModel, Judgement, Pose, Se2, Shield,
     ShieldConfig,
 };
 use messages::{
-    CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
-    PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit,
+    PermitCause, PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
 
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
+/// A step is taken on a cue that comes after the robot has stood there for so long: the handler has been told of it. At
+/// least this, and so long after the voice begins to tell of a stop.
+const TOLD_MIN_NS: u64 = NS_PER_S;
+const SAID_NS: u64 = NS_PER_S / 2;
+/// Steps are one step up to this distance, metres. So far away from one the robot waits there no longer.
+const SAME_STEP_M: f64 = 0.5;
+const LEFT_M: f64 = 1.5;
 
 /// What the core needs to know.
 #[derive(Debug, Clone)]
@@ -30,6 +37,8 @@ pub struct CoreConfig {
     action_max_age_ns: u64,
     permit_life_ns: u64,
     absent_streams: u32,
+    /// Of a wait for so long the handler has been told.
+    told_ns: u64,
     /// The camera watches the floor.
     watches_floor: bool,
 }
@@ -51,6 +60,7 @@ impl CoreConfig {
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
+            told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns() + SAID_NS),
             watches_floor: settings.watches_floor(),
         }
     }
@@ -72,6 +82,21 @@ struct Running {
     end_ns: u64,
 }
 
+/// The robot waits before an edge or a low step.
+#[derive(Debug, Clone, Copy)]
+struct Waiting {
+    /// Since then without a break; none: it is on its way.
+    since_ns: Option<u64>,
+    /// It has waited there for long enough that the handler knows.
+    was_told: bool,
+    /// The cue in force.
+    cue: CueInForce,
+    /// The action that leads over it, and its place (odometry frame).
+    action: usize,
+    place: Point,
+    is_low_step: bool,
+}
+
 /// The shield's state.
 #[derive(Debug)]
 pub struct Core {
@@ -82,6 +107,7 @@ pub struct Core {
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
+    waiting: Option<Waiting>,
     /// The last decisions of policies that `mode` did not name when they came: while one is swapped for another.
     standby: [Option<PolicyAction>; 2],
     last_decision: Option<u64>,
@@ -103,6 +129,7 @@ impl Core {
             jumps: 0,
             mode: None,
             running: None,
+            waiting: None,
             standby: [None; 2],
             last_decision: None,
             judgements: Vec::new(),
@@ -138,7 +165,23 @@ impl Core {
             // A new cue may try again.
             self.floor.begin_anew();
         }
+        self.take_step(mode);
         self.mode = Some(*mode);
+    }
+
+    /// The cue forward, given anew before a low step, has it taken.
+    fn take_step(&mut self, mode: &Mode) {
+        let CueInForce { valid, cue } = mode.cue;
+        let is_new = |waiting: &Waiting| {
+            let Cue { header, kind, .. } = waiting.cue.cue;
+            (header.incarnation, header.seq, kind) != (cue.header.incarnation, cue.header.seq, cue.kind)
+        };
+        let Some(waiting) = self.waiting.filter(is_new) else { return };
+        self.waiting = None;
+        let was_told = waiting.was_told || self.is_told(waiting.since_ns, mode.header.stamp_ns);
+        if waiting.is_low_step && was_told && valid && mode.class == ModeClass::Run && cue.kind == CueKind::Forward {
+            self.awareness.take_step(waiting.place);
+        }
     }
 
     /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
@@ -146,6 +189,10 @@ impl Core {
         let pose = self.awareness.take_odometry(odometry);
         self.invalid_inputs += u64::from(matches!(pose, Pose::Unusable | Pose::Jump));
         self.jumps += u64::from(pose == Pose::Jump);
+        if matches!(pose, Pose::First | Pose::Jump) {
+            // Its place is one of another frame.
+            self.waiting = None;
+        }
     }
 
     /// The newest depth frame.
@@ -281,8 +328,12 @@ impl Core {
         let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
         running.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
-        let wanted = choose(&probabilities, Draw::ArgMax, action.decision);
+        let mut wanted = choose(&probabilities, Draw::ArgMax, action.decision);
         if self.is_cued_forward() {
+            // A policy that stands there wants to go on all the same.
+            if let Some(waiting) = self.waiting.filter(|_| wanted == ActionTable::STOP) {
+                wanted = waiting.action;
+            }
             let (table, mask) = (&self.config.table, running.unsafe_mask);
             running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, wanted);
         }
@@ -297,8 +348,37 @@ impl Core {
             Outcome::Granted
         };
         running.judgement = self.judgements[if suppressed.all_unsafe { wanted } else { running.index }];
+        self.wait_at_edge(now_ns, wanted, &running);
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
+    }
+
+    fn wait_at_edge(&mut self, now_ns: u64, action: usize, running: &Running) {
+        if running.drawn == Outcome::Granted
+            && let Some(waiting) = &mut self.waiting
+        {
+            waiting.since_ns = None;
+        }
+        let here = Point::from(self.awareness.odom_from_robot().translation.vector);
+        self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
+        let Judgement { cause, place, .. } = running.judgement;
+        let Some(place) = place.filter(|_| cause.is_edge()) else { return };
+        if running.drawn == Outcome::AllUnsafe && self.is_cued_forward() {
+            let cue = self.mode.map_or_else(CueInForce::default, |mode| mode.cue);
+            let place = self.awareness.odom_from_robot() * place;
+            let is_low_step = cause.is_low_step();
+            let is_same =
+                |before: &Waiting| before.is_low_step == is_low_step && (before.place - place).norm() <= SAME_STEP_M;
+            let before = self.waiting.filter(is_same);
+            let cue = before.map_or(cue, |before| before.cue);
+            let since_ns = before.and_then(|before| before.since_ns).or(Some(now_ns));
+            let was_told = before.is_some_and(|before| before.was_told) || self.is_told(since_ns, now_ns);
+            self.waiting = Some(Waiting { since_ns, was_told, cue, action, place, is_low_step });
+        }
+    }
+
+    fn is_told(&self, since_ns: Option<u64>, now_ns: u64) -> bool {
+        since_ns.is_some_and(|since_ns| now_ns >= since_ns.saturating_add(self.config.told_ns))
     }
 
     fn is_cued_forward(&self) -> bool {
@@ -450,6 +530,7 @@ fn explain(judgement: &Judgement, permit: &mut Permit) {
     permit.unsafe_cause = judgement.cause;
     let place = judgement.place.unwrap_or_default();
     (permit.place_x_m, permit.place_y_m) = (place.x, place.y);
+    permit.step_m = judgement.step_m;
     permit.assumes_floor = judgement.assumes_floor;
     permit.unseen_area_m2 = judgement.unseen_area_m2;
 }

@@ -77,6 +77,7 @@ impl Digest {
             threshold_m,
             place_x_m,
             place_y_m,
+            step_m,
             assumes_floor,
             scan_seq,
             scan_stamp_ns,
@@ -93,7 +94,7 @@ impl Digest {
         self.numbers(&[cue_seq, scan_seq, scan_stamp_ns, depth_seq, depth_stamp_ns, odometry_seq, odometry_stamp_ns]);
         self.reals(&[velocity.vx_mps, velocity.vy_mps, velocity.wz_radps]);
         self.numbers(&[assumes_floor.into()]);
-        self.reals(&[place_x_m, place_y_m]);
+        self.reals(&[place_x_m, place_y_m, step_m]);
         self.reals(&[unseen_area_m2, margin_m, reading_m, threshold_m, handler.x_m, handler.y_m, handler.yaw_rad]);
     }
 

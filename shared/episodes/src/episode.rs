@@ -325,7 +325,7 @@ impl Episode {
     /// counted once at each place.
     pub fn wants(&mut self, action: usize, taken: usize) {
         let why = self.judgements.get(action).map_or(UnsafeCause::None, |judgement| judgement.cause);
-        let is_floor = matches!(why, UnsafeCause::DropOff | UnsafeCause::FloorUnseen);
+        let is_floor = why.is_floor();
         let Some(Scenery { team, site, score, .. }) = &mut self.scenery else { return };
         let (world, at) = (&site.world, Point::from(team.world_from_robot().translation.vector));
         let is_new = self.stopped_for_floor.is_none_or(|before| (at - before).norm() > SAME_STOP_M);

@@ -12,7 +12,7 @@ use crate::contact::comes_about;
 use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Sighting};
 use crate::interaction::InteractionModel;
 use crate::memory::MemoryConfig;
-use crate::se2::{Se2, se2};
+use crate::se2::{Point, Se2, se2};
 use crate::shield::Evidence;
 use crate::track::{Pace, PoseTrack};
 use moving::Moving;
@@ -190,6 +190,11 @@ impl Awareness {
     /// The robot was to move by `begin_from_end` from where it was, and did not get there.
     pub fn feel(&mut self, odom_from_begin: &Se2, begin_from_end: &Se2) {
         self.surroundings.feel(odom_from_begin, begin_from_end);
+    }
+
+    /// The handler has the low step at a place (odometry frame) taken.
+    pub fn take_step(&mut self, place: Point) {
+        self.surroundings.take_step(place);
     }
 
     /// The robot was to move by `begin_from_end` from where it was; where it is now shows whether it did.

@@ -3,6 +3,8 @@
 mod column;
 mod floor;
 mod stance;
+mod stepped;
+mod steps;
 mod walkable;
 
 use std::ops::Range;
@@ -15,9 +17,12 @@ use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
 use column::{Column, Eye, Pixel};
 use floor::{Cells, Look, Plane};
+use steps::Steps;
 
 pub use floor::FloorCell;
 pub use stance::Stance;
+pub use stepped::FloorStep;
+pub use steps::StepMax;
 pub use walkable::FloorInView;
 
 /// What is lower is floor or can be walked over, metres.
@@ -165,6 +170,12 @@ impl Axes {
 /// A depth frame as the shield sees it. Reused from frame to frame.
 #[derive(Debug, Clone)]
 pub struct DepthView {
+    /// How high a step is that can be taken. None: steps are not looked for.
+    step_max: Option<StepMax>,
+    /// Low steps that are known (robot frame of the next frame's stamp).
+    known: Vec<FloorStep>,
+    /// Steps, in the robot frame of now.
+    steps: Vec<FloorStep>,
     /// Obstacles in the robot frame of the frame's stamp.
     stamped: Vec<Point>,
     /// The same in the robot frame of now.
@@ -184,6 +195,7 @@ pub struct DepthView {
     /// Places that may be floor: ahead, left, height, metres.
     low: Vec<Vector3<f64>>,
     cells: Cells,
+    stepped: Steps,
     camera: Point,
     forward: Vector2<f64>,
     /// The robot of the frame's stamp, in the robot frame of now.
@@ -195,6 +207,9 @@ pub struct DepthView {
 impl Default for DepthView {
     fn default() -> Self {
         Self {
+            step_max: None,
+            known: Vec::new(),
+            steps: Vec::new(),
             stamped: Vec::new(),
             points: Vec::new(),
             rises_m: Vec::new(),
@@ -206,6 +221,7 @@ impl Default for DepthView {
             whole: 0..0,
             low: Vec::new(),
             cells: Cells::default(),
+            stepped: Steps::default(),
             camera: Point::origin(),
             forward: Vector2::x(),
             now_from_stamped: Se2::identity(),
@@ -255,6 +271,7 @@ impl DepthView {
             }
         }
         self.find_edges();
+        self.place_steps();
         self.points.clone_from(&self.stamped);
         self.edges.clone_from(&self.stamped_edges);
         Ok(())
@@ -295,6 +312,7 @@ impl DepthView {
                     floor_m: FLOOR_M,
                     over_lowest_m: height_m,
                     drop_m: FLOOR_M + depth_m * row.along / header.fy_px,
+                    level_m: 0.0,
                 };
                 column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
             }
@@ -339,7 +357,12 @@ impl DepthView {
                 let seen = ray * (f64::from(row_mm[u]) / 1000.0);
                 let place = place(self.camera, self.forward, seen.x, seen.y);
                 let over_plane_m = camera.z + seen.z - plane.height_m(place.x, place.y);
-                let floor_over_plane_m = self.cells.over_m(seen.x, seen.y);
+                let level_m = self.stepped.level_m(seen.x, seen.y, over_plane_m);
+                let ramp_m = self.cells.over_m(seen.x, seen.y);
+                // The cells may have taken a low step for a ramp.
+                let is_stepped =
+                    !self.stepped.is_level() && (over_plane_m - level_m).abs() < (over_plane_m - ramp_m).abs();
+                let floor_over_plane_m = if is_stepped { level_m } else { ramp_m };
                 let pixel = Pixel {
                     along_m: seen.x,
                     left_m: seen.y,
@@ -347,7 +370,8 @@ impl DepthView {
                     height_m: over_plane_m - floor_over_plane_m,
                     floor_m: SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * seen.x,
                     // What stands in a cell may lift it: its floor is no drop for that.
-                    over_lowest_m: over_plane_m - floor_over_plane_m.min(0.0),
+                    over_lowest_m: over_plane_m - floor_over_plane_m.min(level_m.max(0.0)),
+                    level_m,
                     drop_m: SWAYING_FLOOR_M + (SWAYING_FLOOR_PER_M + per_pixel) * seen.x,
                 };
                 for column in columns {
@@ -386,10 +410,14 @@ impl DepthView {
 
     /// The trimmed plane; the cells tell what is over it.
     fn find_floor(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera: Point3<f64>) -> Plane {
-        let (width, step) = (header.width as usize, FLOOR_OF / CELLS_OF * stride(header));
+        // Steps are looked for in each of the columns.
+        let (width, is_stepped) = (header.width as usize, self.step_max.is_some());
+        let (step, cells_of) =
+            if is_stepped { (stride(header), FLOOR_OF / CELLS_OF) } else { (FLOOR_OF / CELLS_OF * stride(header), 1) };
         let rows = (header.height as usize / CELL_ROWS).max(1);
         self.low.clear();
         self.cells.begin();
+        self.stepped.begin();
         for v in (0..header.height as usize).step_by(rows) {
             let (is_trimming, up) = (v % FLOOR_OF < rows, up_of(header, v));
             if [0, width - 1].into_iter().all(|u| axes.ray(left_of(header, u), up).z >= 0.0) {
@@ -398,13 +426,20 @@ impl DepthView {
             }
             for (number, u) in (0..width).step_by(step).enumerate().filter(|(_, u)| pixels_mm[v * width + u] != 0) {
                 let seen = axes.ray(left_of(header, u), up) * (f64::from(pixels_mm[v * width + u]) / 1000.0);
+                if is_stepped {
+                    self.stepped.take(seen.x, seen.y, camera.z + seen.z);
+                }
+                if !number.is_multiple_of(cells_of) {
+                    continue;
+                }
                 self.cells.take(seen.x, seen.y, camera.z + seen.z);
-                if is_trimming && number % CELLS_OF == 0 {
+                if is_trimming && number.is_multiple_of(cells_of * CELLS_OF) {
                     let place = place(self.camera, self.forward, seen.x, seen.y);
                     self.low.push(Vector3::new(place.x, place.y, camera.z + seen.z));
                 }
             }
         }
+        self.find_steps(rows as f64 * apart_at_1_m(header, camera.z), camera.z);
         let (eye, forward) = (self.camera, self.forward);
         let plane = Plane::of(&self.low);
         let apart_at_1_m = rows as f64 * apart_at_1_m(header, camera.z);
@@ -437,6 +472,7 @@ impl DepthView {
         self.points.extend(self.stamped.iter().map(|point| now_from_stamped * point));
         self.edges.clear();
         self.edges.extend(self.stamped_edges.iter().map(|edge| now_from_stamped * edge));
+        self.place_steps();
     }
 
     fn place(&self, along: f64, left: f64) -> Point {
@@ -472,6 +508,8 @@ impl DepthView {
         self.edges.clear();
         self.columns.clear();
         self.cells.clear();
+        self.stepped.clear();
+        self.steps.clear();
         self.whole = 0..0;
         self.now_from_stamped = Se2::identity();
     }

@@ -26,7 +26,7 @@ pub mod wayfinding;
 
 pub use action::{Action, ActionTable};
 pub use awareness::{Awareness, AwarenessConfig, Pose};
-pub use depth::{DepthView, FloorCell, FloorInView, Stance};
+pub use depth::{DepthView, FloorCell, FloorInView, FloorStep, Stance, StepMax};
 pub use floor_watch::FloorWatch;
 pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
 pub use hull::{Disc, Discs, Hull};

@@ -9,8 +9,10 @@ mod spots;
 
 use std::collections::VecDeque;
 
+use nalgebra::Vector2;
+
 use crate::contact::Contacts;
-use crate::depth::DepthView;
+use crate::depth::{DepthView, FloorStep, StepMax};
 use crate::handler::HandlerBody;
 use crate::hull::Disc;
 use crate::scan::{BeamKind, Beams, Fan};
@@ -67,6 +69,8 @@ pub struct Footing {
     pub overrun_m: f64,
     /// and turns at most so far, radians.
     pub overrun_rad: f64,
+    /// How high a step is that may be taken.
+    pub step_max: StepMax,
 }
 
 /// A remembered obstacle that cannot be seen now.
@@ -76,6 +80,19 @@ pub struct Remembered {
     pub place: Point,
     /// It may be this far from there, metres.
     pub uncertainty_m: f64,
+}
+
+/// A step in the floor that more than one frame saw.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RememberedStep {
+    /// The last floor before it.
+    pub at: Remembered,
+    /// By how much the floor rises there along `onward`, metres; less than 0: it falls.
+    pub rise_m: f64,
+    /// The way in which it was seen (robot frame of now).
+    pub onward: Vector2<f64>,
+    /// The handler has it taken, the one way or the other.
+    pub is_taken: bool,
 }
 
 /// How far the robot has come, along its way.
@@ -114,6 +131,8 @@ pub struct Memory {
     spots: Spots,
     /// The last floor before drops.
     edges: Spots,
+    /// Steps in the floor that could be taken, and those that lead up and could not.
+    steps: Spots,
     floor: Option<FloorMap>,
     /// The oldest first.
     glimpses: VecDeque<Glimpse>,
@@ -126,6 +145,7 @@ pub struct Memory {
     odometer: Odometer,
     hidden: Vec<Remembered>,
     edges_now: Vec<Remembered>,
+    steps_now: Vec<RememberedStep>,
     contacts: Contacts,
 }
 
@@ -138,6 +158,7 @@ impl Memory {
             config,
             spots: Spots::new(),
             edges: Spots::new(),
+            steps: Spots::new(),
             glimpses: VecDeque::new(),
             stamp_ns: 0,
             now_ns: 0,
@@ -146,6 +167,7 @@ impl Memory {
             odometer: Odometer::default(),
             hidden: Vec::with_capacity(SPOTS),
             edges_now: Vec::with_capacity(SPOTS),
+            steps_now: Vec::with_capacity(SPOTS),
             contacts: Contacts::default(),
         }
     }
@@ -170,7 +192,9 @@ impl Memory {
             let here = Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &before };
             floor.anchor(&here, odom_from_robot, off_m, drift);
         }
-        kept.edges.take_over(&self.edges, &(odom_from_robot * before.inverse()), off_m / drift.max(f64::MIN_POSITIVE));
+        let (now_from_then, walked_m) = (odom_from_robot * before.inverse(), off_m / drift.max(f64::MIN_POSITIVE));
+        kept.edges.take_over(&self.edges, &now_from_then, walked_m);
+        kept.steps.take_over(&self.steps, &now_from_then, walked_m);
         *self = kept;
     }
 
@@ -201,6 +225,9 @@ impl Memory {
         for edge in depth.map_or(&[][..], DepthView::edges) {
             self.edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
         }
+        for step in depth.map_or(&[][..], DepthView::steps) {
+            self.steps.see(&sighting, step.place, step.rise_m, Source::Step, &self.config);
+        }
         if let (Some(floor), Some(footing)) = (&mut self.floor, self.config.footing) {
             let here = Here { now_ns: stamp_ns, at: self.odometer, odom_from_robot };
             let robot = |ahead_m: f64| Disc { center: Point::new(ahead_m, 0.0), radius_m: footing.radius_m };
@@ -211,6 +238,7 @@ impl Memory {
         }
         self.spots.keep(|spot| spot.sight != Sight::Due);
         self.edges.keep(|spot| spot.sight != Sight::Due);
+        self.steps.keep(|spot| spot.sight != Sight::Due);
         self.glimpse(odom_from_robot, beams);
         self.move_to(stamp_ns, odom_from_robot);
     }
@@ -243,6 +271,9 @@ impl Memory {
                 Source::Edge => depth.is_some_and(|depth| {
                     depth.sees_floor(place) && !spot.outweighs(place.coords.norm(), depth.number())
                 }),
+                Source::Step => depth.is_some_and(|depth| {
+                    depth.shows_no_step(place) && !spot.outweighs(place.coords.norm(), depth.number())
+                }),
             };
             spot.sight = if visible { Sight::Due } else { Sight::Hidden };
             let age_ns = stamp_ns.saturating_sub(spot.seen_ns);
@@ -253,6 +284,7 @@ impl Memory {
         };
         self.spots.keep(look);
         self.edges.keep(look);
+        self.steps.keep(look);
     }
 
     fn glimpse(&mut self, odom_from_robot: &Se2, beams: &Beams) {
@@ -284,7 +316,17 @@ impl Memory {
         self.hidden.extend(self.spots.iter().filter(|spot| spot.sight == Sight::Hidden).map(remembered));
         self.edges_now.clear();
         self.edges_now.extend(self.edges.iter().filter(|edge| edge.was_seen_again()).map(remembered));
-        self.edges_now.iter_mut().for_each(|edge| edge.uncertainty_m = edge.uncertainty_m.min(EDGE_OFF_MAX_M));
+        self.steps_now.clear();
+        self.steps_now.extend(self.steps.iter().filter(|step| step.was_seen_again()).map(|step| RememberedStep {
+            at: remembered(step),
+            rise_m: step.rise_m,
+            onward: robot_from_odom.rotation * step.onward,
+            is_taken: step.is_taken(odometer),
+        }));
+        self.edges_now
+            .iter_mut()
+            .chain(self.steps_now.iter_mut().map(|step| &mut step.at))
+            .for_each(|edge| edge.uncertainty_m = edge.uncertainty_m.min(EDGE_OFF_MAX_M));
     }
 
     /// The robot was to move by `begin_from_end` from where it was, and did not get there.
@@ -309,6 +351,38 @@ impl Memory {
     #[must_use]
     pub fn edges(&self) -> &[Remembered] {
         &self.edges_now
+    }
+
+    /// The steps in the floor that more than one frame saw.
+    #[must_use]
+    pub fn steps(&self) -> &[RememberedStep] {
+        &self.steps_now
+    }
+
+    /// How high a step may be that is taken. None where floor is not remembered.
+    #[must_use]
+    pub fn step_max(&self) -> Option<StepMax> {
+        self.config.footing.map(|footing| footing.step_max)
+    }
+
+    /// The low steps that more than one frame saw, taken or not, from where the robot is there (robot frame).
+    pub fn low_steps_from(&self, odom_from_robot: &Se2) -> impl Iterator<Item = FloorStep> {
+        let robot_from_odom = odom_from_robot.inverse();
+        let max = self.step_max();
+        let seen_again = self.steps.iter().filter(|step| step.was_seen_again());
+        let ahead = seen_again.map(move |step| {
+            let is_back = (robot_from_odom.rotation * step.onward).x < 0.0;
+            let rise_m = if is_back { -step.rise_m } else { step.rise_m };
+            FloorStep { place: robot_from_odom * step.odom, rise_m }
+        });
+        ahead.filter(move |step| max.is_some_and(|max| max.allows(step.rise_m)))
+    }
+
+    /// The handler has the low step at a place (odometry frame) taken.
+    pub fn take_step(&mut self, place: Point) {
+        self.steps.take(place, self.odometer.walked_m);
+        let odom_from_robot = self.odom_from_robot;
+        self.move_to(self.now_ns, &odom_from_robot);
     }
 
     /// Whether the floor at a place (robot frame) was seen.

@@ -135,6 +135,8 @@ pub struct Judgement {
     pub threshold_m: f64,
     /// The place that makes it unsafe, where a point does (robot frame).
     pub place: Option<Point>,
+    /// How much the floor rises there by a step, metres; less than 0: it falls. 0 where the cause is no step.
+    pub step_m: f64,
     /// It leads over floor that was not seen and is assumed.
     pub assumes_floor: bool,
     /// Part of the hull that no beam sees, square metres: behind what beams end on, masked, unknown, outside the
@@ -153,6 +155,7 @@ impl Default for Judgement {
             reading_m: 0.0,
             threshold_m: 0.0,
             place: None,
+            step_m: 0.0,
             assumes_floor: false,
             unseen_area_m2: 0.0,
         }
@@ -314,7 +317,7 @@ pub fn masked_at_edge(table: &ActionTable, judgements: &[Judgement], mask: u32, 
 fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -> bool {
     let leads_ahead = |i: usize| table.actions().get(i).is_some_and(|action| action.velocity(1.0).vx_mps > 0.0);
     let is_left = |(i, judgement): (usize, &Judgement)| judgement.safe && leads_ahead(i);
-    judgements.get(wanted).is_some_and(|judgement| judgement.cause == UnsafeCause::DropOff)
+    judgements.get(wanted).is_some_and(|judgement| judgement.cause.is_edge())
         && leads_ahead(wanted)
         && !judgements.iter().enumerate().any(is_left)
 }

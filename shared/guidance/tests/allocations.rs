@@ -6,9 +6,9 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use guidedog_guidance::se2::Point;
 use guidedog_guidance::{
     ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerEstimate, HandlerLimits,
-    Memory, MemoryConfig, Reach, Se2, Shield, ShieldConfig,
+    Memory, MemoryConfig, Reach, Se2, Shield, ShieldConfig, StepMax, Tilt,
 };
-use messages::{DepthHeader, Pose3, ScanHeader};
+use messages::{Attitude, DepthHeader, Pose3, ScanHeader};
 
 /// Counts what it hands out.
 struct Counting;
@@ -51,7 +51,14 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         kept_off_plane_ns: 500_000_000,
         free_ns: 500_000_000,
         drift: 0.03,
-        footing: Some(Footing { radius_m: 0.3, nose_m: 0.0, handler_m: 0.25, overrun_m: 0.2, overrun_rad: 0.1 }),
+        footing: Some(Footing {
+            radius_m: 0.3,
+            nose_m: 0.0,
+            handler_m: 0.25,
+            overrun_m: 0.2,
+            overrun_rad: 0.1,
+            step_max: StepMax { down_m: 0.12, up_m: 0.06 },
+        }),
     });
     let (table, mut judgements) = (ActionTable::ten(), Vec::new());
     let header = ScanHeader {
@@ -73,9 +80,12 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         (0..1440).map(reading).collect()
     };
     let scans: Vec<Vec<f32>> = (0..20).map(scan).collect();
-    // A drop before the robot, and now and then none.
-    let frames: Vec<(DepthHeader, Vec<u16>)> = (0..20).map(|n| frame(if n % 8 < 6 { 0.8 } else { 9.0 })).collect();
-    let mut view = DepthView::default();
+    // A drop before the robot, a low step, and now and then none.
+    let ends = |n: usize| if n % 8 < 6 { frame(0.8, 0.5) } else { frame(9.0, 0.5) };
+    let frames: Vec<_> = (0..20).map(|n| if n % 4 == 1 { frame(1.1, 0.08) } else { ends(n) }).collect();
+    let level = Attitude { stamp_ns: 1, height_m: 0.3, standing_m: 0.3, ..Attitude::default() };
+    let tilt = Tilt::of(&level).expect("known");
+    let mut view = DepthView::with_steps(StepMax { down_m: 0.12, up_m: 0.06 });
     let mut before = 0;
     for (n, ranges) in scans.iter().enumerate() {
         if n == 12 {
@@ -86,7 +96,7 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         handler.predict(&Se2::identity(), 0.1);
         let _ = handler.correct(&beams, n as u64);
         let (depth_header, pixels_mm) = &frames[n];
-        view.fill(depth_header, pixels_mm).expect("usable");
+        view.fill_tilted(depth_header, pixels_mm, Some(&tilt)).expect("usable");
         let odom_from_robot = Se2::rotation(0.01 * n as f64);
         memory.update(n as u64 * 100_000_000, &odom_from_robot, &beams, Some(&view), &handler.body(0.01));
         let evidence = Evidence { memory: Some(&memory), ..Evidence::scan(&beams) };
@@ -96,11 +106,12 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
     assert!(judgements.iter().any(|judgement| !judgement.safe), "the scans are not all free");
     assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
     assert!(!memory.edges().is_empty(), "the drop is remembered");
+    assert!(!memory.steps().is_empty(), "and the step");
     assert!(memory.unseen_floor(Point::origin(), 2.0).next().is_some(), "floor is remembered");
 }
 
-/// What a level camera sees of a floor that ends so far before it, metres, where the ground lies 0.5 m lower.
-fn frame(edge_m: f64) -> (DepthHeader, Vec<u16>) {
+/// What a level camera sees of a floor that ends so far before it, metres, where the ground lies so much lower, metres.
+fn frame(edge_m: f64, drop_m: f64) -> (DepthHeader, Vec<u16>) {
     const HEIGHT_M: f64 = 0.4;
     let header = DepthHeader {
         width: 64,
@@ -115,7 +126,7 @@ fn frame(edge_m: f64) -> (DepthHeader, Vec<u16>) {
     let depth_mm = |row: u32| {
         let down = (f64::from(row) - header.cy_px) / header.fy_px;
         let to_m = |drop_m: f64| (HEIGHT_M + drop_m) / down;
-        let depth_m = if to_m(0.0) < edge_m { to_m(0.0) } else { to_m(0.5) };
+        let depth_m = if to_m(0.0) < edge_m { to_m(0.0) } else { to_m(drop_m) };
         if down > 0.0 && depth_m < 10.0 { (depth_m * 1000.0) as u16 } else { 0 }
     };
     let pixels_mm = (0..header.height).flat_map(|row| vec![depth_mm(row); header.width as usize]).collect();

@@ -445,9 +445,35 @@ pub enum UnsafeCause {
     DropOff,
     /// It leads over floor that was never seen.
     FloorUnseen,
+    /// The floor rises by a step that is too high.
+    StepUp,
+    /// The floor falls by a step that the handler may have taken, within what is kept from an edge.
+    LowStepDown,
+    /// The same, where it rises.
+    LowStepUp,
 }
 
 named!(UnsafeCause);
+
+impl UnsafeCause {
+    /// Whether the robot waits there for the handler's word.
+    #[must_use]
+    pub fn is_low_step(self) -> bool {
+        matches!(self, Self::LowStepDown | Self::LowStepUp)
+    }
+
+    /// Whether the floor ends there, or goes on at another height.
+    #[must_use]
+    pub fn is_edge(self) -> bool {
+        matches!(self, Self::DropOff | Self::StepUp) || self.is_low_step()
+    }
+
+    /// Whether the floor forbids it.
+    #[must_use]
+    pub fn is_floor(self) -> bool {
+        self.is_edge() || self == Self::FloorUnseen
+    }
+}
 
 /// No beam: what a verdict names where it judged none.
 pub const NO_BEAM: u32 = u32::MAX;
@@ -510,6 +536,9 @@ mirrored! {
         pub place_x_m: f64 = default,
         /// See `place_x_m`.
         pub place_y_m: f64 = default,
+        /// How much the floor rises there by a step, away from the robot, metres; less than 0: it falls. 0 where the
+        /// cause is no step.
+        pub step_m: f64 = default,
         /// The motion leads over floor that was not seen and is assumed.
         pub assumes_floor: bool = default,
         /// Seq and stamp of the scan judged.

@@ -73,6 +73,9 @@ mirrored! {
         /// The distance that is kept from it, millimetres.
         #[serde(default)]
         pub kept_mm: i32 = default,
+        /// How much the floor rises there by a step, millimetres; less than 0: it falls.
+        #[serde(default)]
+        pub step_mm: i32 = default,
     }
 }
 
@@ -94,6 +97,7 @@ impl StopReason {
             left_mm: 0,
             away_mm: 0,
             kept_mm: 0,
+            step_mm: 0,
         }
     }
 
@@ -110,6 +114,30 @@ impl StopReason {
         let [ahead_mm, left_mm, away_mm, kept_mm] =
             [ahead_m, left_m, away_m, kept_m].map(|m| (m * 1000.0).round() as i32);
         Self { ahead_mm, left_mm, away_mm, kept_mm, ..Self::of(kind) }
+    }
+
+    /// The same, of a step by which the floor rises so much, metres; less than 0: it falls.
+    #[must_use]
+    pub fn step(self, rise_m: f64) -> Self {
+        Self { step_mm: (rise_m * 1000.0).round() as i32, ..self }
+    }
+
+    /// Where the floor ends, or a step is.
+    fn fmt_place(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let m = |mm: i32| f64::from(mm.abs()) / 1000.0;
+        if self.step_mm != 0 {
+            write!(f, ": {:.2} m {},", m(self.step_mm), if self.step_mm < 0 { "down" } else { "up" })?;
+        } else {
+            f.write_str(":")?;
+        }
+        let side = if self.left_mm < 0 { "right" } else { "left" };
+        let way = if self.ahead_mm < 0 { "behind" } else { "ahead" };
+        write!(f, " {:.2} m {way} and {:.2} m to the {side}", m(self.ahead_mm), m(self.left_mm))?;
+        if self.kept_mm > 0 {
+            let away_m = f64::from(self.away_mm) / 1000.0;
+            write!(f, ", {away_m:.2} m from the hull, where {:.2} m are kept", m(self.kept_mm))?;
+        }
+        Ok(())
     }
 
     /// A reason about a stream that is too old.
@@ -138,15 +166,8 @@ impl core::fmt::Display for StopReason {
             (StopKind::StreamSlow, apart) => write!(f, ", {} ms apart, limit {limit_ms} ms", apart / 1_000_000)?,
             (_, age_ns) => write!(f, ", {} ms old, limit {limit_ms} ms", age_ns / 1_000_000)?,
         }
-        if matches!(self.kind, StopKind::DropOff | StopKind::FloorUnseen) {
-            let m = |mm: i32| f64::from(mm.abs()) / 1000.0;
-            let side = if self.left_mm < 0 { "right" } else { "left" };
-            let way = if self.ahead_mm < 0 { "behind" } else { "ahead" };
-            write!(f, ": {:.2} m {way} and {:.2} m to the {side}", m(self.ahead_mm), m(self.left_mm))?;
-            if self.kept_mm > 0 {
-                let away_m = f64::from(self.away_mm) / 1000.0;
-                write!(f, ", {away_m:.2} m from the hull, where {:.2} m are kept", m(self.kept_mm))?;
-            }
+        if self.kind.is_floor() {
+            self.fmt_place(f)?;
         }
         match (self.kind, self.used >> 20, self.used_limit >> 20) {
             _ if self.used_limit == 0 => Ok(()),
@@ -250,5 +271,23 @@ mirrored! {
         pub charge_percent: u32,
         /// Whether somebody has stopped the robot by its hand remote, and nobody has resumed since.
         pub remote_stop: bool,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::StopReason;
+    use crate::StopKind;
+
+    #[test]
+    fn a_reason_tells_where_the_floor_ends_and_how_high_a_step_is() {
+        let edge = StopReason::floor(StopKind::DropOff, [0.62, -0.1], 0.21, 0.35);
+        let said = "0.62 m ahead and 0.10 m to the right, 0.21 m from the hull, where 0.35 m are kept";
+        assert_eq!(edge.to_string(), format!("drop_off: {said}"));
+        let step = |kind, rise_m| StopReason { kind, ..edge }.step(rise_m).to_string();
+        assert_eq!(step(StopKind::LowStepDown, -0.0812), format!("low_step_down: 0.08 m down, {said}"));
+        assert_eq!(step(StopKind::StepUp, 0.17), format!("step_up: 0.17 m up, {said}"));
+        let unseen = StopReason::floor(StopKind::FloorUnseen, [-0.3, 0.5], 0.0, 0.0);
+        assert_eq!(unseen.to_string(), "floor_unseen: 0.30 m behind and 0.50 m to the left");
     }
 }

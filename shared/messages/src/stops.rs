@@ -377,11 +377,38 @@ stops! {
         advice: "check that the camera is not aimed too high; a dark or shiny floor gives no depth; \
                  `guidedog doctor --config` says which floor it should see; then a cue",
     }
+    StepUp = 41, "step_up" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "the floor rises where the robot was to go, by a step that is too high",
+        advice: "another cue, or lead robot and handler on by hand; \
+                 shield.floor.step_max_m says how high a step the robot takes",
+    }
+    LowStepDown = 42, "low_step_down" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "a low step leads down where the robot was to go, and it waits for the handler's word",
+        advice: "the cue forward, given once the robot says so, takes the step; or another cue",
+    }
+    LowStepUp = 43, "low_step_up" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "a low step leads up where the robot was to go, and it waits for the handler's word",
+        advice: "the cue forward, given once the robot says so, takes the step; or another cue",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
         meaning: "the walk has come to its goal, and the run is ending",
         advice: "none",
+    }
+}
+
+impl StopKind {
+    /// Whether the floor is the cause, at a place that is told.
+    #[must_use]
+    pub fn is_floor(self) -> bool {
+        matches!(self, Self::DropOff | Self::FloorUnseen | Self::StepUp | Self::LowStepDown | Self::LowStepUp)
     }
 }
 
@@ -424,6 +451,9 @@ mod tests {
             "drop_off",
             "floor_unseen",
             "no_floor",
+            "step_up",
+            "low_step_down",
+            "low_step_up",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
         let latched = [

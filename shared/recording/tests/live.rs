@@ -40,6 +40,7 @@ const REASON: StopReason = StopReason {
     left_mm: 9,
     away_mm: -10,
     kept_mm: 11,
+    step_mm: -12,
 };
 
 fn cue(seq: u64) -> Cue {

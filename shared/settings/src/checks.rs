@@ -345,6 +345,8 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
         ("shield.unseen_limit_m2", settings.shield.unseen_limit_m2.unwrap_or(1.0), 0.0, 100.0),
         ("shield.floor.edge_ahead_m", settings.shield.floor.edge_ahead_m, 0.0, 1.0),
         ("shield.floor.edge_beside_m", settings.shield.floor.edge_beside_m, 0.0, 1.0),
+        ("shield.floor.step_max_m.down", settings.shield.floor.step_max_m.down, 0.0, 0.2),
+        ("shield.floor.step_max_m.up", settings.shield.floor.step_max_m.up, 0.0, 0.2),
         ("shield.memory.drift", settings.shield.memory.drift.get(), 0.0, 0.5),
         // Who walks into the way comes nearer by a metre in this time.
         ("shield.memory.free", settings.shield.memory.free.s(), 0.0, 1.0),

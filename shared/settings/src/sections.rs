@@ -15,7 +15,7 @@ mod speak;
 use guidance::se2::Point;
 use guidance::{
     AwarenessConfig, DelayedHarness, Disc, EdgeDistance, FloorInView, Footing, HandlerEstimate, HandlerLimits,
-    HarnessError, Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig,
+    HarnessError, Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig, StepMax,
 };
 use matching::CorrectedConfig;
 use messages::{NS_PER_S, Pose2, TopicId};
@@ -37,7 +37,7 @@ pub use max_age::MaxAge;
 pub use odometry::*;
 pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
 pub use robot::{Origin, Response, Robot};
-pub use shield::{Choice, FloorSettings, MemorySettings, ShieldSettings};
+pub use shield::{Choice, FloorSettings, MemorySettings, ShieldSettings, StepMaxSettings};
 pub(crate) use speak::check as check_speak;
 pub use speak::{Speak, SpokenLanguage, Verbosity};
 
@@ -248,6 +248,7 @@ impl Settings {
             handler_m: self.handler.radius_m.get(),
             overrun_m: self.robot.response.overrun_m[0],
             overrun_rad: self.robot.response.overrun_rad,
+            step_max: StepMax { down_m: self.shield.floor.step_max_m.down, up_m: self.shield.floor.step_max_m.up },
         })
     }
 

@@ -14,7 +14,7 @@ use messages::{DepthHeader, Header, Pose2, Pose3};
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::floor::{Hole, contains, sides};
+use crate::floor::{FALL_M, Hole, contains, sides};
 use crate::noise::{Source, generator, normals};
 use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
@@ -88,6 +88,12 @@ impl DepthConfig {
         ConfigError::check("noise_per_m", self.noise_per_m, 0.0, 0.1)?;
         ConfigError::check("redwood", self.redwood, 0.0, 10.0)
     }
+}
+
+/// Height of the floor under the robot, metres: after a step down that is no fall it stands lower.
+fn stands_m(scene: &Scene<'_>) -> f64 {
+    let at = Point::new(scene.world_from_robot.x_m, scene.world_from_robot.y_m);
+    Some(scene.world.floor_m(at)).filter(|floor_m| (-FALL_M..0.0).contains(floor_m)).unwrap_or(0.0)
 }
 
 /// A simulated depth camera. All pixels of a frame are of one moment.
@@ -181,7 +187,8 @@ impl DepthSensor {
     pub fn render(&mut self, scene: &Scene<'_>, frame: u64, pixels: &mut [u16]) {
         let (mut faces, mut patches) = (std::mem::take(&mut self.faces), std::mem::take(&mut self.patches));
         faces.clear();
-        let held = Held::of(&self.config.robot_from_camera, scene.tilt.as_ref());
+        let mut held = Held::of(&self.config.robot_from_camera, scene.tilt.as_ref());
+        held.height_m += stands_m(scene);
         let view = self.view(scene, &held);
         view.collect(scene, &mut faces);
         view.collect_patches(scene, &mut faces, &mut patches);

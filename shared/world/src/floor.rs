@@ -7,8 +7,8 @@ use crate::World;
 use crate::prism::Prism;
 use crate::sweep::to_segment;
 
-/// A step down by less is no fall, metres.
-pub const FALL_M: f64 = 0.05;
+/// A step down by no more is no fall, metres: robot and handler take it.
+pub const FALL_M: f64 = 0.12;
 /// A tread of open stairs is so thick, metres.
 const TREAD_THICK_M: f64 = 0.04;
 /// Outlines that overlap by less only touch, metres.

@@ -78,6 +78,9 @@ fn a_verdict_that_rests_on_an_edge_of_the_floor_says_so() {
             (UnsafeCause::Memory, otherwise),
             (UnsafeCause::DropOff, StopKind::DropOff),
             (UnsafeCause::FloorUnseen, StopKind::FloorUnseen),
+            (UnsafeCause::StepUp, StopKind::StepUp),
+            (UnsafeCause::LowStepDown, StopKind::LowStepDown),
+            (UnsafeCause::LowStepUp, StopKind::LowStepUp),
         ] {
             let mut gate = moving();
             gate.take_permit(&Permit { outcome, unsafe_cause, ..permit(990, 1100) });

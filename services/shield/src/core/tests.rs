@@ -1,3 +1,5 @@
+mod steps;
+
 use super::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
 use messages::{

@@ -8,7 +8,7 @@ use crate::depth::{DepthError, DepthView};
 use crate::handler::HandlerBody;
 use crate::memory::{Memory, MemoryConfig};
 use crate::scan::Beams;
-use crate::se2::Se2;
+use crate::se2::{Point, Se2};
 use crate::shield::Evidence;
 use crate::track::{Held, PoseTrack};
 
@@ -65,7 +65,10 @@ impl Surroundings {
             attitude_missing: false,
             waiting: Waiting::default(),
             refused_frames: 0,
-            depth: DepthView::default(),
+            depth: memory
+                .as_ref()
+                .and_then(|memory| memory.footing)
+                .map_or_else(DepthView::default, |footing| DepthView::with_steps(footing.step_max)),
             depth_header: None,
             depth_usable: false,
             depth_blind: false,
@@ -137,6 +140,9 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
+        if let Some((memory, odom_from_robot)) = self.memory.as_ref().zip(track.at(header.header.stamp_ns)) {
+            self.depth.expect_steps(memory.low_steps_from(&odom_from_robot));
+        }
         // Without the attitude, floor cannot be told from obstacles.
         let held = track.held_at(header.header.stamp_ns);
         let filled = self.depth.fill_tilted(header, pixels_mm, held.as_ref().and_then(Held::tilt));
@@ -191,6 +197,13 @@ impl Surroundings {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         if let Some(memory) = &mut self.memory {
             memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);
+        }
+    }
+
+    /// The handler has the low step at a place (odometry frame) taken.
+    pub fn take_step(&mut self, place: Point) {
+        if let Some(memory) = &mut self.memory {
+            memory.take_step(place);
         }
     }
 

@@ -12,6 +12,9 @@ const RAMP: f64 = 1.0 / 12.0;
 /// one that lies below, it goes on for the length alone.
 const GAP_ROWS: f64 = 3.0;
 const GAP_M: f64 = 0.1;
+/// A step down that can be taken hides at most so much of the floor right behind it where that counts as floor, metres:
+/// the camera has to come near enough. A wider gap there would not be seen from farther off.
+const HIDDEN_MAX_M: f64 = 0.18;
 
 /// The first floor lies so near to where the lowest rays reach the floor, metres,
 const FIRST_M: f64 = 0.25;
@@ -41,6 +44,8 @@ pub(super) struct Pixel {
     /// Height over the lowest floor that is possible here. More than `drop_m` below it, the floor has dropped.
     pub over_lowest_m: f64,
     pub drop_m: f64,
+    /// How much higher than the first floor the floor is here, for the steps that can be taken before it.
+    pub level_m: f64,
 }
 
 /// A place on the floor: along the camera's axis and to the left of it, and its height over the camera, metres.
@@ -48,11 +53,13 @@ pub(super) struct Pixel {
 struct Place {
     along_m: f64,
     left_m: f64,
+    /// Without the steps that can be taken before it.
     rise_m: f64,
+    level_m: f64,
 }
 
 /// No floor yet.
-const NONE: Place = Place { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY };
+const NONE: Place = Place { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY, level_m: 0.0 };
 
 /// One column of the image. It is looked at from its top to its bottom, so from far floor to near floor.
 #[derive(Debug, Clone, Copy)]
@@ -122,7 +129,7 @@ impl Column {
     pub fn take(&mut self, pixel: &Pixel, eye: &Eye, agrees: impl FnOnce() -> bool) {
         self.known += 1;
         let unknown = std::mem::take(&mut self.unknown);
-        let Pixel { along_m, left_m, rise_m, height_m, floor_m, over_lowest_m, drop_m } = *pixel;
+        let Pixel { along_m, left_m, rise_m, height_m, floor_m, over_lowest_m, drop_m, level_m } = *pixel;
         // The share of the ray after which it passes a height on its way down.
         let share = |edge_m: f64| ((edge_m - eye.height_m) / (height_m - eye.height_m)).clamp(0.0, 1.0);
         if height_m < floor_m {
@@ -132,7 +139,7 @@ impl Column {
                 self.take_floor(pixel, eye, unknown > 1);
             } else if agrees() {
                 self.low += 1;
-                self.missing = Place { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m };
+                self.missing = Place { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m, level_m };
             }
             return;
         }
@@ -155,17 +162,25 @@ impl Column {
     /// Floor. It ends here where pixels below it came before, or floor that lies lower than a ramp leads to.
     /// `is_doubtful`: pixels between said nothing.
     fn take_floor(&mut self, pixel: &Pixel, eye: &Eye, is_doubtful: bool) {
-        let Pixel { along_m, left_m, rise_m, drop_m, .. } = *pixel;
+        let Pixel { along_m, left_m, drop_m, level_m, .. } = *pixel;
+        let rise_m = pixel.rise_m - level_m;
         let is_lower = |floor: &Place| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
         let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower);
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
         }
         let rows_m = if is_doubtful || self.low > 0 { 0.0 } else { GAP_ROWS * eye.apart_at_1_m * along_m * along_m };
-        let goes_on = !drops && self.seen_m[0] - along_m <= GAP_M.max(rows_m);
+        // A step down that can be taken hides the floor right behind it, by no more than its height tells.
+        let lower_m = (level_m - self.floors[0].level_m).max(0.0);
+        let gap_m = if lower_m > 0.0 {
+            (lower_m / eye.height_m * along_m + eye.apart_at_1_m * along_m * along_m).min(HIDDEN_MAX_M)
+        } else {
+            GAP_M.max(rows_m)
+        };
+        let goes_on = !drops && self.seen_m[0] - along_m <= gap_m;
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
         self.low = 0;
-        let here = Place { along_m, left_m, rise_m };
+        let here = Place { along_m, left_m, rise_m, level_m };
         // What lies beyond an edge says nothing about the floor before it.
         self.floors = if drops { [here, NONE] } else { [here, self.floors[0]] };
     }

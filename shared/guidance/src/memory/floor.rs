@@ -15,9 +15,11 @@ const PLACE_MAX: f64 = 1e8;
 const REACH_M: f64 = 3.0;
 /// Floor is let go when the robot has walked so far since it was last seen, metres,
 const KEPT_M: f64 = 3.0;
-/// or so long after it was last seen, nanoseconds, where the robot has walked as far as this since, metres.
+/// or so long after it was last seen, nanoseconds, where the robot has walked as far as this since, metres, and it is
+/// farther from the robot than this, metres: who goes slowly, and stands now and then, loses no floor under the pair.
 const KEPT_NS: u64 = 10_000_000_000;
 const WALKED_MIN_M: f64 = 1.0;
+const PAIR_M: f64 = 1.5;
 /// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres.
 const FIRST_M: f64 = 1.0;
 /// A robot that turned by less still stands at its start, radians.
@@ -55,9 +57,10 @@ impl Cell {
 
     fn is_over(&self, here: &Here<'_>) -> bool {
         let walked_m = here.at.walked_m - self.seen_at.walked_m;
-        let is_old = walked_m > WALKED_MIN_M && here.now_ns.saturating_sub(self.seen_ns) > KEPT_NS;
+        let is_late = here.now_ns.saturating_sub(self.seen_ns) > KEPT_NS;
+        let is_old = || is_late && walked_m > WALKED_MIN_M && !here.is_near(self.key);
         // What lies beyond an edge stays there until floor is seen.
-        self.floor != Floor::Beyond && (walked_m > KEPT_M || is_old)
+        self.floor != Floor::Beyond && (walked_m > KEPT_M || is_old())
     }
 }
 
@@ -67,6 +70,14 @@ pub(super) struct Here<'a> {
     pub now_ns: u64,
     pub at: Odometer,
     pub odom_from_robot: &'a Se2,
+}
+
+impl Here<'_> {
+    /// Whether a cell is as near as robot and handler are to each other, and their next step.
+    fn is_near(&self, key: (i32, i32)) -> bool {
+        let here = Point::from(self.odom_from_robot.translation.vector);
+        (middle_of(key) - here).norm_squared() <= PAIR_M * PAIR_M
+    }
 }
 
 /// See the module.

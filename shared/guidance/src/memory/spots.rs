@@ -1,5 +1,7 @@
 //! Places that were seen, in the odometry frame: at most one for each cell.
 
+use nalgebra::Vector2;
+
 use super::{MemoryConfig, Odometer, REACH_M};
 use crate::se2::{Point, Se2};
 
@@ -24,6 +26,10 @@ const EDGE_TOLD: f64 = 0.5;
 const EDGE_BESIDE: i32 = 2;
 /// With this much evidence it is there. With less it may be the noise of a frame, and is let go sooner.
 const ENOUGH: f64 = 2.0;
+/// Places of one step are at most so far apart, metres.
+const JOINED_M: f64 = 0.12;
+/// A step that was taken may be taken for so much way from there, metres: until the handler is over it.
+const TAKEN_FOR_M: f64 = 3.0;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
 
@@ -34,6 +40,8 @@ pub(super) enum Source {
     Camera,
     /// The camera, of the last floor before a drop.
     Edge,
+    /// The camera, of a step in the floor.
+    Step,
 }
 
 /// What the newest scan and frame said of a place.
@@ -52,7 +60,7 @@ pub(super) enum Sight {
 pub(super) struct Spot {
     cell: (i32, i32),
     pub odom: Point,
-    /// How high over the camera it was seen, at the most, metres.
+    /// How high over the camera it was seen, at the most, metres. Of a step, how much the floor rises there.
     pub rise_m: f64,
     pub source: Source,
     pub sight: Sight,
@@ -67,6 +75,10 @@ pub(super) struct Spot {
     frames: u32,
     /// The last frame that saw floor there.
     denied_by: u64,
+    /// Of a step, the way in which it was seen (odometry frame): along it the floor rises so.
+    pub onward: Vector2<f64>,
+    /// How far the robot had come when the handler had this step taken, metres.
+    taken_at_m: f64,
 }
 
 impl Spot {
@@ -81,6 +93,11 @@ impl Spot {
             (self.evidence, self.denied_by) = (self.evidence - weight(distance_m), frame);
         }
         self.evidence > 0.0
+    }
+
+    /// Whether the handler has this step taken.
+    pub fn is_taken(&self, at: Odometer) -> bool {
+        at.walked_m - self.taken_at_m < TAKEN_FOR_M
     }
 
     /// Whether more than one frame saw it, near enough to count.
@@ -146,6 +163,26 @@ impl Spots {
         }
     }
 
+    /// The handler has the step at a place (odometry frame) taken, from one side to the other.
+    pub fn take(&mut self, odom: Point, walked_m: f64) {
+        let is_joined = |spot: &Spot, at: Point| (spot.odom - at).norm() <= JOINED_M;
+        self.spots.iter_mut().filter(|spot| is_joined(spot, odom)).for_each(|spot| spot.taken_at_m = walked_m);
+        let mut taken = 0;
+        loop {
+            let count = self.spots.iter().filter(|spot| spot.taken_at_m == walked_m).count();
+            if count == taken {
+                return;
+            }
+            taken = count;
+            for i in 0..self.spots.len() {
+                let is_beside = |other: &Spot| other.taken_at_m == walked_m && is_joined(other, self.spots[i].odom);
+                if self.spots.iter().any(is_beside) {
+                    self.spots[i].taken_at_m = walked_m;
+                }
+            }
+        }
+    }
+
     /// Adds what other frames saw of the edge, up to [`EDGE_BESIDE`] cells away.
     fn count_edges_beside(&self, spot: &mut Spot) {
         let (mut frames, mut evidence) = (0, 0.0_f64);
@@ -157,7 +194,8 @@ impl Spots {
             let other = &self.spots[number];
             // What this frame has added to one of them is not added again.
             let is_new = other.frame == spot.frame;
-            if other.cell == cell && other.source == Source::Edge {
+            if other.cell == cell && other.source == spot.source {
+                spot.taken_at_m = spot.taken_at_m.max(other.taken_at_m);
                 frames = frames.max(other.frames - u32::from(is_new));
                 evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
             }
@@ -188,11 +226,13 @@ impl Spots {
             frame,
             frames: 1,
             denied_by: 0,
+            taken_at_m: f64::NEG_INFINITY,
+            onward: odom_from_robot.rotation * place.coords / distance_m.max(f64::MIN_POSITIVE),
         };
-        if source == Source::Edge {
+        if matches!(source, Source::Edge | Source::Step) {
             self.count_edges_beside(&mut spot);
             spot.evidence = spot.evidence.min(EDGE_SURE);
-            // No drop goes away by itself.
+            // No drop and no step goes away by itself.
             spot.kept_ns = if spot.was_seen_again() { u64::MAX } else { kept_ns };
         }
         let number = &mut self.numbers[slot_of(cell)];
@@ -205,7 +245,12 @@ impl Spots {
         if old.cell == cell {
             // The lidar that meets its edge takes nothing from what the camera knows of it.
             spot.evidence = spot.evidence.max(old.evidence);
-            spot.rise_m = spot.rise_m.max(old.rise_m);
+            spot.rise_m = match source {
+                // From its other side it leads the other way.
+                Source::Step if old.onward.dot(&spot.onward) < 0.0 || old.rise_m * rise_m < 0.0 => rise_m,
+                Source::Step => old.rise_m + (rise_m - old.rise_m) * GAIN,
+                _ => rise_m.max(old.rise_m),
+            };
             spot.kept_ns = spot.kept_ns.max(old.kept_ns);
         }
         if old.cell == cell && old.source == source {

@@ -1,10 +1,11 @@
 //! How one motion is judged: everything that all motions from one moment share is prepared once.
 
+mod floor;
+
 use std::cell::OnceCell;
 use std::f64::consts::TAU;
 
 use messages::{Twist2, UnsafeCause};
-use nalgebra::Vector2;
 
 use super::{Evidence, Judgement, Motion, ShieldConfig};
 use crate::boundary::{Boundary, Readings, Seen, positive_turn};
@@ -12,7 +13,7 @@ use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Discs, Hull};
 use crate::interaction::place;
-use crate::memory::{FLOOR_CELL_M, Floor, Memory};
+use crate::memory::{Floor, Memory};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2, exp, log};
 
@@ -23,15 +24,6 @@ const BEYOND_M: f64 = 1e-9;
 const CLOSER_M: f64 = 1e-4;
 /// A shorter way, a smaller turn or a smaller difference of direction counts as none: metres, radians, share.
 const SLIGHT: f64 = 1e-3;
-/// A turn on the spot may lead the pair this far over floor that was never seen, metres.
-const TURN_ASSUMED_M: f64 = 0.3;
-/// Any other motion may lead over a rim this wide around the pair, metres.
-const RIM_ASSUMED_M: f64 = 0.15;
-/// No part of a body comes farther than this from floor that was seen, metres, also over several motions. The middle of
-/// a handler then stands at most 0.25 m beyond it.
-const ASSUMED_M: f64 = 0.5;
-/// Half of a cell of floor, metres.
-const RIM_M: f64 = FLOOR_CELL_M / 2.0;
 /// No hull reaches farther over the floor, metres.
 const FLOOR_M: f64 = 2.0;
 /// A motion that turns by less is straight, radians.
@@ -300,18 +292,28 @@ impl<'a> Present<'a> {
     /// Virtual beams: what the camera sees, and what is remembered and cannot be seen, strictly inside the hull.
     fn judge_points(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let reach_m = discs.iter().map(|disc| disc.center.coords.norm() + disc.radius_m).fold(0.0, f64::max);
-        let seen = self.depth.map_or(&[][..], DepthView::points).iter().map(|point| (UnsafeCause::Point, *point, 0.0));
-        let remembered = self.memory.map_or(&[][..], Memory::hidden).iter();
-        let remembered = remembered.map(|spot| (UnsafeCause::Memory, spot.place, spot.uncertainty_m));
-        let mut swept = None;
-        for (cause, point, uncertainty_m) in seen.chain(remembered).chain(self.edges(motion)) {
+        let seen = self.depth.map_or(&[][..], DepthView::points).iter();
+        let seen = seen.map(|point| KeptOff { cause: UnsafeCause::Point, place: *point, kept_m: 0.0, step_m: 0.0 });
+        let remembered = self.memory.map_or(&[][..], Memory::hidden).iter().map(|spot| KeptOff {
+            cause: UnsafeCause::Memory,
+            place: spot.place,
+            kept_m: spot.uncertainty_m,
+            step_m: 0.0,
+        });
+        let (mut swept, points) = (None, seen.chain(remembered));
+        // What a step is comes before what it looks like; what the handler may have taken comes last.
+        let all = self.high_steps(motion).chain(points).chain(self.edges(motion)).chain(self.low_steps(motion));
+        for KeptOff { cause, place: point, kept_m: uncertainty_m, step_m } in all {
+            if cause.is_low_step() && !judgement.safe && !judgement.cause.is_low_step() {
+                break;
+            }
             let within_m = reach_m + uncertainty_m;
             if point.coords.norm_squared() >= within_m * within_m {
                 continue;
             }
             let swept = swept.get_or_insert_with(|| Hull::new(*discs));
             let inside_m = swept.signed_distance_m(point) - uncertainty_m;
-            if inside_m >= 0.0 || (cause != UnsafeCause::DropOff && self.handler.masks(point)) {
+            if inside_m >= 0.0 || (!cause.is_floor() && self.handler.masks(point)) {
                 continue;
             }
             let pressing = self.config.escape && self.hull().signed_distance_m(point) < uncertainty_m;
@@ -322,97 +324,11 @@ impl<'a> Present<'a> {
                 // It is no beam's any more.
                 judgement.margin_m = inside_m;
                 (judgement.beam, judgement.place) = (None, Some(point));
+                judgement.step_m = step_m;
                 (judgement.reading_m, judgement.threshold_m) = (inside_m + uncertainty_m, uncertainty_m);
             }
             judgement.forbid(cause);
         }
-    }
-
-    /// Robot and handler tread only on floor that was seen, but for what is assumed. They keep from what lies beyond an
-    /// edge, as from an edge beside their way. An edge is told rather than floor that was not seen.
-    fn judge_floor(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
-        let (way, turns) = (motion.robot.translation.vector, motion.robot.rotation.angle().abs() > SLIGHT);
-        let is_on_spot = way.norm() < SLIGHT;
-        if is_on_spot && !turns || self.sorted.unseen_floor.is_empty() {
-            return;
-        }
-        let edge_m = self.config.edges.beside_m;
-        let bounds = discs.iter().fold(Bounds::NONE, |bounds, disc| bounds.with(disc, edge_m));
-        let (mut swept, mut least) = (None, None::<Forbidden>);
-        for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
-            // Robot and handler do not tread on the margin. Half a cell is the map's resolution.
-            let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
-            let away_m = swept.get_or_insert_with(|| Hull::new(*discs)).signed_distance_m(*place);
-            if away_m >= needed_m {
-                continue;
-            }
-            let from_here_m = self.hull().signed_distance_m(*place);
-            let may_assume =
-                || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
-            let is_assumed =
-                *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
-            let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
-            if is_assumed || is_left {
-                judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
-                continue;
-            }
-            let found = Forbidden { place: *place, is_edge: *floor == Floor::Beyond, away_m, needed_m };
-            least = least.filter(|least| !found.outdoes(least)).or(Some(found));
-        }
-        let Some(Forbidden { place, is_edge, away_m, needed_m }) = least else { return };
-        if judgement.safe {
-            (judgement.beam, judgement.place) = (None, Some(place));
-            (judgement.reading_m, judgement.threshold_m) = (away_m, needed_m);
-            judgement.margin_m = away_m - needed_m;
-        }
-        judgement.forbid(if is_edge { UnsafeCause::DropOff } else { UnsafeCause::FloorUnseen });
-    }
-
-    /// Floor is assumed only close to floor that was seen.
-    fn is_near_seen(&self, place: Point) -> bool {
-        self.memory.is_some_and(|memory| memory.has_floor_near(place, ASSUMED_M))
-    }
-
-    /// Whether floor that was not seen is assumed about a pair that goes on: a rim about where they stand. The camera
-    /// does not look aside: ahead of a way there, only a gap in floor that was seen is assumed.
-    fn is_rim(&self, place: Point, from_here_m: f64, way: &Vector2<f64>) -> bool {
-        let goes_aside = way.y.abs() > SLIGHT;
-        let is_open = goes_aside && self.is_ahead(place, way) && !self.is_gap(place, way);
-        from_here_m <= if is_open { 0.0 } else { RIM_ASSUMED_M }
-    }
-
-    /// Whether a place lies within 60 degrees of a way, as seen from the one of robot and handler that is nearer to it.
-    fn is_ahead(&self, place: Point, way: &Vector2<f64>) -> bool {
-        let from = [Point::origin(), self.handler.center].map(|body| place - body);
-        let to = if from[0].norm() < from[1].norm() { from[0] } else { from[1] };
-        2.0 * way.dot(&to) > way.norm() * to.norm()
-    }
-
-    /// Whether floor was seen shortly beyond a place on a way.
-    fn is_gap(&self, place: Point, way: &Vector2<f64>) -> bool {
-        let beyond = |steps: f64| place + way * (steps * FLOOR_CELL_M / way.norm());
-        let is_seen = |place: Point| self.memory.is_some_and(|memory| memory.has_seen_floor(place));
-        [1.0, 2.0].map(beyond).into_iter().any(is_seen)
-    }
-
-    /// Edges, as points in a hull: what is needed to them counts as uncertainty. An edge within 60 degrees of the way
-    /// is ahead. With a memory, one frame alone may be noise.
-    fn edges(&self, motion: &Motion) -> impl Iterator<Item = (UnsafeCause, Point, f64)> {
-        let alone = self.depth.filter(|_| self.memory.is_none());
-        let seen = alone.map_or(&[][..], DepthView::edges).iter().map(|edge| (*edge, 0.0));
-        let remembered = self.memory.map_or(&[][..], Memory::edges).iter();
-        let all = seen.chain(remembered.map(|edge| (edge.place, edge.uncertainty_m)));
-        let ends = [place(&motion.robot), place(&motion.handler)];
-        let way = motion.robot.translation.vector.try_normalize(SLIGHT);
-        let needed = self.config.edges;
-        all.map(move |(edge, uncertainty_m)| {
-            // Of robot and handler, the one that is nearer to it.
-            let from = ends.map(|end| edge - end).into_iter().min_by(|a, b| a.norm().total_cmp(&b.norm()));
-            let to = from.and_then(|from| from.try_normalize(SLIGHT));
-            let towards = way.zip(to).map_or(0.0, |(way, to)| (2.0 * way.dot(&to)).clamp(0.0, 1.0));
-            let needed_m = needed.beside_m + (needed.ahead_m - needed.beside_m) * towards;
-            (UnsafeCause::DropOff, edge, uncertainty_m + needed_m)
-        })
     }
 
     /// Whether robot or handler come nearer to a point anywhere on their way: the escape rule allows only what does
@@ -442,42 +358,15 @@ impl<'a> Present<'a> {
     }
 }
 
-/// Floor that forbids a motion.
+/// A place from which a motion keeps (robot frame).
 #[derive(Debug, Clone, Copy)]
-struct Forbidden {
+struct KeptOff {
+    cause: UnsafeCause,
     place: Point,
-    is_edge: bool,
-    away_m: f64,
-    needed_m: f64,
-}
-
-impl Forbidden {
-    /// An edge before floor that was not seen, and what lies deeper in the hull.
-    fn outdoes(&self, other: &Self) -> bool {
-        let short_m = |of: &Self| of.needed_m - of.away_m;
-        (self.is_edge, short_m(self)) > (other.is_edge, short_m(other))
-    }
-}
-
-/// A box about discs (robot frame).
-#[derive(Debug, Clone, Copy)]
-struct Bounds {
-    low: Point,
-    high: Point,
-}
-
-impl Bounds {
-    const NONE: Self =
-        Self { low: Point::new(f64::INFINITY, f64::INFINITY), high: Point::new(f64::NEG_INFINITY, f64::NEG_INFINITY) };
-
-    fn with(self, disc: &Disc, more_m: f64) -> Self {
-        let reach = Vector2::repeat(disc.radius_m + more_m);
-        Self { low: self.low.inf(&(disc.center - reach)), high: self.high.sup(&(disc.center + reach)) }
-    }
-
-    fn contains(&self, place: &Point) -> bool {
-        (self.low.x..=self.high.x).contains(&place.x) && (self.low.y..=self.high.y).contains(&place.y)
-    }
+    /// It keeps so much from it: what is kept from an edge, and how far off it may be, metres.
+    kept_m: f64,
+    /// How much the floor rises there by a step, metres; less than 0: it falls. 0: no step is measured.
+    step_m: f64,
 }
 
 /// Whether a robot is carried the way that it is to go, as far as it is carried at all.

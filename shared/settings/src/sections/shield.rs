@@ -64,11 +64,29 @@ pub struct FloorSettings {
     /// Whether robot and handler tread only on floor that the camera has seen. Without a camera, or a memory, they
     /// tread on any.
     pub watched: bool,
+    /// How high a step may be that robot and handler take, once the handler says so.
+    pub step_max_m: StepMaxSettings,
+}
+
+/// How high a step may be, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct StepMaxSettings {
+    /// One that leads down.
+    pub down: f64,
+    /// One that leads up.
+    pub up: f64,
+}
+
+impl Default for StepMaxSettings {
+    fn default() -> Self {
+        Self { down: 0.12, up: 0.06 }
+    }
 }
 
 impl Default for FloorSettings {
     fn default() -> Self {
-        Self { edge_ahead_m: 0.35, edge_beside_m: 0.2, watched: true }
+        Self { edge_ahead_m: 0.35, edge_beside_m: 0.2, watched: true, step_max_m: StepMaxSettings::default() }
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Instant;
 use guidance::se2::Se2;
 use guidance::{
     ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerBody, Memory, MemoryConfig,
-    Shield,
+    Shield, StepMax,
 };
 use serde_json::{Value, json};
 
@@ -19,6 +19,8 @@ use crate::out::{self, say};
 /// Columns and rows of the frames, and beams of the scan.
 const PIXELS: (usize, usize) = (640, 480);
 const BEAMS: usize = 1440;
+/// How high a step may be that is taken.
+const STEP_MAX: StepMax = StepMax { down_m: 0.12, up_m: 0.06 };
 /// Between two frames, nanoseconds.
 const FRAME_NS: u64 = 33_000_000;
 
@@ -30,6 +32,7 @@ fn memory() -> Memory {
         handler_m: HANDLER_RADIUS_M,
         overrun_m: 0.2,
         overrun_rad: 0.0,
+        step_max: STEP_MAX,
     };
     Memory::new(MemoryConfig {
         kept_ns: 2_000_000_000,
@@ -47,7 +50,7 @@ pub(super) fn row(times: u32) -> Result<Value, Failure> {
     let harness = DelayedHarness::default();
     let mut shield =
         Shield::new(guidance::ShieldConfig { edges: EdgeDistance { ahead_m: 0.3, beside_m: 0.15 }, ..Ours::config() });
-    let (mut beams, mut view, mut memory) = (Beams::default(), DepthView::default(), memory());
+    let (mut beams, mut view, mut memory) = (Beams::default(), DepthView::with_steps(STEP_MAX), memory());
     beams.fill(&header, &ranges).map_err(Failure::of_run)?;
     let mut ns = [const { Vec::new() }; 4];
     let mut judgements = Vec::new();

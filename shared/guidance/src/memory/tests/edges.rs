@@ -30,12 +30,13 @@ impl Bench {
     /// One that remembers floor as well.
     pub fn watching(footing: Footing) -> Self {
         let memory = Memory::new(MemoryConfig { footing: Some(footing), ..memory().config });
-        Self { memory, ..Self::new() }
+        Self { memory, view: DepthView::with_steps(footing.step_max), ..Self::new() }
     }
 
     /// At that time and place the camera sees such ground. `ground_m` is its height, metres.
     pub fn sees(&mut self, ms: u64, x_m: f64, ground_m: impl Fn(f64, f64) -> f64) {
         let pixels = seen_ground(&camera_160(), &ground_m);
+        self.view.expect_steps(self.memory.low_steps_from(&Se2::translation(x_m, 0.0)));
         self.view.fill_tilted(&camera_160(), &pixels, Some(&held(2.0, 3.0))).expect("usable");
         self.update(ms, x_m);
     }

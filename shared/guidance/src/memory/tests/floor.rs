@@ -1,11 +1,19 @@
 //! Floor that was seen, that was assumed, and that was neither.
 
 use super::edges::{Bench, cliff};
+use crate::depth::StepMax;
 use crate::memory::{Floor, Footing};
 use crate::se2::{Point, Se2};
 use messages::{Pose2, UnsafeCause};
 
-const FOOTING: Footing = Footing { radius_m: 0.3, nose_m: 0.0, handler_m: 0.25, overrun_m: 0.1, overrun_rad: 0.0 };
+pub(super) const FOOTING: Footing = Footing {
+    radius_m: 0.3,
+    nose_m: 0.0,
+    handler_m: 0.25,
+    overrun_m: 0.1,
+    overrun_rad: 0.0,
+    step_max: StepMax { down_m: 0.12, up_m: 0.06 },
+};
 const FORWARD: Pose2 = Pose2::new(0.3, 0.0, 0.0);
 const ASIDE: Pose2 = Pose2::new(0.0, 0.3, 0.0);
 
@@ -127,6 +135,15 @@ fn floor_is_let_go_after_three_metres_and_stays_while_they_stand() {
         bench.sees_nothing(3_600_000 + 100 * step, 0.1 * step as f64);
     }
     assert_eq!(floor(&bench, 2.8 - 3.1, 0.8), Floor::Unseen);
+}
+
+#[test]
+fn who_goes_slowly_loses_no_floor_under_the_pair_and_all_that_is_far_off() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees(0, 0.0, flat);
+    (1..=12).for_each(|step| bench.sees_nothing(2_000 * step, 0.1 * step as f64));
+    assert_eq!(floor(&bench, 1.6 - 1.2, 0.0), Floor::Seen);
+    assert_eq!(floor(&bench, 2.9 - 1.2, 0.0), Floor::Unseen);
 }
 
 #[test]
