@@ -64,6 +64,23 @@ fn a_step_that_is_too_high_is_never_taken() {
 }
 
 #[test]
+fn on_the_way_back_a_step_counts_by_the_way_it_then_leads() {
+    for (rise_m, back) in [(-0.08, UnsafeCause::StepUp), (-0.05, UnsafeCause::None), (0.05, UnsafeCause::None)] {
+        let mut bench = before(&step(1.3, rise_m));
+        let place = bench.judge(FORWARD).place.expect("it is told where");
+        bench.memory.take_step(Point::new(0.7 + place.x, place.y));
+        for n in 8..30 {
+            let x_m = 0.1 * f64::from(n);
+            bench.sees(100 * n as u64, x_m, move |x, y| step(1.3, rise_m)(x + x_m, y));
+        }
+        // It lies 1.6 m behind: the way there is forbidden where the step is too high to be climbed, taken or not.
+        let judged = bench.judge(Pose2::new(-0.9, 0.0, 0.0));
+        let found = if judged.cause.is_edge() { judged.cause } else { UnsafeCause::None };
+        assert_eq!(found, back, "{rise_m}: {judged:?}");
+    }
+}
+
+#[test]
 fn the_step_after_it_is_announced_as_well() {
     let mut bench = before(|x, _| if x > 1.7 { -0.2 } else { step(1.3, -0.1)(x, 0.0) });
     let first = bench.judge(FORWARD);
