@@ -87,8 +87,8 @@ struct Running {
 struct Waiting {
     /// Since then without a break; none: it is on its way.
     since_ns: Option<u64>,
-    /// It has waited there for long enough that the handler knows.
-    was_told: bool,
+    /// From then on the handler knew of it; none: not yet.
+    told_at_ns: Option<u64>,
     /// The cue in force.
     cue: CueInForce,
     /// The action that leads over it, and its place (odometry frame).
@@ -169,7 +169,7 @@ impl Core {
         self.mode = Some(*mode);
     }
 
-    /// The cue forward, given anew before a low step, has it taken.
+    /// The cue forward, given anew before a low step, allows the step.
     fn take_step(&mut self, mode: &Mode) {
         let CueInForce { valid, cue } = mode.cue;
         let is_new = |waiting: &Waiting| {
@@ -178,7 +178,8 @@ impl Core {
         };
         let Some(waiting) = self.waiting.filter(is_new) else { return };
         self.waiting = None;
-        let was_told = waiting.was_told || self.is_told(waiting.since_ns, mode.header.stamp_ns);
+        let told_at_ns = waiting.told_at_ns.or(self.told_at_ns(waiting.since_ns));
+        let was_told = told_at_ns.is_some_and(|told_at_ns| cue.header.stamp_ns >= told_at_ns);
         if waiting.is_low_step && was_told && valid && mode.class == ModeClass::Run && cue.kind == CueKind::Forward {
             self.awareness.take_step(waiting.place);
         }
@@ -372,13 +373,15 @@ impl Core {
             let before = self.waiting.filter(is_same);
             let cue = before.map_or(cue, |before| before.cue);
             let since_ns = before.and_then(|before| before.since_ns).or(Some(now_ns));
-            let was_told = before.is_some_and(|before| before.was_told) || self.is_told(since_ns, now_ns);
-            self.waiting = Some(Waiting { since_ns, was_told, cue, action, place, is_low_step });
+            let now_told = || self.told_at_ns(since_ns).filter(|told_at_ns| *told_at_ns <= now_ns);
+            let told_at_ns = before.and_then(|before| before.told_at_ns).or_else(now_told);
+            self.waiting = Some(Waiting { since_ns, told_at_ns, cue, action, place, is_low_step });
         }
     }
 
-    fn is_told(&self, since_ns: Option<u64>, now_ns: u64) -> bool {
-        since_ns.is_some_and(|since_ns| now_ns >= since_ns.saturating_add(self.config.told_ns))
+    /// When the handler knows of a wait that began then and goes on.
+    fn told_at_ns(&self, since_ns: Option<u64>) -> Option<u64> {
+        since_ns.map(|since_ns| since_ns.saturating_add(self.config.told_ns))
     }
 
     fn is_cued_forward(&self) -> bool {

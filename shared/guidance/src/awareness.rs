@@ -192,7 +192,7 @@ impl Awareness {
         self.surroundings.feel(odom_from_begin, begin_from_end);
     }
 
-    /// The handler has the low step at a place (odometry frame) taken.
+    /// The handler allows the low step at a place (odometry frame).
     pub fn take_step(&mut self, place: Point) {
         self.surroundings.take_step(place);
     }

@@ -439,10 +439,10 @@ impl DepthView {
                 }
             }
         }
-        self.find_steps(rows as f64 * apart_at_1_m(header, camera.z), camera.z);
+        let apart_at_1_m = rows as f64 * apart_at_1_m(header, camera.z);
+        self.find_steps(apart_at_1_m, camera.z);
         let (eye, forward) = (self.camera, self.forward);
         let plane = Plane::of(&self.low);
-        let apart_at_1_m = rows as f64 * apart_at_1_m(header, camera.z);
         let look = Look { ahead_m: eye.coords.dot(&forward), apart_at_1_m };
         self.cells.spread(&look, |along, left| {
             let at = place(eye, forward, along, left);

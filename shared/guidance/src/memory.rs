@@ -91,7 +91,7 @@ pub struct RememberedStep {
     pub rise_m: f64,
     /// The way in which it was seen (robot frame of now).
     pub onward: Vector2<f64>,
-    /// The handler has it taken, the one way or the other.
+    /// The handler allows it, the one way or the other.
     pub is_taken: bool,
 }
 
@@ -378,7 +378,7 @@ impl Memory {
         ahead.filter(move |step| max.is_some_and(|max| max.allows(step.rise_m)))
     }
 
-    /// The handler has the low step at a place (odometry frame) taken.
+    /// The handler allows the low step at a place (odometry frame).
     pub fn take_step(&mut self, place: Point) {
         self.steps.take(place, self.odometer.walked_m);
         let odom_from_robot = self.odom_from_robot;

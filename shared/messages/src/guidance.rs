@@ -482,7 +482,7 @@ mirrored! {
     /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/2"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/3"))]
     #[repr(C)]
     pub struct Permit {
         /// Stamp (run time of the verdict), seq, incarnation.

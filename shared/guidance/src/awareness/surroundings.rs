@@ -140,9 +140,9 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
-        if let Some((memory, odom_from_robot)) = self.memory.as_ref().zip(track.at(header.header.stamp_ns)) {
-            self.depth.expect_steps(memory.low_steps_from(&odom_from_robot));
-        }
+        let known = self.memory.as_ref().zip(track.at(header.header.stamp_ns));
+        let known = known.as_ref().map(|(memory, odom_from_robot)| memory.low_steps_from(odom_from_robot));
+        self.depth.expect_steps(known.into_iter().flatten());
         // Without the attitude, floor cannot be told from obstacles.
         let held = track.held_at(header.header.stamp_ns);
         let filled = self.depth.fill_tilted(header, pixels_mm, held.as_ref().and_then(Held::tilt));
@@ -200,7 +200,7 @@ impl Surroundings {
         }
     }
 
-    /// The handler has the low step at a place (odometry frame) taken.
+    /// The handler allows the low step at a place (odometry frame).
     pub fn take_step(&mut self, place: Point) {
         if let Some(memory) = &mut self.memory {
             memory.take_step(place);

@@ -202,7 +202,7 @@ impl Column {
 
     /// Whether it sees floor there, as high as the floor on which a robot stands whose camera is so high, metres.
     pub fn is_level_from_first(&self, camera_m: f64) -> bool {
-        let over_m = self.floors[0].rise_m + camera_m;
+        let over_m = self.floors[0].rise_m + self.floors[0].level_m + camera_m;
         self.seen_m[0] <= self.floor_m + FIRST_M && self.near_m > self.seen_m[0] && over_m.abs() <= LEVEL_M
     }
 

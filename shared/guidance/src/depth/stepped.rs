@@ -4,6 +4,9 @@ use super::DepthView;
 use super::steps::{Look, Step, StepMax};
 use crate::se2::Point;
 
+/// What falls deeper shows as an edge, metres.
+const EDGE_M: f64 = 0.1;
+
 /// A step in the floor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FloorStep {
@@ -48,16 +51,15 @@ impl DepthView {
 
     pub(super) fn place_steps(&mut self) {
         self.steps.clear();
-        // What falls deeper than can be taken is an edge.
-        let is_told = |step: &&Step| step.rise_m > 0.0 || self.step_max.is_some_and(|max| max.allows(step.rise_m));
+        let is_told = |step: &&Step| step.rise_m > -EDGE_M || self.step_max.is_some_and(|max| max.allows(step.rise_m));
         for step in self.stepped.steps().iter().filter(is_told) {
             let place = self.now_from_stamped * self.place(step.along_m, step.left_m);
             self.steps.push(FloorStep { place, rise_m: step.rise_m });
         }
     }
 
-    /// Steps in the floor up or down, robot frame. What falls deeper than can be taken is among [`Self::edges`]
-    /// instead.
+    /// Steps in the floor up or down, robot frame, also those that are too high to be taken. A deep fall that cannot be
+    /// taken is among [`Self::edges`] instead.
     #[must_use]
     pub fn steps(&self) -> &[FloorStep] {
         &self.steps

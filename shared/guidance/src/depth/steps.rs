@@ -17,7 +17,7 @@ const HIGH_M: f32 = 0.35;
 const POINTS_MIN: u16 = 2;
 /// A cell whose points differ by more, one standard deviation, is no floor, metres.
 const FLAT_M: f32 = 0.025;
-/// So many cells along, at most, show how high the floor is on either side of a place.
+/// The height of the floor on either side of a place is taken from at most this many cells.
 const SIDE_ROWS: usize = 3;
 /// They agree, give or take so much, metres.
 const SIDE_M: f32 = 0.02;
@@ -40,7 +40,7 @@ const KNOWN_M: f64 = 0.03;
 /// and the step is at most so far behind the robot's middle, metres, and so far to the side of that floor, metres.
 const BEHIND_M: f64 = 0.6;
 const ASIDE_M: f64 = 0.3;
-/// A column that shows no step takes over that of one at most so many columns away.
+/// A column that shows no step uses the step of the nearest column that does, at most this many columns away.
 const TAKEN_OVER: usize = 3;
 
 /// How high a step may be that robot and handler take, metres.
@@ -200,11 +200,11 @@ impl Steps {
     fn cell_level_m(&self, along_m: f64, left_m: f64) -> f64 {
         let index = |metres: f64, side_m: f64, count: usize| ((metres / side_m).max(0.0) as usize).min(count - 1);
         let (row, column) = (index(along_m, ROW_M, ROWS), index(left_m + HALF_M, COLUMN_M, COLUMNS));
-        f64::from(self.levels_m[row * COLUMNS + column])
+        self.levels_m.get(row * COLUMNS + column).map_or(0.0, |level_m| f64::from(*level_m))
     }
 
     /// How much higher than under the robot the first floor of a column is, metres, for a step that is known. While the
-    /// robot is on its way over the step, the floor under its middle is neither here nor there.
+    /// robot walks over the step, its middle may be at any height between the two floors.
     fn first_m(&self, column: usize, look: &Look, known: impl Iterator<Item = Step>) -> f64 {
         let floor = (0..ROWS).find_map(|row| Some((row, self.cells[row * COLUMNS + column].height_m()?)));
         let Some((row, height_m)) = floor.map(|(row, height_m)| (row, f64::from(height_m))) else { return 0.0 };

@@ -28,7 +28,9 @@ const EDGE_BESIDE: i32 = 2;
 const ENOUGH: f64 = 2.0;
 /// Places of one step are at most so far apart, metres.
 const JOINED_M: f64 = 0.12;
-/// A step that was taken may be taken for so much way from there, metres: until the handler is over it.
+/// No spot that near is more cells away.
+const JOINED_CELLS: i32 = 3;
+/// A step that the handler allowed may be taken for so much way, metres: until the handler is over it.
 const TAKEN_FOR_M: f64 = 3.0;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
@@ -77,7 +79,7 @@ pub(super) struct Spot {
     denied_by: u64,
     /// Of a step, the way in which it was seen (odometry frame): along it the floor rises so.
     pub onward: Vector2<f64>,
-    /// How far the robot had come when the handler had this step taken, metres.
+    /// How far the robot had come when the handler allowed this step, metres.
     taken_at_m: f64,
 }
 
@@ -95,7 +97,7 @@ impl Spot {
         self.evidence > 0.0
     }
 
-    /// Whether the handler has this step taken.
+    /// Whether the handler allows this step.
     pub fn is_taken(&self, at: Odometer) -> bool {
         at.walked_m - self.taken_at_m < TAKEN_FOR_M
     }
@@ -163,42 +165,51 @@ impl Spots {
         }
     }
 
-    /// The handler has the step at a place (odometry frame) taken, from one side to the other.
+    /// The handler allows the step at a place (odometry frame), from one side to the other: all spots of it that lead
+    /// up, or all that lead down. It goes from spot to spot over neighbouring cells.
     pub fn take(&mut self, odom: Point, walked_m: f64) {
-        let is_joined = |spot: &Spot, at: Point| (spot.odom - at).norm() <= JOINED_M;
-        self.spots.iter_mut().filter(|spot| is_joined(spot, odom)).for_each(|spot| spot.taken_at_m = walked_m);
-        let mut taken = 0;
-        loop {
-            let count = self.spots.iter().filter(|spot| spot.taken_at_m == walked_m).count();
-            if count == taken {
-                return;
-            }
-            taken = count;
-            for i in 0..self.spots.len() {
-                let is_beside = |other: &Spot| other.taken_at_m == walked_m && is_joined(other, self.spots[i].odom);
-                if self.spots.iter().any(is_beside) {
-                    self.spots[i].taken_at_m = walked_m;
-                }
+        let is_joined = |spot: &Spot, at: Point| spot.was_seen_again() && (spot.odom - at).norm() <= JOINED_M;
+        let first = self.beside(cell_of(odom), JOINED_CELLS).find(|spot| is_joined(spot, odom));
+        let Some(is_up) = first.map(|spot| spot.rise_m > 0.0) else { return };
+        self.take_where(walked_m, |_, spot| (spot.rise_m > 0.0) == is_up && is_joined(spot, odom));
+        let goes_on = |spots: &Self, spot: &Spot| {
+            let is_taken = |other: &Spot| other.taken_at_m == walked_m && is_joined(spot, other.odom);
+            (spot.rise_m > 0.0) == is_up && spots.beside(spot.cell, JOINED_CELLS).any(is_taken)
+        };
+        while self.take_where(walked_m, goes_on) {}
+    }
+
+    /// Marks the spots for which that holds: whether there were new ones.
+    fn take_where(&mut self, walked_m: f64, holds: impl Fn(&Self, &Spot) -> bool) -> bool {
+        let mut any = false;
+        for i in 0..self.spots.len() {
+            let is_new = self.spots[i].taken_at_m != walked_m && holds(self, &self.spots[i]);
+            if is_new {
+                self.spots[i].taken_at_m = walked_m;
+                any = true;
             }
         }
+        any
+    }
+
+    /// The spots in a cell and in those up to so many cells away.
+    fn beside(&self, (i, j): (i32, i32), cells: i32) -> impl Iterator<Item = &Spot> {
+        let about = (-cells..=cells).flat_map(move |up| (-cells..=cells).map(move |on| (i + on, j + up)));
+        about.filter_map(|cell| {
+            let number = usize::from(self.numbers[slot_of(cell)]).checked_sub(1)?;
+            Some(&self.spots[number]).filter(|spot| spot.cell == cell)
+        })
     }
 
     /// Adds what other frames saw of the edge, up to [`EDGE_BESIDE`] cells away.
     fn count_edges_beside(&self, spot: &mut Spot) {
-        let (mut frames, mut evidence) = (0, 0.0_f64);
-        let (i, j) = spot.cell;
-        for cell in
-            (-EDGE_BESIDE..=EDGE_BESIDE).flat_map(|up| (-EDGE_BESIDE..=EDGE_BESIDE).map(move |on| (i + on, j + up)))
-        {
-            let Some(number) = usize::from(self.numbers[slot_of(cell)]).checked_sub(1) else { continue };
-            let other = &self.spots[number];
+        let (mut frames, mut evidence, source) = (0, 0.0_f64, spot.source);
+        for other in self.beside(spot.cell, EDGE_BESIDE).filter(|other| other.source == source) {
             // What this frame has added to one of them is not added again.
             let is_new = other.frame == spot.frame;
-            if other.cell == cell && other.source == spot.source {
-                spot.taken_at_m = spot.taken_at_m.max(other.taken_at_m);
-                frames = frames.max(other.frames - u32::from(is_new));
-                evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
-            }
+            spot.taken_at_m = spot.taken_at_m.max(other.taken_at_m);
+            frames = frames.max(other.frames - u32::from(is_new));
+            evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
         }
         (spot.frames, spot.evidence) = (spot.frames + frames, spot.evidence + evidence);
     }

@@ -301,7 +301,8 @@ impl<'a> Present<'a> {
             step_m: 0.0,
         });
         let (mut swept, points) = (None, seen.chain(remembered));
-        // What a step is comes before what it looks like; what the handler may have taken comes last.
+        // A high step comes before its points, whose cause says less. A low one comes last: it is the cause where
+        // nothing else forbids.
         let all = self.high_steps(motion).chain(points).chain(self.edges(motion)).chain(self.low_steps(motion));
         for KeptOff { cause, place: point, kept_m: uncertainty_m, step_m } in all {
             if cause.is_low_step() && !judgement.safe && !judgement.cause.is_low_step() {
@@ -325,6 +326,9 @@ impl<'a> Present<'a> {
                 judgement.margin_m = inside_m;
                 (judgement.beam, judgement.place) = (None, Some(point));
                 judgement.step_m = step_m;
+                if judgement.cause.is_low_step() {
+                    judgement.cause = cause;
+                }
                 (judgement.reading_m, judgement.threshold_m) = (inside_m + uncertainty_m, uncertainty_m);
             }
             judgement.forbid(cause);

@@ -19,11 +19,13 @@ fn step_mm(drop_m: f64) -> Vec<u16> {
     (0..header.height).flat_map(|v| vec![of(v); header.width as usize]).collect()
 }
 
-/// What comes of so many decisions from then on, with that cue in force and before such a step.
+/// The permits of these decisions before a step of that depth, metres, with that cue in force. It was given at the
+/// first of them.
 fn decides(core: &mut Core, decisions: std::ops::Range<u64>, (kind, seq): (CueKind, u64), drop_m: f64) -> Vec<Permit> {
+    let given_ms = 500 * decisions.start - 10;
     let decide = |decision: u64| {
         let ms = 500 * decision;
-        let cue = CueInForce { valid: true, cue: Cue { header: header(0, seq), kind, ..Cue::default() } };
+        let cue = CueInForce { valid: true, cue: Cue { header: header(given_ms, seq), kind, ..Cue::default() } };
         core.take_mode(&Mode { cue, ..mode(ModeClass::Run, ms - 10) });
         let attitude = Attitude::at_height((ms - 10) * MS, 0.0, 0.0, 0.3);
         core.take_odometry(&Odometry { attitude, ..odometry(ms - 10, 0.0) });
@@ -72,6 +74,15 @@ fn a_cue_that_comes_before_the_handler_was_told_takes_no_step() {
     assert!(begun > 0, "two frames have to show it");
     let soon = decides(&mut core, 5..6, (CueKind::Forward, 8), 0.09);
     assert_eq!(last(&soon), WAITS);
+}
+
+#[test]
+fn a_cue_that_was_spoken_before_the_handler_was_told_takes_no_step_however_late_it_comes() {
+    let mut core = ready();
+    decides(&mut core, 2..5, (CueKind::Forward, 7), 0.09);
+    let spoken = Cue { header: header(1_600, 8), kind: CueKind::Forward, ..Cue::default() };
+    core.take_mode(&Mode { cue: CueInForce { valid: true, cue: spoken }, ..mode(ModeClass::Run, 5_490) });
+    assert_eq!(last(&decides(&mut core, 11..12, (CueKind::Forward, 8), 0.09)), WAITS);
 }
 
 #[test]

@@ -2,6 +2,8 @@
 
 use super::edges::Bench;
 use super::floor::FOOTING;
+use crate::depth::StepMax;
+use crate::memory::Footing;
 use crate::se2::Point;
 use messages::{Pose2, UnsafeCause};
 
@@ -12,9 +14,13 @@ fn step(at_m: f64, rise_m: f64) -> impl Fn(f64, f64) -> f64 {
     move |x, _| if x > at_m { rise_m } else { 0.0 }
 }
 
-/// The robot walks up to such ground, to where that is 0.6 m ahead of its middle.
+/// The robot walks up to such ground, 0.7 m from where it began.
 fn before(ground_m: impl Fn(f64, f64) -> f64 + Copy) -> Bench {
-    let mut bench = Bench::watching(FOOTING);
+    before_with(FOOTING, ground_m)
+}
+
+fn before_with(footing: Footing, ground_m: impl Fn(f64, f64) -> f64 + Copy) -> Bench {
+    let mut bench = Bench::watching(footing);
     for n in 0..8 {
         let x_m = 0.1 * f64::from(n);
         bench.sees(100 * n as u64, x_m, move |x, y| ground_m(x + x_m, y));
@@ -60,6 +66,19 @@ fn a_step_that_is_too_high_is_never_taken() {
             bench.memory.take_step(Point::new(1.1, 0.1 * f64::from(y)));
         }
         assert!(!bench.judge(forward).safe, "{rise_m}, whatever the handler says");
+    }
+}
+
+#[test]
+fn a_lower_limit_forbids_what_it_no_longer_allows() {
+    let step_max = StepMax { down_m: 0.04, up_m: 0.03 };
+    let footing = Footing { step_max, ..FOOTING };
+    for (rise_m, cause) in [(-0.06, UnsafeCause::DropOff), (0.05, UnsafeCause::StepUp)] {
+        let mut bench = before_with(footing, &step(1.1, rise_m));
+        let forward = Pose2::new(0.3, 0.0, 0.0);
+        assert_eq!(bench.judge(forward).cause, cause, "{rise_m}: {:?}", bench.judge(forward));
+        (-3..4).for_each(|y| bench.memory.take_step(Point::new(1.1, 0.1 * f64::from(y))));
+        assert_eq!(bench.judge(forward).cause, cause, "{rise_m}, whatever the handler says");
     }
 }
 

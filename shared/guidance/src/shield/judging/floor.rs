@@ -119,10 +119,8 @@ impl Present<'_> {
         let needed_m = self.kept_from_edge_m(motion);
         self.steps(motion).filter(|(.., is_low)| !is_low).map(move |(step, rise_m, _)| {
             let Remembered { place, uncertainty_m } = step.at;
-            let (cause, needed_m) = match rise_m < 0.0 {
-                true => (UnsafeCause::DropOff, needed_m(place)),
-                false => (UnsafeCause::StepUp, 0.0),
-            };
+            let (cause, needed_m) =
+                if rise_m < 0.0 { (UnsafeCause::DropOff, needed_m(place)) } else { (UnsafeCause::StepUp, 0.0) };
             KeptOff { cause, place, kept_m: uncertainty_m + needed_m, step_m: rise_m }
         })
     }
