@@ -16,6 +16,15 @@ const GAP_M: f64 = 0.1;
 /// the camera has to come near enough. A wider gap there would not be seen from farther off.
 const HIDDEN_MAX_M: f64 = 0.18;
 
+/// A hole that is too narrow for its bottom to show: floor at the height of this one lies at most so far behind it,
+/// metres,
+const NARROW_M: f64 = 0.8;
+/// give or take so much, metres,
+const LIPS_M: f64 = 0.03;
+/// and its far wall is seen to be lower by this, metres, and an increase per metre of distance.
+const WALL_M: f64 = 0.04;
+const WALL_PER_M: f64 = 0.01;
+
 /// The first floor lies so near to where the lowest rays reach the floor, metres,
 const FIRST_M: f64 = 0.25;
 /// and so near to the height on which the robot stands, metres.
@@ -87,6 +96,8 @@ pub(super) struct Column {
     seen_m: [f64; 2],
     /// The last two places of the floor, the nearer one first.
     floors: [Place; 2],
+    /// The last of them from which the floor falls no more than a ramp does: where a hole may end.
+    lip: Place,
     /// Pixels below the floor since the last floor, and where the last of their rays passes through the floor's level.
     low: u32,
     missing: Place,
@@ -112,6 +123,7 @@ impl Column {
             edge_left_m: 0.0,
             seen_m: [none, 0.0],
             floors: [NONE; 2],
+            lip: NONE,
             low: 0,
             missing: NONE,
             unknown: 0,
@@ -149,7 +161,7 @@ impl Column {
         }
         self.far_m = self.far_m.max(along_m);
         // The foot of what stands here is higher than the floor that it hides.
-        self.floors = [NONE; 2];
+        (self.floors, self.lip) = ([NONE; 2], NONE);
         if along_m >= self.near_m {
             return;
         }
@@ -165,7 +177,8 @@ impl Column {
         let Pixel { along_m, left_m, drop_m, level_m, .. } = *pixel;
         let rise_m = pixel.rise_m - level_m;
         let is_lower = |floor: &Place| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
-        let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower);
+        let here = Place { along_m, left_m, rise_m, level_m };
+        let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower) || self.ends_hole(&here, eye);
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
         }
@@ -180,9 +193,24 @@ impl Column {
         let goes_on = !drops && self.seen_m[0] - along_m <= gap_m;
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
         self.low = 0;
-        let here = Place { along_m, left_m, rise_m, level_m };
+        let falls = rise_m < self.lip.rise_m - RAMP * (self.lip.along_m - along_m);
+        if drops || !falls || self.lip.rise_m.is_infinite() {
+            self.lip = here;
+        }
         // What lies beyond an edge says nothing about the floor before it.
         self.floors = if drops { [here, NONE] } else { [here, self.floors[0]] };
+    }
+
+    /// Whether a narrow hole lies behind this floor: of what is in it, only the far wall shows.
+    fn ends_hole(&self, here: &Place, eye: &Eye) -> bool {
+        let wide_m = self.lip.along_m - here.along_m;
+        let is_level = (self.lip.rise_m - here.rise_m).abs() <= LIPS_M + RAMP * wide_m;
+        let gap_m = self.floors[0].along_m - here.along_m;
+        let is_gap = self.low > 0 || gap_m > GAP_M.max(GAP_ROWS * eye.apart_at_1_m * here.along_m * here.along_m);
+        let low_m = if self.low > 0 { self.missing.rise_m - self.missing.level_m } else { f64::INFINITY };
+        let falls_m = here.rise_m - self.floors[0].rise_m.min(low_m);
+        let needed_m = WALL_M + WALL_PER_M * here.along_m + RAMP * wide_m;
+        wide_m <= NARROW_M && is_level && is_gap && falls_m > needed_m
     }
 
     /// No pixel comes any more.

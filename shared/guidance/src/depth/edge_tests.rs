@@ -147,3 +147,29 @@ fn the_cells_of_a_lower_level_are_not_floor() {
         assert!(lower.into_iter().all(|cell| !matches!(cell, FloorCell::Floor(m) if m < -0.08)), "{drop_m}");
     }
 }
+
+#[test]
+fn a_hole_too_narrow_for_its_bottom_to_show_has_an_edge() {
+    let cases = [(camera_160(), 0.3, 1.3), (camera_160(), 0.2, 1.1), (camera_128(), 0.3, 1.3)];
+    for (header, width_m, up_to_m) in cases {
+        for deep_m in [0.12, 0.15, 0.5] {
+            for edge_m in [1.1, 1.2, 1.3].into_iter().filter(|edge_m| *edge_m <= up_to_m) {
+                let hole = move |x: f64, _: f64| if (edge_m..edge_m + width_m).contains(&x) { -deep_m } else { 0.0 };
+                let what = format!("{} pixels: a hole of {width_m} m, {deep_m} m deep", header.width);
+                let wrong = no_edge(&what, &header, edge_m, hole);
+                assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_shallow_gutter_and_a_ramp_have_no_edge() {
+    for header in [camera_160(), camera_128()] {
+        let gutter = |x: f64, _: f64| -0.03 * (1.0 - ((x - 1.3) / 0.15).abs()).max(0.0);
+        let ramp = |x: f64, _: f64| -((x - 1.2) / 12.0).clamp(0.0, 0.06);
+        for edges in edges(&header, gutter).into_iter().chain(edges(&header, ramp)) {
+            assert!(edges.is_empty(), "{edges:?}");
+        }
+    }
+}
