@@ -415,6 +415,12 @@ impl Memory {
         })
     }
 
+    /// Cells of floor within reach that lie beyond an edge (robot frame).
+    pub fn beyond_edges(&self) -> impl Iterator<Item = Point> {
+        let all = self.unseen_floor(Point::origin(), REACH_M);
+        all.filter(|(_, floor)| *floor == Floor::Beyond).map(|(place, _)| place)
+    }
+
     fn here(&self) -> Here<'_> {
         Here { now_ns: self.now_ns, at: self.odometer, odom_from_robot: &self.odom_from_robot }
     }

@@ -19,7 +19,7 @@ use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
-use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, Remembered, Se2};
+use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, Se2};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use rollout::Scene;
 use route::Route;
@@ -96,8 +96,8 @@ pub struct Observation<'a> {
     pub ranges: &'a [f32],
     /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
     pub obstacles: &'a [Point],
-    /// The last floor before drops, as far as they are remembered (robot frame): obstacles as well.
-    pub edges: &'a [Remembered],
+    /// What the shield remembers, if it does. The last floor before drops and what lies beyond are obstacles as well.
+    pub remembered: Option<&'a guidance::Memory>,
     /// Where the handler is taken to be, robot frame; none: the engine's own model tells.
     pub handler: Option<Point>,
     /// The robot in the odometry frame, when the scan was taken.
@@ -184,7 +184,10 @@ impl GeometricEngine {
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
         self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, handler);
-        self.memory.block(&self.odom_from_robot, observation.edges);
+        if let Some(remembered) = observation.remembered {
+            let edges = remembered.edges().iter().map(|edge| edge.place);
+            self.memory.block(&self.odom_from_robot, edges.chain(remembered.beyond_edges()));
+        }
         self.take_cue(observation);
         if self.cue == CueKind::Stop {
             self.plan = Plan::Stand;

@@ -76,7 +76,7 @@ impl Engine for GeometricEngine {
                 scan: situation.scan,
                 ranges: situation.ranges,
                 obstacles: depth.map_or(&[][..], guidance::DepthView::points),
-                edges: memory.map_or(&[][..], guidance::Memory::edges),
+                remembered: memory,
                 handler: Some(situation.handler.center),
                 odom_from_robot: pose2(&situation.odom_from_robot),
                 odometry_incarnation: situation.odometry_incarnation,

@@ -44,7 +44,9 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
         "both_0.15_m_beside_edge": ratio(beside().map(|m| m >= BESIDE_M)),
         "beside_edge_min_m": least(&mut beside()),
         "cue_followed_where_a_way_exists":
-            ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge).map(|r| r.success)),
+            ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && !r.to_stand).map(|r| r.success)),
+        "stood_where_no_way_exists":
+            ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && r.to_stand).map(|r| r.success)),
         "cue_followed_without_edges": ratio(reports().filter(|r| !has_edge(r)).map(|r| r.success)),
         "false_stops_per_km": stops(|floor| floor.false_stops - floor.dark_stops),
         "false_stops_per_km_without_edges": a_km(plain, plain_km),

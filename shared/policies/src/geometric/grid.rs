@@ -1,8 +1,8 @@
 //! What is known of the surroundings: a rolling memory of scans and depth points, and the window that a decision reads.
 
 use super::beams::Beams;
+use guidance::Se2;
 use guidance::se2::Point;
-use guidance::{Remembered, Se2};
 
 /// Side of a cell, metres.
 pub const CELL_M: f64 = 0.1;
@@ -94,10 +94,10 @@ impl Memory {
         }
     }
 
-    /// Takes in edges of the floor (robot frame). No beam tells that one is gone.
-    pub fn block(&mut self, odom_from_robot: &Se2, edges: &[Remembered]) {
-        for edge in edges {
-            self.occupy(odom_from_robot * edge.place, true);
+    /// Takes in where the floor ends (robot frame). No beam tells that it goes on.
+    pub fn block(&mut self, odom_from_robot: &Se2, places: impl Iterator<Item = Point>) {
+        for place in places {
+            self.occupy(odom_from_robot * place, true);
         }
     }
 
