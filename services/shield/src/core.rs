@@ -165,13 +165,17 @@ impl Core {
             // A new cue may try again.
             self.floor.begin_anew();
         }
-        self.take_step(mode);
+        self.heed_step(mode);
         self.mode = Some(*mode);
     }
 
-    /// The cue forward, given anew before a low step, allows the step.
-    fn take_step(&mut self, mode: &Mode) {
+    /// The cue forward, given anew before a low step, allows the step. Any other cue, a fault and a lock allow none.
+    fn heed_step(&mut self, mode: &Mode) {
         let CueInForce { valid, cue } = mode.cue;
+        let is_run = mode.class == ModeClass::Run;
+        if !is_run || valid && cue.kind != CueKind::Forward {
+            self.awareness.allow_no_step();
+        }
         let is_new = |waiting: &Waiting| {
             let Cue { header, kind, .. } = waiting.cue.cue;
             (header.incarnation, header.seq, kind) != (cue.header.incarnation, cue.header.seq, cue.kind)
@@ -180,8 +184,8 @@ impl Core {
         self.waiting = None;
         let told_at_ns = waiting.told_at_ns.or(self.told_at_ns(waiting.since_ns));
         let was_told = told_at_ns.is_some_and(|told_at_ns| cue.header.stamp_ns >= told_at_ns);
-        if waiting.is_low_step && was_told && valid && mode.class == ModeClass::Run && cue.kind == CueKind::Forward {
-            self.awareness.take_step(waiting.place);
+        if waiting.is_low_step && was_told && valid && is_run && cue.kind == CueKind::Forward {
+            self.awareness.allow_step(waiting.place);
         }
     }
 
@@ -363,7 +367,13 @@ impl Core {
         let here = Point::from(self.awareness.odom_from_robot().translation.vector);
         self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
         let Judgement { cause, place, .. } = running.judgement;
-        let Some(place) = place.filter(|_| cause.is_edge()) else { return };
+        let Some(place) = place.filter(|_| cause.is_edge()) else {
+            if let Some(waiting) = &mut self.waiting {
+                // The handler is told of something else meanwhile.
+                waiting.since_ns = None;
+            }
+            return;
+        };
         if running.drawn == Outcome::AllUnsafe && self.is_cued_forward() {
             let cue = self.mode.map_or_else(CueInForce::default, |mode| mode.cue);
             let place = self.awareness.odom_from_robot() * place;

@@ -193,8 +193,13 @@ impl Awareness {
     }
 
     /// The handler allows the low step at a place (odometry frame).
-    pub fn take_step(&mut self, place: Point) {
-        self.surroundings.take_step(place);
+    pub fn allow_step(&mut self, place: Point) {
+        self.surroundings.allow_step(place);
+    }
+
+    /// The handler allows no low step any more.
+    pub fn allow_no_step(&mut self) {
+        self.surroundings.allow_no_step();
     }
 
     /// The robot was to move by `begin_from_end` from where it was; where it is now shows whether it did.

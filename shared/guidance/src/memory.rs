@@ -92,7 +92,7 @@ pub struct RememberedStep {
     /// The way in which it was seen (robot frame of now).
     pub onward: Vector2<f64>,
     /// The handler allows it, the one way or the other.
-    pub is_taken: bool,
+    pub is_allowed: bool,
 }
 
 /// How far the robot has come, along its way.
@@ -321,7 +321,7 @@ impl Memory {
             at: remembered(step),
             rise_m: step.rise_m,
             onward: robot_from_odom.rotation * step.onward,
-            is_taken: step.is_taken(odometer),
+            is_allowed: step.is_allowed(odometer),
         }));
         self.edges_now
             .iter_mut()
@@ -379,10 +379,16 @@ impl Memory {
     }
 
     /// The handler allows the low step at a place (odometry frame).
-    pub fn take_step(&mut self, place: Point) {
-        self.steps.take(place, self.odometer.walked_m);
+    pub fn allow_step(&mut self, place: Point) {
+        self.steps.allow(place, self.odometer.walked_m);
         let odom_from_robot = self.odom_from_robot;
         self.move_to(self.now_ns, &odom_from_robot);
+    }
+
+    /// The handler allows no low step any more.
+    pub fn allow_no_step(&mut self) {
+        self.steps.allow_none();
+        self.steps_now.iter_mut().for_each(|step| step.is_allowed = false);
     }
 
     /// Whether the floor at a place (robot frame) was seen.

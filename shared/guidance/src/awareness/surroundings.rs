@@ -201,9 +201,16 @@ impl Surroundings {
     }
 
     /// The handler allows the low step at a place (odometry frame).
-    pub fn take_step(&mut self, place: Point) {
+    pub fn allow_step(&mut self, place: Point) {
         if let Some(memory) = &mut self.memory {
-            memory.take_step(place);
+            memory.allow_step(place);
+        }
+    }
+
+    /// The handler allows no low step any more.
+    pub fn allow_no_step(&mut self) {
+        if let Some(memory) = &mut self.memory {
+            memory.allow_no_step();
         }
     }
 

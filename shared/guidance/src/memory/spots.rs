@@ -31,7 +31,7 @@ const JOINED_M: f64 = 0.12;
 /// No spot that near is more cells away.
 const JOINED_CELLS: i32 = 3;
 /// A step that the handler allowed may be taken for so much way, metres: until the handler is over it.
-const TAKEN_FOR_M: f64 = 3.0;
+const ALLOWED_FOR_M: f64 = 3.0;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
 
@@ -80,7 +80,7 @@ pub(super) struct Spot {
     /// Of a step, the way in which it was seen (odometry frame): along it the floor rises so.
     pub onward: Vector2<f64>,
     /// How far the robot had come when the handler allowed this step, metres.
-    taken_at_m: f64,
+    allowed_at_m: f64,
 }
 
 impl Spot {
@@ -98,8 +98,8 @@ impl Spot {
     }
 
     /// Whether the handler allows this step.
-    pub fn is_taken(&self, at: Odometer) -> bool {
-        at.walked_m - self.taken_at_m < TAKEN_FOR_M
+    pub fn is_allowed(&self, at: Odometer) -> bool {
+        at.walked_m - self.allowed_at_m < ALLOWED_FOR_M
     }
 
     /// Whether more than one frame saw it, near enough to count.
@@ -151,7 +151,7 @@ impl Spots {
     }
 
     /// Takes over all of another odometry frame that more than one frame of the camera saw, as if the robot had walked
-    /// so far since, metres.
+    /// so far since, metres. The handler has allowed none of them.
     pub fn take_over(&mut self, others: &Self, now_from_then: &Se2, walked_m: f64) {
         for spot in others.iter().filter(|spot| spot.was_seen_again()) {
             let odom = now_from_then * spot.odom;
@@ -159,7 +159,8 @@ impl Spots {
             let cell = cell_of(odom);
             let number = &mut self.numbers[slot_of(cell)];
             if *number == 0 {
-                self.spots.push(Spot { cell, odom, seen_at, sight: Sight::Hidden, ..*spot });
+                let allowed_at_m = f64::NEG_INFINITY;
+                self.spots.push(Spot { cell, odom, seen_at, sight: Sight::Hidden, allowed_at_m, ..*spot });
                 *number = self.spots.len() as u16;
             }
         }
@@ -167,25 +168,30 @@ impl Spots {
 
     /// The handler allows the step at a place (odometry frame), from one side to the other: all spots of it that lead
     /// up, or all that lead down. It goes from spot to spot over neighbouring cells.
-    pub fn take(&mut self, odom: Point, walked_m: f64) {
+    pub fn allow(&mut self, odom: Point, walked_m: f64) {
         let is_joined = |spot: &Spot, at: Point| spot.was_seen_again() && (spot.odom - at).norm() <= JOINED_M;
         let first = self.beside(cell_of(odom), JOINED_CELLS).find(|spot| is_joined(spot, odom));
         let Some(is_up) = first.map(|spot| spot.rise_m > 0.0) else { return };
-        self.take_where(walked_m, |_, spot| (spot.rise_m > 0.0) == is_up && is_joined(spot, odom));
+        self.allow_where(walked_m, |_, spot| (spot.rise_m > 0.0) == is_up && is_joined(spot, odom));
         let goes_on = |spots: &Self, spot: &Spot| {
-            let is_taken = |other: &Spot| other.taken_at_m == walked_m && is_joined(spot, other.odom);
-            (spot.rise_m > 0.0) == is_up && spots.beside(spot.cell, JOINED_CELLS).any(is_taken)
+            let is_allowed = |other: &Spot| other.allowed_at_m == walked_m && is_joined(spot, other.odom);
+            (spot.rise_m > 0.0) == is_up && spots.beside(spot.cell, JOINED_CELLS).any(is_allowed)
         };
-        while self.take_where(walked_m, goes_on) {}
+        while self.allow_where(walked_m, goes_on) {}
+    }
+
+    /// The handler allows no step any more.
+    pub fn allow_none(&mut self) {
+        self.spots.iter_mut().for_each(|spot| spot.allowed_at_m = f64::NEG_INFINITY);
     }
 
     /// Marks the spots for which that holds: whether there were new ones.
-    fn take_where(&mut self, walked_m: f64, holds: impl Fn(&Self, &Spot) -> bool) -> bool {
+    fn allow_where(&mut self, walked_m: f64, holds: impl Fn(&Self, &Spot) -> bool) -> bool {
         let mut any = false;
         for i in 0..self.spots.len() {
-            let is_new = self.spots[i].taken_at_m != walked_m && holds(self, &self.spots[i]);
+            let is_new = self.spots[i].allowed_at_m != walked_m && holds(self, &self.spots[i]);
             if is_new {
-                self.spots[i].taken_at_m = walked_m;
+                self.spots[i].allowed_at_m = walked_m;
                 any = true;
             }
         }
@@ -207,7 +213,7 @@ impl Spots {
         for other in self.beside(spot.cell, EDGE_BESIDE).filter(|other| other.source == source) {
             // What this frame has added to one of them is not added again.
             let is_new = other.frame == spot.frame;
-            spot.taken_at_m = spot.taken_at_m.max(other.taken_at_m);
+            spot.allowed_at_m = spot.allowed_at_m.max(other.allowed_at_m);
             frames = frames.max(other.frames - u32::from(is_new));
             evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
         }
@@ -237,7 +243,7 @@ impl Spots {
             frame,
             frames: 1,
             denied_by: 0,
-            taken_at_m: f64::NEG_INFINITY,
+            allowed_at_m: f64::NEG_INFINITY,
             onward: odom_from_robot.rotation * place.coords / distance_m.max(f64::MIN_POSITIVE),
         };
         if matches!(source, Source::Edge | Source::Step) {

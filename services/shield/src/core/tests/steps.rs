@@ -66,6 +66,27 @@ fn a_low_step_is_taken_on_a_new_cue_forward_and_on_no_other() {
     assert_eq!(last(&taken), (Outcome::Granted, UnsafeCause::None));
 }
 
+/// Decisions up to one that is granted over the step.
+fn over_the_step() -> Core {
+    let mut core = ready();
+    assert_eq!(last(&decides(&mut core, 2..8, (CueKind::Forward, 7), 0.09)), WAITS);
+    let over = decides(&mut core, 8..9, (CueKind::Forward, 8), 0.09);
+    assert_eq!(last(&over), (Outcome::Granted, UnsafeCause::None));
+    core
+}
+
+#[test]
+fn any_other_cue_a_fault_and_a_lock_end_what_the_handler_allowed() {
+    for (kind, class) in
+        [(CueKind::Stop, ModeClass::Run), (CueKind::Left, ModeClass::Run), (CueKind::Forward, ModeClass::Lock)]
+    {
+        let mut core = over_the_step();
+        let cue = CueInForce { valid: true, cue: Cue { header: header(4_600, 9), kind, ..Cue::default() } };
+        core.take_mode(&Mode { cue, ..mode(class, 4_600) });
+        assert_eq!(last(&decides(&mut core, 10..11, (CueKind::Forward, 10), 0.09)), WAITS, "{kind:?}, {class:?}");
+    }
+}
+
 #[test]
 fn a_cue_that_comes_before_the_handler_was_told_takes_no_step() {
     let mut core = ready();

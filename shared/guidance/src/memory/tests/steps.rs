@@ -40,9 +40,9 @@ fn a_low_step_forbids_until_the_handler_has_it_taken() {
         assert!((0.5..0.65).contains(&place.x), "{rise_m}: {place}");
         assert!(bench.judge(Pose2::new(0.0, 0.0, 0.2)).safe, "it may turn");
         // One that is said of another place is not taken.
-        bench.memory.take_step(Point::new(1.8, 0.0));
+        bench.memory.allow_step(Point::new(1.8, 0.0));
         assert_eq!(bench.judge(FORWARD).cause, cause);
-        bench.memory.take_step(Point::new(0.7 + place.x, place.y));
+        bench.memory.allow_step(Point::new(0.7 + place.x, place.y));
         assert!(bench.judge(FORWARD).safe, "{rise_m}: {:?}", bench.judge(FORWARD));
         // It goes on over it: floor beyond is floor, though no frame shows both sides any more.
         for n in 8..14 {
@@ -63,7 +63,7 @@ fn a_step_that_is_too_high_is_never_taken() {
         let judged = bench.judge(forward);
         assert_eq!(judged.cause, cause, "{rise_m}: {judged:?}");
         for y in -3..4 {
-            bench.memory.take_step(Point::new(1.1, 0.1 * f64::from(y)));
+            bench.memory.allow_step(Point::new(1.1, 0.1 * f64::from(y)));
         }
         assert!(!bench.judge(forward).safe, "{rise_m}, whatever the handler says");
     }
@@ -77,7 +77,7 @@ fn a_lower_limit_forbids_what_it_no_longer_allows() {
         let mut bench = before_with(footing, &step(1.1, rise_m));
         let forward = Pose2::new(0.3, 0.0, 0.0);
         assert_eq!(bench.judge(forward).cause, cause, "{rise_m}: {:?}", bench.judge(forward));
-        (-3..4).for_each(|y| bench.memory.take_step(Point::new(1.1, 0.1 * f64::from(y))));
+        (-3..4).for_each(|y| bench.memory.allow_step(Point::new(1.1, 0.1 * f64::from(y))));
         assert_eq!(bench.judge(forward).cause, cause, "{rise_m}, whatever the handler says");
     }
 }
@@ -87,7 +87,7 @@ fn on_the_way_back_a_step_counts_by_the_way_it_then_leads() {
     for (rise_m, back) in [(-0.08, UnsafeCause::StepUp), (-0.05, UnsafeCause::None), (0.05, UnsafeCause::None)] {
         let mut bench = before(&step(1.3, rise_m));
         let place = bench.judge(FORWARD).place.expect("it is told where");
-        bench.memory.take_step(Point::new(0.7 + place.x, place.y));
+        bench.memory.allow_step(Point::new(0.7 + place.x, place.y));
         for n in 8..30 {
             let x_m = 0.1 * f64::from(n);
             bench.sees(100 * n as u64, x_m, move |x, y| step(1.3, rise_m)(x + x_m, y));
@@ -100,12 +100,24 @@ fn on_the_way_back_a_step_counts_by_the_way_it_then_leads() {
 }
 
 #[test]
+fn a_loss_of_place_ends_what_the_handler_allowed() {
+    let mut bench = before(&step(1.3, -0.08));
+    let place = bench.judge(FORWARD).place.expect("it is told where");
+    bench.memory.allow_step(Point::new(0.7 + place.x, place.y));
+    assert!(bench.memory.steps().iter().any(|step| step.is_allowed));
+    bench.memory.anchor(&crate::Se2::identity());
+    bench.memory.move_to(bench.memory.now_ns, &crate::Se2::identity());
+    assert!(!bench.memory.steps().is_empty());
+    assert!(bench.memory.steps().iter().all(|step| !step.is_allowed), "{:?}", bench.memory.steps());
+}
+
+#[test]
 fn the_step_after_it_is_announced_as_well() {
     let mut bench = before(|x, _| if x > 1.7 { -0.2 } else { step(1.3, -0.1)(x, 0.0) });
     let first = bench.judge(FORWARD);
     assert_eq!(first.cause, UnsafeCause::LowStepDown, "{first:?}");
     let place = first.place.expect("it is told where");
-    bench.memory.take_step(Point::new(0.7 + place.x, place.y));
+    bench.memory.allow_step(Point::new(0.7 + place.x, place.y));
     assert!(bench.judge(FORWARD).safe);
     let second = bench.judge(Pose2::new(0.55, 0.0, 0.0));
     assert!(second.cause.is_edge() && second.place.is_some_and(|place| place.x > 0.8), "{second:?}");

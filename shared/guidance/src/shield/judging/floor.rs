@@ -102,19 +102,25 @@ impl Present<'_> {
         })
     }
 
-    /// Low steps, which the handler may have taken, but for those that they have. As much is kept from them as from
-    /// edges.
+    /// Low steps that the handler has not allowed. As much is kept from them as from edges. A turn on the spot is not
+    /// what the handler is asked about: there they are as forbidden as high ones.
     pub(super) fn low_steps(&self, motion: &Motion) -> impl Iterator<Item = KeptOff> {
         let needed_m = self.kept_from_edge_m(motion);
-        let low = self.steps(motion).filter(|(step, _, is_low)| *is_low && !step.is_taken);
+        let is_asked = motion.robot.translation.vector.norm() > SLIGHT;
+        let low = self.steps(motion).filter(|(step, _, is_low)| *is_low && !step.is_allowed);
         low.map(move |(step, rise_m, _)| {
-            let cause = if rise_m < 0.0 { UnsafeCause::LowStepDown } else { UnsafeCause::LowStepUp };
+            let cause = match (rise_m < 0.0, is_asked) {
+                (true, true) => UnsafeCause::LowStepDown,
+                (true, false) => UnsafeCause::DropOff,
+                (false, true) => UnsafeCause::LowStepUp,
+                (false, false) => UnsafeCause::StepUp,
+            };
             let Remembered { place, uncertainty_m } = step.at;
             KeptOff { cause, place, kept_m: uncertainty_m + needed_m(place), step_m: rise_m }
         })
     }
 
-    /// Steps that are too high on this way, taken or not. From one that leads up no more is kept than from any thing.
+    /// Steps that are too high on this way, allowed or not. From one that leads up no more is kept than from any thing.
     pub(super) fn high_steps(&self, motion: &Motion) -> impl Iterator<Item = KeptOff> {
         let needed_m = self.kept_from_edge_m(motion);
         self.steps(motion).filter(|(.., is_low)| !is_low).map(move |(step, rise_m, _)| {
@@ -125,8 +131,8 @@ impl Present<'_> {
         })
     }
 
-    /// Steps, by how much the floor rises there on a motion's way, and whether such a step may be taken. Who turns on
-    /// the spot goes where the handler goes.
+    /// Steps, by how much the floor rises there on a motion's way, and whether such a step may be allowed. Who turns
+    /// on the spot goes where the handler goes.
     fn steps(&self, motion: &Motion) -> impl Iterator<Item = (&RememberedStep, f64, bool)> {
         let way = motion.robot.translation.vector;
         let way = if way.norm() > SLIGHT { way } else { place(&motion.handler) - self.handler.center };
