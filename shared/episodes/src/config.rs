@@ -122,6 +122,8 @@ const SITES: usize = 200;
 const TASKS: usize = 10;
 /// Robot and handler begin with so much room about them, metres.
 const ROOM_M: f64 = 0.06;
+/// The robot's middle begins so far from a low step, metres.
+const FROM_STEP_M: f64 = 1.3;
 /// Draws of a handler until a model describes them: nearly always the first does.
 const HANDLER_TRIES: usize = 1000;
 
@@ -311,7 +313,9 @@ impl Config {
             let mut on_the_way = self.arrivals(&task, &team);
             on_the_way.all(|on_the_way| on_the_way.is_some_and(|team| team.is_free(&site.world, 0.0)))
         };
-        let may_start = team.is_free(&site.world, ROOM_M) && (!self.arrival.must_be_free || came());
+        let at = Point::from(task.world_from_robot.translation.vector);
+        let is_astride = site.world.to_low_step_m(at) < FROM_STEP_M;
+        let may_start = !is_astride && team.is_free(&site.world, ROOM_M) && (!self.arrival.must_be_free || came());
         may_start.then_some((task, team))
     }
 

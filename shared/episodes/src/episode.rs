@@ -23,6 +23,12 @@ const TRIES: u64 = 10_000;
 
 /// An edge that is farther from robot and handler forbids nothing, metres.
 const NEAR_EDGE_M: f64 = 1.0;
+/// The same of a low step, from the robot's middle, metres.
+const NEAR_STEP_M: f64 = 1.6;
+/// A robot that waits before a low step tells it at its second decision there, and the handler answers after as many
+/// more.
+const ANNOUNCED_AFTER: u32 = 2;
+const ALLOWED_AFTER: u32 = 4;
 /// Stops so near to each other are one, metres.
 const SAME_STOP_M: f64 = 0.5;
 /// Dark floor is looked at from so far, metres.
@@ -66,6 +72,8 @@ pub struct Episode {
     shield: Shield,
     judgements: Vec<Judgement>,
     unsafe_mask: u32,
+    /// Decisions in a row in which the robot waits before a low step.
+    waits_at_step: u32,
     /// Where the robot stopped for the floor the last time.
     stopped_for_floor: Option<Point>,
     /// Nothing could be used of the last scan, or the handler is lost.
@@ -113,6 +121,7 @@ impl Episode {
             shield: Shield::new(config.shield.clone()),
             judgements: Vec::new(),
             unsafe_mask: 0,
+            waits_at_step: 0,
             stopped_for_floor: None,
             is_blind: false,
             cue: CueKind::Stop,
@@ -158,6 +167,7 @@ impl Episode {
         let start_from_robot = self.config.draw_walked_before(cue, &mut random);
         self.begun = Se2::identity();
         self.stopped_for_floor = None;
+        self.waits_at_step = 0;
         self.track.clear();
         self.arrive();
         self.rest();
@@ -322,14 +332,29 @@ impl Episode {
     }
 
     /// The policy would take one action, and another one is taken. A stop for the floor where no edge is near is
-    /// counted once at each place.
+    /// counted once at each place. Before a low step the handler is told, and says forward.
     pub fn wants(&mut self, action: usize, taken: usize) {
-        let why = self.judgements.get(action).map_or(UnsafeCause::None, |judgement| judgement.cause);
+        let Judgement { cause: why, place, .. } = self.judgements.get(action).copied().unwrap_or_default();
+        let waits = why.is_low_step() && taken == ActionTable::STOP && self.cue == CueKind::Forward;
+        self.waits_at_step = if waits { self.waits_at_step + 1 } else { 0 };
+        match (self.waits_at_step, place, &mut self.scenery) {
+            (ANNOUNCED_AFTER, _, Some(scenery)) => scenery.score.announced(&scenery.team, &scenery.site.world),
+            (ALLOWED_AFTER, Some(place), _) => {
+                self.awareness.allow_step(self.odom_from_robot() * place);
+                self.give(CueKind::Forward);
+            }
+            _ => {}
+        }
+        self.count_stop(why, taken);
+    }
+
+    fn count_stop(&mut self, why: UnsafeCause, taken: usize) {
         let is_floor = why.is_floor();
         let Some(Scenery { team, site, score, .. }) = &mut self.scenery else { return };
         let (world, at) = (&site.world, Point::from(team.world_from_robot().translation.vector));
         let is_new = self.stopped_for_floor.is_none_or(|before| (at - before).norm() > SAME_STOP_M);
-        let is_near_edge = team.to_edge_m(world).iter().any(|edge_m| *edge_m <= NEAR_EDGE_M);
+        let is_near_edge =
+            team.to_edge_m(world).iter().any(|edge_m| *edge_m <= NEAR_EDGE_M) || world.to_low_step_m(at) <= NEAR_STEP_M;
         if is_floor && taken == ActionTable::STOP && is_new && !is_near_edge {
             self.stopped_for_floor = Some(at);
             score.stopped_for_nothing(why, world.dark_floor().iter().any(|dark| dark.distance_m(at) < DARK_M));

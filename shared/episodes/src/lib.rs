@@ -19,7 +19,7 @@ pub use batch::{Batch, Finished};
 pub use config::{Arrival, Config, HandlerRanges, Handlers, Harness, NoTask, Noise, Places, RewardMeasure};
 pub use episode::{Episode, Step};
 pub use excess::{Excess, OpenFloor};
-pub use score::{FloorReport, Report, Score};
+pub use score::{FloorReport, Report, Score, StepCounts};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;
 pub use walked::Walked;

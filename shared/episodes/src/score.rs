@@ -24,6 +24,9 @@ pub struct Score {
     errs: bool,
     /// The handler is in the corridor, not in what leads off it.
     in_corridor: bool,
+    /// Height of the floor under the robot, and where a low step was announced last.
+    floor_m: f64,
+    announced: Option<Point>,
     report: Report,
 }
 
@@ -90,6 +93,19 @@ pub struct FloorReport {
     pub dark_stops: u32,
     /// Times that it stopped for floor that was never seen, where no edge was near.
     pub unseen_stops: u32,
+    /// Low steps that were announced before they were taken; that were taken unannounced; and announced where none is.
+    pub steps: StepCounts,
+}
+
+/// What became of low steps.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StepCounts {
+    /// Announced before they were taken.
+    pub announced: u32,
+    /// Walked over without a word.
+    pub unannounced: u32,
+    /// Announced where there was none.
+    pub false_announcements: u32,
 }
 
 impl FloorReport {
@@ -106,10 +122,17 @@ impl FloorReport {
             false_stops: 0,
             dark_stops: 0,
             unseen_stops: 0,
+            steps: StepCounts::default(),
         }
     }
 }
 
+/// A low step is announced so far from the robot's middle at the most, metres,
+const STEP_NEAR_M: f64 = 1.6;
+/// and holds for steps so near to where the robot stood then, metres.
+const ANNOUNCED_M: f64 = 2.5;
+/// Floor that lies lower or higher by this is another floor, metres.
+const LEVEL_M: f64 = 0.03;
 /// A robot stands before an edge where it is as near to it, metres.
 const AT_EDGE_M: f64 = 2.0;
 /// Who moves by less in a decision stands, metres.
@@ -151,6 +174,8 @@ impl Score {
             third_metre: None,
             frozen: 0,
             in_corridor: true,
+            floor_m: world.floor_m(Point::from(team.world_from_robot().translation.vector)),
+            announced: None,
             errs: off_rad.abs() > CORRECTED_RAD && task.cue == CueKind::Forward && has_room,
             world_from_start: *world_from_handler,
             way_m,
@@ -200,8 +225,25 @@ impl Score {
         }
     }
 
+    /// A low step is announced to the handler.
+    pub fn announced(&mut self, team: &Team, world: &World) {
+        let at = Point::from(team.world_from_robot().translation.vector);
+        if world.to_low_step_m(at) > STEP_NEAR_M {
+            self.report.floor.steps.false_announcements += 1;
+        } else {
+            self.announced = Some(at);
+        }
+    }
+
     /// Where robot and handler are now.
     pub fn stands(&mut self, team: &Team, world: &World) {
+        let at = Point::from(team.world_from_robot().translation.vector);
+        let before_m = std::mem::replace(&mut self.floor_m, world.floor_m(at));
+        if (self.floor_m - before_m).abs() > LEVEL_M {
+            let was_announced = self.announced.is_some_and(|announced| (announced - at).norm() <= ANNOUNCED_M);
+            let steps = &mut self.report.floor.steps;
+            *(if was_announced { &mut steps.announced } else { &mut steps.unannounced }) += 1;
+        }
         let (floor, falls) = (&mut self.report.floor, team.falls());
         (floor.robot_fell, floor.handler_fell) = (falls.robot() > 0, falls.handler() > 0);
         floor.now_m = floor.to_edge_m.map(|_| team.to_edge_m(world)[0]);

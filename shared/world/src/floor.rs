@@ -9,6 +9,8 @@ use crate::sweep::to_segment;
 
 /// A step down by no more is no fall, metres: robot and handler take it.
 pub const FALL_M: f64 = 0.12;
+/// Floor that lies lower by less than this has no step, metres.
+const STEP_MIN_M: f64 = 0.03;
 /// A tread of open stairs is so thick, metres.
 const TREAD_THICK_M: f64 = 0.04;
 /// Outlines that overlap by less only touch, metres.
@@ -176,9 +178,18 @@ pub fn to_edge_m(holes: &[Hole], at: Point) -> f64 {
     deep.map(|hole| hole.distance_m(at)).fold(f64::INFINITY, f64::min)
 }
 
+/// Distance from a place to the nearest low step, metres: the rim of floor that lies lower and is no fall. Infinite in a
+/// world without one.
+#[must_use]
+pub fn to_low_step_m(holes: &[Hole], at: Point) -> f64 {
+    let low = holes.iter().filter(|hole| (STEP_MIN_M..=FALL_M).contains(&hole.depth_m));
+    let rims = low.flat_map(|hole| sides(&hole.outline));
+    rims.map(|(a, b)| to_segment(at, a, b)).fold(f64::INFINITY, f64::min)
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{Hole, Stairs, overlap, rectangle, to_edge_m};
+    use super::{Hole, Stairs, overlap, rectangle, to_edge_m, to_low_step_m};
     use guidance::se2::Point;
     use messages::Pose2;
 
@@ -193,6 +204,15 @@ mod tests {
         assert_eq!(to_edge_m(&holes, Point::new(2.0, 0.0)), 0.0);
         assert!(to_edge_m(&holes, Point::new(0.0, 3.0)) > 1.0, "2 cm are no fall");
         assert_eq!(to_edge_m(&[], Point::origin()), f64::INFINITY);
+    }
+
+    #[test]
+    fn a_low_step_is_at_the_rim_of_low_floor_on_either_side_of_it() {
+        let holes = [hole((1.0, 0.0), 0.08), hole((0.0, 3.0), 0.02), hole((0.0, -3.0), 0.5)];
+        assert!((to_low_step_m(&holes, Point::new(0.4, 0.2)) - 0.6).abs() < 1e-12);
+        assert!((to_low_step_m(&holes, Point::new(1.3, 0.0)) - 0.3).abs() < 1e-12, "from within");
+        assert!(to_low_step_m(&holes, Point::new(0.0, -3.0)) > 2.0, "a fall is none");
+        assert_eq!(to_low_step_m(&[], Point::origin()), f64::INFINITY);
     }
 
     #[test]

@@ -171,6 +171,12 @@ impl World {
         floor::to_edge_m(&self.holes, at)
     }
 
+    /// Distance from a place to the nearest low step, metres. Infinite in a world without one.
+    #[must_use]
+    pub fn to_low_step_m(&self, at: Point) -> f64 {
+        floor::to_low_step_m(&self.holes, at)
+    }
+
     /// Height of the floor at a place, metres.
     #[must_use]
     pub fn floor_m(&self, at: Point) -> f64 {

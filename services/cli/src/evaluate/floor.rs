@@ -1,6 +1,6 @@
 //! What many episodes say of edges of the floor.
 
-use episodes::{FloorReport, Report};
+use episodes::{FloorReport, Report, StepCounts};
 use serde_json::{Value, json};
 use world::DropKind;
 
@@ -47,6 +47,8 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
             ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && !r.to_stand).map(|r| r.success)),
         "stood_where_no_way_exists":
             ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && r.to_stand).map(|r| r.success)),
+        "low_steps_announced": ratio(reports().flat_map(|r| announced(&r.floor.steps))),
+        "false_announcements_per_km": stops(|floor| floor.steps.false_announcements),
         "cue_followed_without_edges": ratio(reports().filter(|r| !has_edge(r)).map(|r| r.success)),
         "false_stops_per_km": stops(|floor| floor.false_stops - floor.dark_stops),
         "false_stops_per_km_without_edges": a_km(plain, plain_km),
@@ -56,6 +58,12 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     if let (Value::Object(report), Value::Object(figures)) = (report, figures) {
         report.extend(figures);
     }
+}
+
+/// Of each low step that was taken, whether it was announced before.
+fn announced(steps: &StepCounts) -> impl Iterator<Item = bool> {
+    let of = |count: u32, was: bool| std::iter::repeat_n(was, count as usize);
+    of(steps.announced, true).chain(of(steps.unannounced, false))
 }
 
 /// Of robot and handler, the one that is nearer.

@@ -29,6 +29,11 @@ const PASSAGE_M: [f64; 2] = [1.9, 2.4];
 const PLATFORM_M: [f64; 2] = [2.1, 3.4];
 /// Beside a platform the floor lies lower for so far, metres.
 const TRACK_M: [f64; 2] = [1.0, 5.0];
+/// A low step leads down by so much; one that leads up again by less, metres.
+const LOW_DOWN_M: [f64; 2] = [0.05, 0.115];
+const LOW_UP_M: [f64; 2] = [0.05, 0.058];
+/// Between a step down and one up lies so much floor, metres.
+const SUNK_M: [f64; 2] = [1.5, 4.0];
 /// Draws until a world has room for its edge.
 const TRIES: usize = 40;
 /// A step of stairs, metres.
@@ -37,15 +42,16 @@ const TREAD_M: [f64; 2] = [0.25, 0.33];
 /// A mat is so thick, metres.
 const MAT_M: f64 = 0.01;
 
-/// The world of a seed: one in five has no edge.
+/// The world of a seed: one in five has neither edge nor step.
 #[must_use]
 pub fn generate_drops(config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Site {
     loop {
-        let kind = match random.random_range(0..10) {
+        let kind = match random.random_range(0..12) {
             0..=2 => DropKind::Across,
             3 | 4 => DropKind::Turn,
             5 | 6 => DropKind::Beside,
             7 => DropKind::Past,
+            8 | 9 => DropKind::Step,
             _ => DropKind::None,
         };
         // A world whose draws have no room for an edge of that kind gives way to another one.
@@ -145,6 +151,7 @@ fn corridor(config: &GeneratorConfig, kind: DropKind, random: &mut ChaCha8Rng) -
             let near = plan.line.at(way_m) * Se2::translation(0.0, side * free_m / 2.0);
             beyond(&near, [length_m, wide_m], 0.0, random)
         }
+        DropKind::Step => vec![sunk(&plan, random)?],
         DropKind::None | DropKind::Beside => Vec::new(),
     };
     Some(Made { prisms, holes, course, plan: Some(plan) })
@@ -166,6 +173,27 @@ fn across(plan: &Plan, random: &mut ChaCha8Rng) -> Option<(f64, f64)> {
     let longest_m = stretch.to_m - way_m;
     let length_m = if random.random_bool(0.5) { longest_m } else { between(random, [0.5, longest_m.min(3.0)]) };
     Some((way_m, length_m.max(0.5)))
+}
+
+/// Floor of the corridor that lies a low step lower: a stretch of it, or all the rest.
+fn sunk(plan: &Plan, random: &mut ChaCha8Rng) -> Option<Hole> {
+    let (way_m, _) = across(plan, random)?;
+    let near = plan.line.at(way_m);
+    let stretch = plan.stretches.iter().find(|stretch| (stretch.from_m..stretch.to_m).contains(&way_m))?;
+    let rest_m = stretch.to_m - way_m;
+    let leads_off = |length_m: f64| {
+        let reach_m = |branch: &super::layout::Branch| branch.width_m / 2.0 + MOUTH_M;
+        plan.branches.iter().any(|b| (way_m - reach_m(b)..way_m + length_m + reach_m(b)).contains(&b.way_m))
+    };
+    let is_last = stretch.to_m >= plan.line.length_m() - 1e-6;
+    let (length_m, depth_m) = if is_last && random.random_bool(0.7) {
+        // Up to the wall at the end.
+        (rest_m + 0.2, between(random, LOW_DOWN_M))
+    } else {
+        (between(random, SUNK_M), between(random, LOW_UP_M))
+    };
+    let fits = (length_m <= rest_m || is_last) && !leads_off(length_m);
+    fits.then(|| Hole { outline: rectangle(pose2(&near), length_m, plan.width_m), depth_m })
 }
 
 /// A doorway at an edge, and the door that opens over it.
@@ -265,6 +293,10 @@ mod tests {
             let pairs = holes.iter().enumerate().flat_map(|(i, a)| holes[..i].iter().map(move |b| (a, b)));
             assert!(pairs.into_iter().all(|(a, b)| !overlap(&a.outline, &b.outline)), "seed {seed}");
             let at = |line: &guidance::TravelLine, way_m: f64| Point::from(line.at(way_m).translation.vector);
+            if site.drop == DropKind::Step {
+                let lowest_m = holes.iter().map(|hole| hole.depth_m).fold(0.0, f64::max);
+                assert!((0.05..=0.12).contains(&lowest_m), "seed {seed}");
+            }
             let turns = site.course.openings.iter().filter_map(|o| Some((&o.line, o.edge_m?)));
             let edges = site.course.edge_m.map(|edge_m| (&site.course.line, edge_m)).into_iter().chain(turns);
             for (line, edge_m) in edges {
@@ -273,6 +305,6 @@ mod tests {
                 assert!(site.world.to_edge_m(at(line, edge_m - 0.5)) > 0.2, "seed {seed}");
             }
         }
-        assert!(seen.len() == 5 && seen.values().all(|count| *count >= 15), "{seen:?}");
+        assert!(seen.len() == 6 && seen.values().all(|count| *count >= 15), "{seen:?}");
     }
 }
