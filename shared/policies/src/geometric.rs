@@ -19,8 +19,11 @@ use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
-use guidance::{ActionTable, DelayedHarness, HarnessError, InteractionModel, Se2};
-use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
+use guidance::{
+    ActionTable, DelayedHarness, Evidence, HandlerBody, HarnessError, InteractionModel, Judgement, Motion, Se2, Shield,
+    ShieldConfig,
+};
+use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
 use rollout::Scene;
 use route::Route;
 use settings::Settings;
@@ -33,6 +36,8 @@ const REST_SHARE: f64 = 0.05;
 const NEAR_M: f64 = 2.0;
 /// No robot walks so far, metres.
 const POSE_MAX_M: f64 = 1e6;
+/// A cost that no way on seen floor has, metres.
+const UNSEEN_M: f64 = 1e5;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -55,6 +60,8 @@ pub struct GeometricConfig {
     pub memory_s: f64,
     /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
     pub reserve_m: f64,
+    /// How the shield judges; none: the engine does not ask where floor was not seen.
+    pub shield: Option<ShieldConfig>,
 }
 
 impl Default for GeometricConfig {
@@ -67,6 +74,7 @@ impl Default for GeometricConfig {
             handler_mask_m: 0.40,
             memory_s: 10.0,
             reserve_m: 0.04,
+            shield: None,
         }
     }
 }
@@ -82,6 +90,7 @@ impl GeometricConfig {
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: settings.interaction()?,
+            shield: settings.watches_floor().then(|| settings.shield_config()),
             ..Self::default()
         })
     }
@@ -96,8 +105,8 @@ pub struct Observation<'a> {
     pub ranges: &'a [f32],
     /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
     pub obstacles: &'a [Point],
-    /// What the shield remembers, if it does. The last floor before drops and what lies beyond are obstacles as well.
-    pub remembered: Option<&'a guidance::Memory>,
+    /// What the shield judges on, if there is one: it tells where the floor ends, and where it was not seen.
+    pub shield: Option<(Evidence<'a>, HandlerBody)>,
     /// Where the handler is taken to be, robot frame; none: the engine's own model tells.
     pub handler: Option<Point>,
     /// The robot in the odometry frame, when the scan was taken.
@@ -128,6 +137,8 @@ pub struct GeometricEngine {
     route: Option<Route>,
     cue: CueKind,
     plan: Plan,
+    shield: Option<Shield>,
+    judgements: Vec<Judgement>,
 }
 
 impl GeometricEngine {
@@ -135,6 +146,7 @@ impl GeometricEngine {
     #[must_use]
     pub fn new(config: GeometricConfig, table: ActionTable) -> Self {
         let team = Team::new(&config);
+        let shield = config.shield.clone().map(Shield::new);
         let kept = (config.memory_s / config.dt_s).clamp(1.0, 1000.0) as u64;
         Self {
             robot_from_handler: team.robot_from_handler(),
@@ -150,6 +162,8 @@ impl GeometricEngine {
             route: None,
             cue: CueKind::Stop,
             plan: Plan::Stand,
+            shield,
+            judgements: Vec::new(),
         }
     }
 
@@ -184,7 +198,7 @@ impl GeometricEngine {
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
         self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, handler);
-        if let Some(remembered) = observation.remembered {
+        if let Some(remembered) = observation.shield.and_then(|(evidence, _)| evidence.memory) {
             let edges = remembered.edges().iter().map(|edge| edge.place);
             self.memory.block(&self.odom_from_robot, edges.chain(remembered.beyond_edges()));
         }
@@ -207,7 +221,25 @@ impl GeometricEngine {
         let cost = CostToGo::spread(&window, &goal.seeds, place);
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
-        Some(self.weigh(&window, &cost, goal.facing_rad, &beams))
+        let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams);
+        self.keep_to_seen_floor(observation, &mut costs);
+        Some(costs)
+    }
+
+    /// Puts the actions that lead over floor that was not seen behind all others: another one looks there first.
+    fn keep_to_seen_floor(&mut self, observation: &Observation, costs: &mut [f64; MAX_ACTIONS]) {
+        let Some((shield, (evidence, body))) = self.shield.as_mut().zip(observation.shield) else { return };
+        let (team, robot_from_handler) = (&self.team, &self.robot_from_handler);
+        let motions = self.table.actions().iter().map(|action| {
+            let motion = action.start_from_end();
+            Motion::new(motion, motion * team.follow(&motion, robot_from_handler))
+        });
+        shield.judge_motions(motions, evidence, body, &mut self.judgements);
+        for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
+            if judged.cause == UnsafeCause::FloorUnseen {
+                *cost += UNSEEN_M;
+            }
+        }
     }
 
     /// Moves the handler and the history along with the robot's pose.

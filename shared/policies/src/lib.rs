@@ -69,14 +69,14 @@ pub trait Engine: Send {
 
 impl Engine for GeometricEngine {
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
-        let (depth, memory) = (situation.evidence.depth, situation.evidence.memory);
+        let depth = situation.evidence.depth;
         Ok(Self::decide(
             self,
             &geometric::Observation {
                 scan: situation.scan,
                 ranges: situation.ranges,
                 obstacles: depth.map_or(&[][..], guidance::DepthView::points),
-                remembered: memory,
+                shield: Some((situation.evidence, situation.handler)),
                 handler: Some(situation.handler.center),
                 odom_from_robot: pose2(&situation.odom_from_robot),
                 odometry_incarnation: situation.odometry_incarnation,

@@ -125,7 +125,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             scan: &header,
             ranges: &ranges,
             obstacles: guard.depth.points(),
-            remembered: None,
+            shield: None,
             handler: None,
             odom_from_robot: truth.world_from_robot,
             odometry_incarnation: 1,
