@@ -133,8 +133,14 @@ fn least_m(truths: &[WorldTruth], edge: &Edge) -> [f64; 2] {
     [robot.fold(f64::INFINITY, f64::min), handler.fold(f64::INFINITY, f64::min)]
 }
 
-/// Walks ahead over it, and is held to what such a floor asks.
-fn walks(floor: &Floor, velocity_loop: &str, seed: u64) {
+/// What became of a walk: whether it reached its goal where it should, and what else is not as such a floor asks.
+struct Walked {
+    reached: bool,
+    wrong: Vec<String>,
+}
+
+/// Walks ahead over it.
+fn walks(floor: &Floor, velocity_loop: &str, seed: u64) -> Walked {
     let place = Place::new();
     let config = place.path().join("legs.toml");
     let text = format!("depth.redwood = 1.0\nsimulation.mujoco.velocity_loop = {velocity_loop:?}\n");
@@ -144,34 +150,103 @@ fn walks(floor: &Floor, velocity_loop: &str, seed: u64) {
     let (to, over) = (recording.to_string_lossy().into_owned(), scenario(&place, floor));
     let options = ["--scenario", &over, "--seed", &seed, "--config", &config, "--record", &to, "--json"];
     let (report, _) = place.json(&[&["walk", "--physics", "mujoco", "--speed", "0"], &options[..]].concat());
-    let what = format!("{}, {velocity_loop} {seed}", floor.name);
     let truths = Reader::open(&recording).expect("a recording").filter_map(|record| match record.expect("whole") {
         Record::WorldTruth(truth) => Some(*truth),
         _ => None,
     });
     let truths: Vec<_> = truths.collect();
     let least_m = floor.edge.as_ref().map_or([f64::INFINITY; 2], |edge| least_m(&truths, edge));
-    eprintln!(
-        "{what}: reached {}, off the edge {least_m:.3?} m, stood {}",
-        report["reached"], report["stopped_s_by_reason"]
+    let what = format!(
+        "{}, {velocity_loop} {seed}: reached {}, off the edge {least_m:.3?} m, collisions {}, falls {}, stood {}",
+        floor.name, report["reached"], report["collisions"], report["falls"], report["stopped_s_by_reason"]
     );
+    eprintln!("{what}");
+    place.assert_empty();
+    let is_wrong = wrong(floor, velocity_loop == "stiff", &report, least_m).map(|wrong| format!("{wrong}: {what}"));
+    Walked { reached: report["reached"] == floor.reaches, wrong: is_wrong.collect() }
+}
+
+/// What is not as such a floor asks.
+fn wrong(floor: &Floor, is_stiff: bool, report: &Value, least_m: [f64; 2]) -> impl Iterator<Item = &'static str> {
     // With the stiff loop the handler pushes the robot on after a stop, and may be pressed against a wall.
-    let push_m = if velocity_loop == "stiff" { 0.15 } else { 0.0 };
-    // The feet of a robot that climbs a step meet its front.
-    let climbs = floor.reaches && floor.waits.is_some_and(|(why, _)| why == "low_step_up");
-    let walks_free = ["robot", "handler"].into_iter().filter(|who| push_m == 0.0 && !(climbs && *who == "robot"));
-    for who in walks_free {
-        assert_eq!(report["collisions"][who], 0, "{what}: {report:#}");
+    let push_m = if is_stiff { 0.15 } else { 0.0 };
+    // The feet of a robot that takes a step meet its front.
+    let takes_step = floor.reaches && floor.waits.is_some();
+    let touched = |who: &str| report["collisions"][who] != 0 && !is_stiff;
+    let waited_s = floor.waits.map_or(0.0, |(why, _)| report["stopped_s_by_reason"][why].as_f64().unwrap_or(0.0));
+    // A policy that stands before what is too high may say so itself.
+    let least_s = floor.waits.map_or(-1.0, |(why, _)| if why == "step_up" || floor.reaches { 1.0 } else { 5.0 });
+    let found = [
+        (report["falls"] != json!({ "robot": 0, "handler": 0 }), "a fall"),
+        (touched("handler") || touched("robot") && !takes_step, "a collision"),
+        (waited_s <= least_s, "it did not wait"),
+        (least_m.iter().any(|least_m| *least_m < floor.kept_m - push_m), "too near the edge"),
+        (report["reached"] == true && !floor.reaches, "it came over"),
+    ];
+    found.into_iter().filter_map(|(is_so, wrong)| is_so.then_some(wrong))
+}
+
+/// A platform whose edge is 0.9 m to the right, with an opening to the left, and a handler who does something there.
+fn beside_an_edge(place: &Place, deed: &str) -> String {
+    let world = place.path().join("platform.toml");
+    let text = "ceiling_m = 5.0\n\
+         [[wall]]\npoints = [[4.2, 1.2], [-3, 1.2], [-3, -3], [12, -3], [12, 1.2], [5.8, 1.2]]\n\
+         [[wall]]\npoints = [[4.2, 1.2], [4.2, 7], [5.8, 7], [5.8, 1.2]]\n\
+         [[hole]]\nat = [4.5, -1.95]\nyaw_deg = 90\nsize = [1.05, 15]\ndepth_m = 1.0\n";
+    fs::write(&world, text).expect("written");
+    let lines = "start = { at = [0, 0], yaw_deg = 0 }\ntime_limit_s = 20\n[[cue]]\nkind = \"forward\"\nat_s = 1.0\n\
+         [[cue]]\nkind = \"left\"\nat = [3.5, 0]\n";
+    place.scenario(&world.to_string_lossy(), &(lines.to_owned() + deed))
+}
+
+/// Deeds while the robot walks along the edge, and while it turns.
+fn deeds() -> Vec<String> {
+    let deed = |does: &str, at_s: f64, for_s: f64, more: &str| {
+        format!("[[handler]]\ndoes = {does:?}\nat_s = {at_s:?}\nfor_s = {for_s:?}\n{more}")
+    };
+    let at = |at_s: f64| {
+        // What the Go2's policy withstands at the body. With 45 N the handler drags the robot towards the edge.
+        let pulls = [-20, 20].map(|left_n| deed("pull", at_s, 1.0, &format!("pull_n = [0, {left_n}]\n")));
+        [deed("snag", at_s, 2.0, ""), deed("let_go", at_s, 3.0, "")].into_iter().chain(pulls)
+    };
+    [5.0, 9.0].into_iter().flat_map(at).chain([String::new()]).collect()
+}
+
+/// Who falls there, if somebody does.
+fn falls_beside_an_edge(deed: &str, seed: u64) -> Option<String> {
+    let place = Place::new();
+    let (scenario, seed) = (beside_an_edge(&place, deed), seed.to_string());
+    let options = ["--scenario", &scenario, "--seed", &seed, "--json"];
+    let (report, _) = place.json(&[&["walk", "--physics", "mujoco", "--speed", "0"], &options[..]].concat());
+    place.assert_empty();
+    let walked_m = report["distance_m"].as_f64().unwrap_or(0.0);
+    let is_well = report["falls"] == json!({ "robot": 0, "handler": 0 }) && walked_m > 0.5;
+    eprintln!("seed {seed}: {walked_m:.1} m, falls {}, {deed}", report["falls"]);
+    (!is_well).then(|| format!("seed {seed}, {deed}: {report:#}"))
+}
+
+#[test]
+fn a_handler_who_is_caught_beside_an_edge_does_not_fall() {
+    if has_legs() {
+        assert_eq!(falls_beside_an_edge(&deeds()[0], 1), None);
     }
-    assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{what}: {report:#}");
-    assert_eq!(report["reached"], floor.reaches, "{what}: {report:#}");
-    if let Some((why, _)) = floor.waits {
-        let waited_s = report["stopped_s_by_reason"][why].as_f64().unwrap_or(0.0);
-        // A policy that stands before what is too high may say so itself.
-        let least_s = if why == "step_up" || floor.reaches { 1.0 } else { 5.0 };
-        assert!(waited_s > least_s, "{what}: {why}, {waited_s} s");
-    }
-    assert!(least_m.iter().all(|least_m| *least_m >= floor.kept_m - push_m), "{what}: {least_m:?}");
+}
+
+#[test]
+#[ignore = "five minutes: scripts/nightly physics"]
+fn a_handler_who_is_caught_pulls_or_lets_go_beside_an_edge_does_not_fall() {
+    let all = deeds().into_iter().filter(|_| has_legs()).flat_map(|deed| (1..=3).map(move |seed| (deed.clone(), seed)));
+    let fell: Vec<_> = all.filter_map(|(deed, seed)| falls_beside_an_edge(&deed, seed)).collect();
+    assert!(fell.is_empty(), "{fell:#?}");
+}
+
+#[test]
+fn in_the_flat_world_the_handler_only_follows() {
+    let place = Place::new();
+    let scenario = beside_an_edge(&place, &deeds()[0]);
+    let output = place.command(&["walk", "--scenario", &scenario]).output().expect("it runs");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert!(!output.status.success() && told.contains("[[handler]] in a scenario needs --physics mujoco"), "{told}");
     place.assert_empty();
 }
 
@@ -217,7 +292,8 @@ fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
 fn a_go2_stands_before_stairs_that_lead_down() {
     let of_a_file = floors().into_iter().find(|floor| floor.name == "stairs-of-a-file").expect("it is one of them");
     if has_legs() {
-        walks(&of_a_file, "soft", 1);
+        let Walked { reached, wrong } = walks(&of_a_file, "soft", 1);
+        assert!(reached && wrong.is_empty(), "{wrong:#?}");
     }
 }
 
@@ -225,16 +301,25 @@ fn a_go2_stands_before_stairs_that_lead_down() {
 fn a_go2_takes_a_kerb_on_the_word_of_its_handler() {
     let taken = floors().into_iter().find(|floor| floor.name == "kerb-10-taken").expect("it is one of them");
     if has_legs() {
-        walks(&taken, "soft", 1);
+        let Walked { reached, wrong } = walks(&taken, "soft", 1);
+        assert!(reached && wrong.is_empty(), "{wrong:#?}");
     }
 }
 
 #[test]
-#[ignore = "eleven minutes: scripts/nightly physics"]
+#[ignore = "twenty minutes: scripts/nightly physics"]
 fn a_go2_and_its_handler_keep_off_every_edge() {
-    for velocity_loop in ["soft", "stiff"].into_iter().filter(|_| has_legs()) {
-        for floor in floors() {
-            (1..=5).for_each(|seed| walks(&floor, velocity_loop, seed));
+    let mut wrong = Vec::new();
+    for floor in floors().into_iter().filter(|_| has_legs()) {
+        let each = |velocity_loop| (1..=5).map(move |seed| (velocity_loop, seed));
+        let walked: Vec<Walked> =
+            ["soft", "stiff"].into_iter().flat_map(each).map(|(by, seed)| walks(&floor, by, seed)).collect();
+        let (reached, all) = (walked.iter().filter(|walked| walked.reached).count(), walked.len());
+        // A robot may come to stand astride a kerb.
+        if reached * 10 < all * 8 {
+            wrong.push(format!("{}: {reached} of {all} came as far as they should", floor.name));
         }
+        wrong.extend(walked.into_iter().flat_map(|walked| walked.wrong));
     }
+    assert!(wrong.is_empty(), "{wrong:#?}");
 }

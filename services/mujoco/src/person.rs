@@ -10,7 +10,7 @@ use guidance::se2::{pose2, se2, wrap_angle};
 use messages::Pose2;
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
-use world::HandlerConfig;
+use world::{Does, HandlerConfig};
 
 use crate::legs::attitude;
 use crate::scene::{STEP_S, SceneError};
@@ -30,6 +30,8 @@ const SPEEDING_UP_S: f64 = 0.3;
 const TURNING_PER_S: f64 = 2.0;
 const TURNING_MAX_RADPS: f64 = 1.5;
 const TURNING_UP_S: f64 = 0.2;
+/// Who is caught stands within this time, s.
+const CAUGHT_S: f64 = 0.05;
 /// The handler feels the handle's speed over this many steps.
 const FELT_STEPS: usize = 20;
 
@@ -129,8 +131,9 @@ impl Person {
         self.pull_n
     }
 
-    /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both.
-    pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>) {
+    /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both. The handler
+    /// follows, and may do something else beside.
+    pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>, does: Option<Does>) {
         let attitude = attitude(data);
         let arm = attitude * Vector3::from(BODY_FROM_HANDLE_M);
         let base = Vector3::from_column_slice(&data.qpos()[..3]);
@@ -143,9 +146,18 @@ impl Person {
         self.felt.truncate(self.reaction_steps() + FELT_STEPS + 1);
 
         let hand_moves = own + own_radps * Vector2::new(-reach.y, reach.x);
-        let pull = self.pull(&hand_moves);
+        let pull = match does {
+            Some(Does::LetGo) => Vector2::zeros(),
+            Some(Does::Pull(by_n)) => self.pull(&hand_moves) - Rotation2::new(yaw_rad) * Vector2::from(by_n),
+            Some(Does::Snag) | None => self.pull(&hand_moves),
+        };
         self.pull_n = pull.norm();
-        let (push, turning_nm) = self.answer(&own, own_rad, own_radps);
+        let (push, turning_nm) = match does {
+            Some(Does::LetGo) => self.stand(&own, own_radps),
+            // What has caught the handler bears the pull.
+            Some(Does::Snag) => self.caught(&own, own_radps, &pull, &reach),
+            Some(Does::Pull(_)) | None => self.answer(&own, own_rad, own_radps),
+        };
         self.forces.fill(0.0);
         let (force, at) = ([-pull.x, -pull.y, 0.0], (base + arm).into());
         // It fails where the body is not there, and it was found when this began.
@@ -173,6 +185,24 @@ impl Person {
         let (now, handle_moves) = self.felt(0);
         let pull = STIFFNESS * (now.handle - now.hand) + DAMPING * (handle_moves - hand_moves);
         pull.cap_magnitude(PULL_MAX_N)
+    }
+
+    /// A handler who comes to stand: force, N, and moment, Nm.
+    fn stand(&self, own: &Vector2<f64>, own_radps: f64) -> (Vector2<f64>, f64) {
+        let slowing_down = (-own / SPEEDING_UP_S).cap_magnitude(self.config.acceleration_mps2);
+        (self.config.mass_kg * slowing_down, -self.turning_kgm2 * own_radps / TURNING_UP_S)
+    }
+
+    /// A handler who is caught.
+    fn caught(
+        &self,
+        own: &Vector2<f64>,
+        own_radps: f64,
+        pull: &Vector2<f64>,
+        reach: &Vector2<f64>,
+    ) -> (Vector2<f64>, f64) {
+        let push = -self.config.mass_kg * own / CAUGHT_S - pull;
+        (push, -self.turning_kgm2 * own_radps / CAUGHT_S - reach.perp(pull))
     }
 
     /// What the handler does about what was felt a reaction time ago: force, N, and moment, Nm.

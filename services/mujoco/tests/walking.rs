@@ -66,7 +66,7 @@ impl Robot {
         (self.pull_max_n, self.lean_max_rad) = (0.0, 0.0);
         for _ in 0..(seconds / scene::STEP_S).round() as u64 {
             if let Some(person) = &mut self.person {
-                person.walk(&mut self.data);
+                person.walk(&mut self.data, None);
                 self.pull_max_n = self.pull_max_n.max(person.pull_n());
             }
             self.legs.drive(&mut self.data, Twist2 { vx_mps, vy_mps, wz_radps }).expect("the policy decides");

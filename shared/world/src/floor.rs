@@ -178,8 +178,8 @@ pub fn to_edge_m(holes: &[Hole], at: Point) -> f64 {
     deep.map(|hole| hole.distance_m(at)).fold(f64::INFINITY, f64::min)
 }
 
-/// Distance from a place to the nearest low step, metres: the rim of floor that lies lower and is no fall. Infinite in a
-/// world without one.
+/// Distance from a place to the nearest low step, metres: the rim of floor that lies lower and is no fall. Infinite in
+/// a world without one.
 #[must_use]
 pub fn to_low_step_m(holes: &[Hole], at: Point) -> f64 {
     let low = holes.iter().filter(|hole| (STEP_MIN_M..=FALL_M).contains(&hole.depth_m));

@@ -18,7 +18,18 @@
 //! within_m = 1.2                     # default 1.0
 //! ```
 //!
-//! A route is the same without `world` and `start`, and with `time_limit_s` at will.
+//! In MuJoCo the handler may do more than follow:
+//!
+//! ```toml
+//! [[handler]]
+//! does = "snag"                      # "snag": is caught, and holds on; "let_go": stands without the handle;
+//!                                    # "pull": pulls at the handle,
+//! at_s = 6.0                         # from this run time on,
+//! for_s = 1.5                        # for so long,
+//! pull_n = [0, -60]                  # so hard, newtons: ahead and to the left as the robot stands; "pull" alone
+//! ```
+//!
+//! A route is the same without `world`, `start` and `handler`, and with `time_limit_s` at will.
 
 use std::path::{Path, PathBuf};
 
@@ -77,6 +88,36 @@ pub struct Route {
     pub time_limit_s: Option<f64>,
 }
 
+/// What a handler does beside following.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Does {
+    /// Stands, and holds the handle no more.
+    LetGo,
+    /// Is caught by something, and holds on.
+    Snag,
+    /// Pulls at the handle: ahead and to the left as the robot stands, newtons.
+    Pull([f64; 2]),
+}
+
+/// What a handler does, and when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deed {
+    /// What.
+    pub does: Does,
+    /// From this run time on, seconds,
+    pub at_s: f64,
+    /// for so long, seconds.
+    pub for_s: f64,
+}
+
+impl Deed {
+    /// Whether it is done at a run time, seconds.
+    #[must_use]
+    pub fn is_at(&self, run_time_s: f64) -> bool {
+        (self.at_s..self.at_s + self.for_s).contains(&run_time_s)
+    }
+}
+
 /// A walk in a world.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Scenario {
@@ -86,6 +127,8 @@ pub struct Scenario {
     pub start: Pose2,
     /// Cues, goal and time limit; a scenario has the latter.
     pub route: Route,
+    /// What the handler does beside following.
+    pub deeds: Vec<Deed>,
 }
 
 /// Gives a route's cues as they come due.
@@ -144,6 +187,8 @@ struct ScenarioFile {
     time_limit_s: Spanned<f64>,
     #[serde(default)]
     cue: Vec<Spanned<CueEntry>>,
+    #[serde(default)]
+    handler: Vec<Spanned<DeedEntry>>,
 }
 
 #[derive(Deserialize)]
@@ -180,6 +225,23 @@ struct CueEntry {
     within_m: Option<Spanned<f64>>,
 }
 
+#[derive(Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum DeedKind {
+    LetGo,
+    Snag,
+    Pull,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct DeedEntry {
+    does: DeedKind,
+    at_s: f64,
+    for_s: f64,
+    pull_n: Option<[f64; 2]>,
+}
+
 fn one_metre() -> f64 {
     1.0
 }
@@ -190,6 +252,8 @@ const PLACE_M: (f64, f64) = (-1e6, 1e6);
 const WITHIN_M: (f64, f64) = (0.01, 100.0);
 /// A day, seconds.
 const TIME_S: (f64, f64) = (0.0, 86_400.0);
+/// No handler pulls harder on either axis, newtons.
+const PULL_N: (f64, f64) = (-500.0, 500.0);
 /// A walk that ends at once is none, seconds.
 const LIMIT_S: (f64, f64) = (1.0, 86_400.0);
 
@@ -220,6 +284,7 @@ impl Scenario {
             world: folder.join(&entry.world),
             start: Pose2::new(at.x, at.y, yaw_rad),
             route: route.check(&toml)?,
+            deeds: entry.handler.iter().map(|entry| deed(&toml, entry)).collect::<Result<_, _>>()?,
         })
     }
 
@@ -303,6 +368,22 @@ fn cue(toml: &TomlText<'_>, entry: &Spanned<CueEntry>) -> Result<CuePoint, World
         _ => return Err(toml.refuse(&span, "cue", "needs either at_s, or at with within_m".to_owned())),
     };
     Ok(CuePoint { kind: cue.kind, trigger })
+}
+
+fn deed(toml: &TomlText<'_>, entry: &Spanned<DeedEntry>) -> Result<Deed, WorldError> {
+    let (span, deed) = (entry.span(), entry.get_ref());
+    toml.check(&span, "handler.at_s", deed.at_s, TIME_S)?;
+    toml.check(&span, "handler.for_s", deed.for_s, TIME_S)?;
+    let does = match (&deed.does, deed.pull_n) {
+        (DeedKind::LetGo, None) => Does::LetGo,
+        (DeedKind::Snag, None) => Does::Snag,
+        (DeedKind::Pull, Some(pull_n)) => {
+            pull_n.into_iter().try_for_each(|newtons| toml.check(&span, "handler.pull_n", newtons, PULL_N))?;
+            Does::Pull(pull_n)
+        }
+        _ => return Err(toml.refuse(&span, "handler", "pull_n belongs to does = \"pull\", which needs it".to_owned())),
+    };
+    Ok(Deed { does, at_s: deed.at_s, for_s: deed.for_s })
 }
 
 fn place(

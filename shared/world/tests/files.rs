@@ -6,7 +6,7 @@ use std::path::Path;
 
 use guidance::HandlerErrors;
 use guidance::se2::Point;
-use guidedog_world::{Cell, CuePoint, CueSequence, CueTrigger, GridMap, Route, Scenario, World};
+use guidedog_world::{Cell, CuePoint, CueSequence, CueTrigger, Deed, Does, GridMap, Route, Scenario, World};
 use messages::{CueKind, Pose2};
 
 fn world_error(text: &str) -> String {
@@ -228,4 +228,26 @@ fn a_handlers_errors_turn_the_start_and_shift_the_cues_of_places_along_the_way()
     // From where the cue before was due, not from where it was given.
     assert!((place(2).0 - 4.0).abs() < 1e-12 && (place(2).1 - 8.5).abs() < 1e-12, "{:?}", place(2));
     assert_eq!(scenario.clone().with_errors(&HandlerErrors::default()), scenario);
+}
+
+#[test]
+fn a_scenario_tells_what_the_handler_does_and_refuses_what_makes_no_sense() {
+    let of = |deed: &str| {
+        let start = "world = \"x.toml\"\nstart = { at = [0, 0] }\ntime_limit_s = 9\n";
+        Scenario::from_toml("s.toml", &format!("{start}[[handler]]\nat_s = 2.0\nfor_s = 1.5\n{deed}"), Path::new(""))
+    };
+    let deeds = of("does = \"pull\"\npull_n = [5, -20]\n").unwrap().deeds;
+    assert_eq!(deeds, [Deed { does: Does::Pull([5.0, -20.0]), at_s: 2.0, for_s: 1.5 }]);
+    assert!(deeds[0].is_at(2.0) && deeds[0].is_at(3.4) && !deeds[0].is_at(3.5) && !deeds[0].is_at(1.9));
+    assert_eq!(of("does = \"let_go\"\n").unwrap().deeds[0].does, Does::LetGo);
+    let pulls = "pull_n belongs to does = \"pull\", which needs it";
+    for (deed, told) in [
+        ("does = \"snag\"\npull_n = [1, 1]\n", pulls),
+        ("does = \"pull\"\n", pulls),
+        ("does = \"pull\"\npull_n = [0, 9000]\n", "handler.pull_n"),
+        ("does = \"jump\"\n", "unknown variant `jump`"),
+    ] {
+        let error = of(deed).unwrap_err().to_string();
+        assert!(error.starts_with("s.toml:") && error.contains(told), "{error}");
+    }
 }

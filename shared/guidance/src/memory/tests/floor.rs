@@ -42,6 +42,8 @@ fn floor_that_goes_on_level_is_assumed_up_to_the_first_that_is_seen() {
     assert!(ahead.safe && ahead.assumes_floor, "{ahead:?}");
     assert_eq!((aside.safe, aside.cause), (false, UnsafeCause::FloorUnseen), "{aside:?}");
     assert!(aside.place.is_some(), "{aside:?}");
+    let askew = bench.judge(Pose2::new(0.12, -0.12, 0.0));
+    assert_eq!(askew.cause, UnsafeCause::FloorUnseen, "the strip is for going ahead: {askew:?}");
     assert!(bench.judge(Pose2::new(0.0, 0.0, 0.2)).safe, "a turn may go a hand's breadth over floor that was not seen");
     assert!(bench.judge(Pose2::default()).safe, "nothing keeps one from standing");
 }

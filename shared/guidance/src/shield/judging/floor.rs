@@ -43,8 +43,9 @@ impl Present<'_> {
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
                 || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
-            let is_assumed =
-                *floor == Floor::Assumed || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
+            // The strip at the start is for going ahead, not aside.
+            let is_strip = *floor == Floor::Assumed && !self.is_aside(*place, &way);
+            let is_assumed = is_strip || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
             let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
             if is_assumed || is_left {
                 judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
@@ -70,9 +71,13 @@ impl Present<'_> {
     /// Whether floor that was not seen is assumed about a pair that goes on: a rim about where they stand. The camera
     /// does not look aside: ahead of a way there, only a gap in floor that was seen is assumed.
     fn is_rim(&self, place: Point, from_here_m: f64, way: &Vector2<f64>) -> bool {
-        let goes_aside = way.y.abs() > SLIGHT;
-        let is_open = goes_aside && self.is_ahead(place, way) && !self.is_gap(place, way);
+        let is_open = self.is_aside(place, way) && !self.is_gap(place, way);
         from_here_m <= if is_open { 0.0 } else { RIM_ASSUMED_M }
+    }
+
+    /// Whether a motion leads aside, to a place.
+    fn is_aside(&self, place: Point, way: &Vector2<f64>) -> bool {
+        way.y.abs() > SLIGHT && self.is_ahead(place, way)
     }
 
     /// Whether a place lies within 60 degrees of a way, as seen from the one of robot and handler that is nearer to it.
