@@ -220,7 +220,7 @@ fn falls_beside_an_edge(deed: &str, seed: u64) -> Option<String> {
     let (report, _) = place.json(&[&["walk", "--physics", "mujoco", "--speed", "0"], &options[..]].concat());
     place.assert_empty();
     let walked_m = report["distance_m"].as_f64().unwrap_or(0.0);
-    let is_well = report["falls"] == json!({ "robot": 0, "handler": 0 }) && walked_m > 0.5;
+    let is_well = report["falls"] == json!({ "robot": 0, "handler": 0 }) && walked_m > 2.0;
     eprintln!("seed {seed}: {walked_m:.1} m, falls {}, {deed}", report["falls"]);
     (!is_well).then(|| format!("seed {seed}, {deed}: {report:#}"))
 }
@@ -315,8 +315,9 @@ fn a_go2_and_its_handler_keep_off_every_edge() {
         let walked: Vec<Walked> =
             ["soft", "stiff"].into_iter().flat_map(each).map(|(by, seed)| walks(&floor, by, seed)).collect();
         let (reached, all) = (walked.iter().filter(|walked| walked.reached).count(), walked.len());
-        // A robot may come to stand astride a kerb.
-        if reached * 10 < all * 8 {
+        // A robot may come to stand astride a kerb: it is told, and its walk does not count as one that fell.
+        let takes_step = floor.reaches && floor.waits.is_some();
+        if reached * 10 < all * if takes_step { 8 } else { 10 } {
             wrong.push(format!("{}: {reached} of {all} came as far as they should", floor.name));
         }
         wrong.extend(walked.into_iter().flat_map(|walked| walked.wrong));

@@ -87,6 +87,8 @@ struct Running {
 struct Waiting {
     /// Since then without a break; none: it is on its way.
     since_ns: Option<u64>,
+    /// The last decision that found it waiting.
+    last_ns: u64,
     /// From then on the handler knew of it; none: not yet.
     told_at_ns: Option<u64>,
     /// The cue in force.
@@ -169,11 +171,13 @@ impl Core {
         self.mode = Some(*mode);
     }
 
-    /// The cue forward, given anew before a low step, allows the step. Any other cue, a fault and a lock allow none.
+    /// The cue forward, given anew before a low step, allows the step. Any other cue, none, a fault and a lock allow no
+    /// step.
     fn heed_step(&mut self, mode: &Mode) {
         let CueInForce { valid, cue } = mode.cue;
-        let is_run = mode.class == ModeClass::Run;
-        if !is_run || valid && cue.kind != CueKind::Forward {
+        let is_forward = mode.class == ModeClass::Run && valid && cue.kind == CueKind::Forward;
+        if !is_forward {
+            // A stop leaves no cue in force.
             self.awareness.allow_no_step();
         }
         let is_new = |waiting: &Waiting| {
@@ -182,9 +186,11 @@ impl Core {
         };
         let Some(waiting) = self.waiting.filter(is_new) else { return };
         self.waiting = None;
-        let told_at_ns = waiting.told_at_ns.or(self.told_at_ns(waiting.since_ns));
+        let goes_on_until_ns = waiting.last_ns.saturating_add(self.wait_gap_ns());
+        let told_now = self.told_at_ns(waiting.since_ns).filter(|told_at_ns| *told_at_ns <= goes_on_until_ns);
+        let told_at_ns = waiting.told_at_ns.or(told_now);
         let was_told = told_at_ns.is_some_and(|told_at_ns| cue.header.stamp_ns >= told_at_ns);
-        if waiting.is_low_step && was_told && valid && is_run && cue.kind == CueKind::Forward {
+        if waiting.is_low_step && was_told && is_forward {
             self.awareness.allow_step(waiting.place);
         }
     }
@@ -382,11 +388,17 @@ impl Core {
                 |before: &Waiting| before.is_low_step == is_low_step && (before.place - place).norm() <= SAME_STEP_M;
             let before = self.waiting.filter(is_same);
             let cue = before.map_or(cue, |before| before.cue);
-            let since_ns = before.and_then(|before| before.since_ns).or(Some(now_ns));
+            let goes_on = |before: &Waiting| age_ns(now_ns, before.last_ns) <= self.wait_gap_ns();
+            let since_ns = before.filter(goes_on).and_then(|before| before.since_ns).or(Some(now_ns));
             let now_told = || self.told_at_ns(since_ns).filter(|told_at_ns| *told_at_ns <= now_ns);
             let told_at_ns = before.and_then(|before| before.told_at_ns).or_else(now_told);
-            self.waiting = Some(Waiting { since_ns, told_at_ns, cue, action, place, is_low_step });
+            self.waiting = Some(Waiting { since_ns, last_ns: now_ns, told_at_ns, cue, action, place, is_low_step });
         }
+    }
+
+    /// Decisions that are farther apart do not make one wait, nanoseconds.
+    fn wait_gap_ns(&self) -> u64 {
+        self.config.dt_ns.saturating_mul(3) / 2
     }
 
     /// When the handler knows of a wait that began then and goes on.

@@ -122,7 +122,7 @@ const SITES: usize = 200;
 const TASKS: usize = 10;
 /// Robot and handler begin with so much room about them, metres.
 const ROOM_M: f64 = 0.06;
-/// The robot's middle begins so far from a low step, metres.
+/// The robot's middle begins so far from a low step, metres: nearer ones are not in view from the start.
 const FROM_STEP_M: f64 = 1.3;
 /// Draws of a handler until a model describes them: nearly always the first does.
 const HANDLER_TRIES: usize = 1000;
@@ -314,8 +314,8 @@ impl Config {
             on_the_way.all(|on_the_way| on_the_way.is_some_and(|team| team.is_free(&site.world, 0.0)))
         };
         let at = Point::from(task.world_from_robot.translation.vector);
-        let is_astride = site.world.to_low_step_m(at) < FROM_STEP_M;
-        let may_start = !is_astride && team.is_free(&site.world, ROOM_M) && (!self.arrival.must_be_free || came());
+        let is_near_step = site.world.to_low_step_m(at) < FROM_STEP_M;
+        let may_start = !is_near_step && team.is_free(&site.world, ROOM_M) && (!self.arrival.must_be_free || came());
         may_start.then_some((task, team))
     }
 

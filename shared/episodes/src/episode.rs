@@ -338,14 +338,29 @@ impl Episode {
         let waits = why.is_low_step() && taken == ActionTable::STOP && self.cue == CueKind::Forward;
         self.waits_at_step = if waits { self.waits_at_step + 1 } else { 0 };
         match (self.waits_at_step, place, &mut self.scenery) {
-            (ANNOUNCED_AFTER, _, Some(scenery)) => scenery.score.announced(&scenery.team, &scenery.site.world),
+            (ANNOUNCED_AFTER, Some(place), Some(scenery)) => {
+                let place = scenery.team.world_from_robot() * place;
+                scenery.score.announced(place, &scenery.site.world);
+            }
             (ALLOWED_AFTER, Some(place), _) => {
                 self.awareness.allow_step(self.odom_from_robot() * place);
                 self.give(CueKind::Forward);
             }
             _ => {}
         }
+        let why = if action == ActionTable::STOP { self.why_none_leads_ahead() } else { why };
         self.count_stop(why, taken);
+    }
+
+    /// Why a policy stands that has no way ahead: the floor, where it forbids every action that leads ahead.
+    fn why_none_leads_ahead(&self) -> UnsafeCause {
+        if self.cue == CueKind::Stop || self.track.must_stand(self.cue) {
+            return UnsafeCause::None;
+        }
+        let ahead = self.velocities.iter().zip(&self.judgements).filter(|(velocity, _)| velocity.vx_mps > 0.0);
+        let mut causes = ahead.map(|(_, judgement)| judgement.cause);
+        let first = causes.next().unwrap_or_default();
+        causes.fold(first, |why, cause| if cause.is_floor() && why.is_floor() { why } else { UnsafeCause::None })
     }
 
     fn count_stop(&mut self, why: UnsafeCause, taken: usize) {

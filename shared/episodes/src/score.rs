@@ -127,12 +127,12 @@ impl FloorReport {
     }
 }
 
-/// A low step is announced so far from the robot's middle at the most, metres,
-const STEP_NEAR_M: f64 = 1.6;
-/// and holds for steps so near to where the robot stood then, metres.
-const ANNOUNCED_M: f64 = 2.5;
-/// Floor that lies lower or higher by this is another floor, metres.
-const LEVEL_M: f64 = 0.03;
+/// A low step is announced so far from where it is at the most, metres,
+const STEP_OFF_M: f64 = 0.4;
+/// and the robot steps over it so far from there at the most, metres.
+const ANNOUNCED_M: f64 = 1.2;
+/// Floor that lies lower or higher by this is another floor, metres. What is more is a fall.
+const LEVEL_M: std::ops::RangeInclusive<f64> = 0.03..=0.13;
 /// A robot stands before an edge where it is as near to it, metres.
 const AT_EDGE_M: f64 = 2.0;
 /// Who moves by less in a decision stands, metres.
@@ -225,13 +225,12 @@ impl Score {
         }
     }
 
-    /// A low step is announced to the handler.
-    pub fn announced(&mut self, team: &Team, world: &World) {
-        let at = Point::from(team.world_from_robot().translation.vector);
-        if world.to_low_step_m(at) > STEP_NEAR_M {
+    /// A low step at a place (world frame) is announced to the handler.
+    pub fn announced(&mut self, place: Point, world: &World) {
+        if world.to_low_step_m(place) > STEP_OFF_M {
             self.report.floor.steps.false_announcements += 1;
         } else {
-            self.announced = Some(at);
+            self.announced = Some(place);
         }
     }
 
@@ -239,8 +238,9 @@ impl Score {
     pub fn stands(&mut self, team: &Team, world: &World) {
         let at = Point::from(team.world_from_robot().translation.vector);
         let before_m = std::mem::replace(&mut self.floor_m, world.floor_m(at));
-        if (self.floor_m - before_m).abs() > LEVEL_M {
-            let was_announced = self.announced.is_some_and(|announced| (announced - at).norm() <= ANNOUNCED_M);
+        if LEVEL_M.contains(&(self.floor_m - before_m).abs()) {
+            // Each step is announced anew.
+            let was_announced = self.announced.take().is_some_and(|place| (place - at).norm() <= ANNOUNCED_M);
             let steps = &mut self.report.floor.steps;
             *(if was_announced { &mut steps.announced } else { &mut steps.unannounced }) += 1;
         }

@@ -204,6 +204,6 @@ pub enum DropKind {
     Beside,
     /// A hole in the corridor, with a way past it.
     Past,
-    /// None: a low step across the corridor, which the handler may allow.
+    /// The floor has no edge. A low step lies across the corridor, which the handler may allow.
     Step,
 }

@@ -168,8 +168,10 @@ what comes next); stop, the robot does not move any more (on legs: half a second
 orientation is corrected where the handler's third metre of way leads within 10 degrees of the corridor;
 orientation_faced counts who faces so at its end. Judged where the corridor goes on for 5 m; who never comes so
 far has corrected nothing.
---tasks drops: one world in five has no edge; in the others the floor ends across the corridor, in a branch, beside
-it, or in a hole with a way past it. Where a footprint leaves the floor, robot or handler has fallen and the episode
-ends. stood_before_edge: the way goes over an edge, and at the end the robot stands within 2 m of it. A stop for the
-floor is false where no edge is within 1 m; those at dark floor are counted separately. The figures beside an edge
-leave out episodes in which robot or handler begins nearer to it than 0.15 m.";
+--tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends
+across the corridor, in a branch, beside it, or in a hole with a way past it. Before a low step the robot waits, and
+the handler says forward. low_steps_announced counts the steps that the robot took. Where a footprint leaves the
+floor, robot or handler has fallen and the episode ends. stood_before_edge: the way goes over an edge, and at the
+end the robot stands within 2 m of it. A stop for the floor is false where no edge is within 1 m, nor a low step
+within 1.6 m; those at dark floor are counted separately. The figures beside an edge leave out episodes in which
+robot or handler begins nearer to it than 0.15 m.";

@@ -17,7 +17,8 @@ const BESIDE_M: f64 = 0.15;
 /// Adds the figures of edges to a report.
 pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     let reports = || outcomes.iter().map(|outcome| &outcome.report);
-    let has_edge = |r: &&Report| r.floor.kind != DropKind::None;
+    let has_edge = |r: &&Report| !matches!(r.floor.kind, DropKind::None | DropKind::Step);
+    let is_plain = |r: &&Report| r.floor.kind == DropKind::None;
     let ahead = || {
         let across = reports().map(|r| &r.floor).filter(|floor| floor.kind == DropKind::Across && floor.before_edge);
         across.filter(|floor| floor.begun_m.is_some_and(|[robot_m, _]| robot_m >= IN_VIEW_M)).filter_map(robot_m)
@@ -31,8 +32,8 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
     let least = |gaps: &mut dyn Iterator<Item = f64>| gaps.min_by(f64::total_cmp);
     let km = reports().map(|r| r.walked_m).sum::<f64>() / 1000.0;
     let stops = |count: fn(&FloorReport) -> u32| a_km(reports().map(|r| count(&r.floor) as usize).sum(), km);
-    let plain_km = reports().filter(|r| !has_edge(r)).map(|r| r.walked_m).sum::<f64>() / 1000.0;
-    let plain = reports().filter(|r| !has_edge(r)).map(|r| (r.floor.false_stops - r.floor.dark_stops) as usize).sum();
+    let plain_km = reports().filter(is_plain).map(|r| r.walked_m).sum::<f64>() / 1000.0;
+    let plain = reports().filter(is_plain).map(|r| (r.floor.false_stops - r.floor.dark_stops) as usize).sum();
     let figures = json!({
         "falls": {
             "robot": ratio(reports().map(|r| r.floor.robot_fell)),
@@ -44,12 +45,14 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
         "both_0.15_m_beside_edge": ratio(beside().map(|m| m >= BESIDE_M)),
         "beside_edge_min_m": least(&mut beside()),
         "cue_followed_where_a_way_exists":
-            ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && !r.to_stand).map(|r| r.success)),
+            ratio(reports().filter(|r| has_edge(r) && !r.floor.before_edge && !r.to_stand).map(|r| r.success)),
         "stood_where_no_way_exists":
-            ratio(reports().filter(has_edge).filter(|r| !r.floor.before_edge && r.to_stand).map(|r| r.success)),
+            ratio(reports().filter(|r| has_edge(r) && !r.floor.before_edge && r.to_stand).map(|r| r.success)),
+        "cue_followed_with_low_steps":
+            ratio(reports().filter(|r| r.floor.kind == DropKind::Step).map(|r| r.success)),
         "low_steps_announced": ratio(reports().flat_map(|r| announced(&r.floor.steps))),
         "false_announcements_per_km": stops(|floor| floor.steps.false_announcements),
-        "cue_followed_without_edges": ratio(reports().filter(|r| !has_edge(r)).map(|r| r.success)),
+        "cue_followed_without_edges": ratio(reports().filter(is_plain).map(|r| r.success)),
         "false_stops_per_km": stops(|floor| floor.false_stops - floor.dark_stops),
         "false_stops_per_km_without_edges": a_km(plain, plain_km),
         "dark_floor_stops_per_km": stops(|floor| floor.dark_stops),

@@ -16,14 +16,17 @@ const GAP_M: f64 = 0.1;
 /// the camera has to come near enough. A wider gap there would not be seen from farther off.
 const HIDDEN_MAX_M: f64 = 0.18;
 
-/// A hole that is too narrow for its bottom to show: floor at the height of this one lies at most so far behind it,
-/// metres,
+/// Of a hole that is too narrow for its bottom to show, the far lip is at most so far behind the near one, metres.
 const NARROW_M: f64 = 0.8;
-/// give or take so much, metres,
+/// Its lips are equally high, give or take this, metres.
 const LIPS_M: f64 = 0.03;
-/// and its far wall is seen to be lower by this, metres, and an increase per metre of distance.
+/// Its far wall is seen to be lower than them by this, metres, and an increase per metre of distance.
 const WALL_M: f64 = 0.04;
 const WALL_PER_M: f64 = 0.01;
+/// Two pixels see that wall. The higher one is lower than the lips by this, metres.
+const SECOND_M: f64 = 0.02;
+/// Floor that falls less towards the camera may be a lip: the steepest ramp, and the error of the attitude.
+const LIP_SLOPE: f64 = 0.14;
 
 /// The first floor lies so near to where the lowest rays reach the floor, metres,
 const FIRST_M: f64 = 0.25;
@@ -193,7 +196,7 @@ impl Column {
         let goes_on = !drops && self.seen_m[0] - along_m <= gap_m;
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
         self.low = 0;
-        let falls = rise_m < self.lip.rise_m - RAMP * (self.lip.along_m - along_m);
+        let falls = rise_m < self.lip.rise_m - LIP_SLOPE * (self.lip.along_m - along_m);
         if drops || !falls || self.lip.rise_m.is_infinite() {
             self.lip = here;
         }
@@ -207,10 +210,14 @@ impl Column {
         let is_level = (self.lip.rise_m - here.rise_m).abs() <= LIPS_M + RAMP * wide_m;
         let gap_m = self.floors[0].along_m - here.along_m;
         let is_gap = self.low > 0 || gap_m > GAP_M.max(GAP_ROWS * eye.apart_at_1_m * here.along_m * here.along_m);
-        let low_m = if self.low > 0 { self.missing.rise_m - self.missing.level_m } else { f64::INFINITY };
-        let falls_m = here.rise_m - self.floors[0].rise_m.min(low_m);
+        let low_m = (self.low > 0).then_some(self.missing.rise_m - self.missing.level_m);
+        let (lowest_m, second_m) = match low_m {
+            Some(low_m) => (low_m, self.floors[0].rise_m),
+            None => (self.floors[0].rise_m, self.floors[1].rise_m),
+        };
         let needed_m = WALL_M + WALL_PER_M * here.along_m + RAMP * wide_m;
-        wide_m <= NARROW_M && is_level && is_gap && falls_m > needed_m
+        let is_wall = here.rise_m - lowest_m > needed_m && here.rise_m - second_m > SECOND_M;
+        wide_m <= NARROW_M && is_level && is_gap && is_wall
     }
 
     /// No pixel comes any more.

@@ -32,6 +32,8 @@ const JOINED_M: f64 = 0.12;
 const JOINED_CELLS: i32 = 3;
 /// A step that the handler allowed may be taken for so much way, metres: until the handler is over it.
 const ALLOWED_FOR_M: f64 = 3.0;
+/// It is allowed where it is so high as told, give or take, metres.
+const ALLOWED_OFF_M: f64 = 0.03;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
 
@@ -102,6 +104,11 @@ impl Spot {
         at.walked_m - self.allowed_at_m < ALLOWED_FOR_M
     }
 
+    /// Whether a step is one with another: they lead the same way, and are equally high.
+    fn is_as_high_as(&self, other: &Self) -> bool {
+        (self.rise_m > 0.0) == (other.rise_m > 0.0) && (self.rise_m - other.rise_m).abs() <= ALLOWED_OFF_M
+    }
+
     /// Whether more than one frame saw it, near enough to count.
     pub fn was_seen_again(&self) -> bool {
         self.frames > 1 && self.evidence >= EDGE_TOLD
@@ -167,15 +174,17 @@ impl Spots {
     }
 
     /// The handler allows the step at a place (odometry frame), from one side to the other: all spots of it that lead
-    /// up, or all that lead down. It goes from spot to spot over neighbouring cells.
+    /// the same way and are equally high. It goes from spot to spot over neighbouring cells.
     pub fn allow(&mut self, odom: Point, walked_m: f64) {
         let is_joined = |spot: &Spot, at: Point| spot.was_seen_again() && (spot.odom - at).norm() <= JOINED_M;
         let first = self.beside(cell_of(odom), JOINED_CELLS).find(|spot| is_joined(spot, odom));
-        let Some(is_up) = first.map(|spot| spot.rise_m > 0.0) else { return };
-        self.allow_where(walked_m, |_, spot| (spot.rise_m > 0.0) == is_up && is_joined(spot, odom));
+        let Some(told) = first.copied() else { return };
+        self.allow_where(walked_m, |_, spot| spot.is_as_high_as(&told) && is_joined(spot, odom));
         let goes_on = |spots: &Self, spot: &Spot| {
-            let is_allowed = |other: &Spot| other.allowed_at_m == walked_m && is_joined(spot, other.odom);
-            (spot.rise_m > 0.0) == is_up && spots.beside(spot.cell, JOINED_CELLS).any(is_allowed)
+            let is_allowed = |other: &Spot| {
+                other.allowed_at_m == walked_m && other.is_as_high_as(&told) && is_joined(spot, other.odom)
+            };
+            spot.is_as_high_as(&told) && spots.beside(spot.cell, JOINED_CELLS).any(is_allowed)
         };
         while self.allow_where(walked_m, goes_on) {}
     }
@@ -213,7 +222,9 @@ impl Spots {
         for other in self.beside(spot.cell, EDGE_BESIDE).filter(|other| other.source == source) {
             // What this frame has added to one of them is not added again.
             let is_new = other.frame == spot.frame;
-            spot.allowed_at_m = spot.allowed_at_m.max(other.allowed_at_m);
+            if spot.is_as_high_as(other) {
+                spot.allowed_at_m = spot.allowed_at_m.max(other.allowed_at_m);
+            }
             frames = frames.max(other.frames - u32::from(is_new));
             evidence = evidence.max(other.evidence - if is_new { spot.evidence } else { 0.0 });
         }

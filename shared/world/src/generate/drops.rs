@@ -42,7 +42,7 @@ const TREAD_M: [f64; 2] = [0.25, 0.33];
 /// A mat is so thick, metres.
 const MAT_M: f64 = 0.01;
 
-/// The world of a seed: one in five has neither edge nor step.
+/// The world of a seed: one in six has neither edge nor step, and one in six has low steps alone.
 #[must_use]
 pub fn generate_drops(config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Site {
     loop {

@@ -77,14 +77,34 @@ fn over_the_step() -> Core {
 
 #[test]
 fn any_other_cue_a_fault_and_a_lock_end_what_the_handler_allowed() {
-    for (kind, class) in
-        [(CueKind::Stop, ModeClass::Run), (CueKind::Left, ModeClass::Run), (CueKind::Forward, ModeClass::Lock)]
-    {
+    let left = CueInForce { valid: true, cue: Cue { header: header(4_600, 9), kind: CueKind::Left, ..Cue::default() } };
+    let forward = CueInForce { cue: Cue { kind: CueKind::Forward, ..left.cue }, ..left };
+    // A stop leaves no cue in force.
+    let stop = CueInForce::default();
+    for (cue, class) in [
+        (stop, ModeClass::Run),
+        (left, ModeClass::Run),
+        (forward, ModeClass::Lock),
+        (stop, ModeClass::Lock),
+        (stop, ModeClass::Fault),
+    ] {
         let mut core = over_the_step();
-        let cue = CueInForce { valid: true, cue: Cue { header: header(4_600, 9), kind, ..Cue::default() } };
         core.take_mode(&Mode { cue, ..mode(class, 4_600) });
-        assert_eq!(last(&decides(&mut core, 10..11, (CueKind::Forward, 10), 0.09)), WAITS, "{kind:?}, {class:?}");
+        assert_eq!(last(&decides(&mut core, 10..11, (CueKind::Forward, 10), 0.09)), WAITS, "{cue:?}, {class:?}");
     }
+    let mut core = over_the_step();
+    assert_eq!(last(&decides(&mut core, 9..10, (CueKind::Forward, 8), 0.09)), (Outcome::Granted, UnsafeCause::None));
+}
+
+#[test]
+fn a_wait_of_which_no_decision_tells_is_not_told_to_the_handler() {
+    let mut core = ready();
+    let waits = decides(&mut core, 2..8, (CueKind::Forward, 7), 0.09);
+    let begun = 2 + waits.iter().position(|permit| permit.outcome == Outcome::AllUnsafe).expect("it waits") as u64;
+    let mut core = ready();
+    decides(&mut core, 2..begun + 1, (CueKind::Forward, 7), 0.09);
+    // No decision comes for two seconds.
+    assert_eq!(last(&decides(&mut core, begun + 5..begun + 6, (CueKind::Forward, 8), 0.09)), WAITS);
 }
 
 #[test]

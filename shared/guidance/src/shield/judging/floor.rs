@@ -43,9 +43,10 @@ impl Present<'_> {
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
                 || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
-            // The strip at the start is for going ahead, not aside.
+            // The strip at the start is for going ahead. Aside it is as good as unseen.
             let is_strip = *floor == Floor::Assumed && !self.is_aside(*place, &way);
-            let is_assumed = is_strip || *floor == Floor::Unseen && may_assume() && self.is_near_seen(*place);
+            let is_unseen = matches!(floor, Floor::Unseen | Floor::Assumed);
+            let is_assumed = is_strip || is_unseen && may_assume() && self.is_near_seen(*place);
             let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
             if is_assumed || is_left {
                 judgement.assumes_floor |= is_assumed && from_here_m > 0.0;
@@ -107,8 +108,8 @@ impl Present<'_> {
         })
     }
 
-    /// Low steps that the handler has not allowed. As much is kept from them as from edges. A turn on the spot is not
-    /// what the handler is asked about: there they are as forbidden as high ones.
+    /// Low steps that the handler has not allowed. As much is kept from them as from edges. No word lets the robot turn
+    /// on the spot beside them: there they have the causes of high ones.
     pub(super) fn low_steps(&self, motion: &Motion) -> impl Iterator<Item = KeptOff> {
         let needed_m = self.kept_from_edge_m(motion);
         let is_asked = motion.robot.translation.vector.norm() > SLIGHT;
