@@ -51,9 +51,11 @@ fn says(status: &Status, text: &str) -> bool {
     status.said.as_ref().is_some_and(|said| said.text == text)
 }
 
-/// Whether the robot said that last, and to its end.
+/// Whether the robot said that last, and to its end. What it assumes of the floor is said once, at any time, and may
+/// come after it.
 fn has_said(status: &Status, text: &str) -> bool {
-    says(status, text) && status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended)
+    let is_last = [text, "I cannot see the floor beside you."].iter().any(|text| says(status, text));
+    is_last && status.said.as_ref().is_some_and(|said| said.phase == SpeechPhase::Ended)
 }
 
 /// From the stop to the first sample of each sentence about one, milliseconds.
