@@ -187,7 +187,7 @@ fn wrong(floor: &Floor, is_stiff: bool, report: &Value, least_m: [f64; 2]) -> im
 }
 
 /// A platform whose edge is 0.9 m to the right, with an opening to the left, and a handler who does something there.
-fn beside_an_edge(place: &Place, deed: &str) -> String {
+fn beside_an_edge(place: &Place, disturbance: &str) -> String {
     let world = place.path().join("platform.toml");
     let text = "ceiling_m = 5.0\n\
          [[wall]]\npoints = [[4.2, 1.2], [-3, 1.2], [-3, -3], [12, -3], [12, 1.2], [5.8, 1.2]]\n\
@@ -196,54 +196,57 @@ fn beside_an_edge(place: &Place, deed: &str) -> String {
     fs::write(&world, text).expect("written");
     let lines = "start = { at = [0, 0], yaw_deg = 0 }\ntime_limit_s = 20\n[[cue]]\nkind = \"forward\"\nat_s = 1.0\n\
          [[cue]]\nkind = \"left\"\nat = [3.5, 0]\n";
-    place.scenario(&world.to_string_lossy(), &(lines.to_owned() + deed))
+    place.scenario(&world.to_string_lossy(), &(lines.to_owned() + disturbance))
 }
 
-/// Deeds while the robot walks along the edge, and while it turns.
-fn deeds() -> Vec<String> {
-    let deed = |does: &str, at_s: f64, for_s: f64, more: &str| {
+/// Disturbances while the robot walks along the edge, and while it turns.
+fn disturbances() -> Vec<String> {
+    let disturbance = |does: &str, at_s: f64, for_s: f64, more: &str| {
         format!("[[handler]]\ndoes = {does:?}\nat_s = {at_s:?}\nfor_s = {for_s:?}\n{more}")
     };
     let at = |at_s: f64| {
         // What the Go2's policy withstands at the body. With 45 N the handler drags the robot towards the edge.
-        let pulls = [-20, 20].map(|left_n| deed("pull", at_s, 1.0, &format!("pull_n = [0, {left_n}]\n")));
-        [deed("snag", at_s, 2.0, ""), deed("let_go", at_s, 3.0, "")].into_iter().chain(pulls)
+        let pulls = [-20, 20].map(|left_n| disturbance("pull", at_s, 1.0, &format!("pull_n = [0, {left_n}]\n")));
+        [disturbance("snag", at_s, 2.0, ""), disturbance("let_go", at_s, 3.0, "")].into_iter().chain(pulls)
     };
     [5.0, 9.0].into_iter().flat_map(at).chain([String::new()]).collect()
 }
 
-/// Who falls there, if somebody does.
-fn falls_beside_an_edge(deed: &str, seed: u64) -> Option<String> {
+/// The report, where robot or handler falls or hardly walks.
+fn falls_beside_an_edge(disturbance: &str, seed: u64) -> Option<String> {
     let place = Place::new();
-    let (scenario, seed) = (beside_an_edge(&place, deed), seed.to_string());
+    let (scenario, seed) = (beside_an_edge(&place, disturbance), seed.to_string());
     let options = ["--scenario", &scenario, "--seed", &seed, "--json"];
     let (report, _) = place.json(&[&["walk", "--physics", "mujoco", "--speed", "0"], &options[..]].concat());
     place.assert_empty();
     let walked_m = report["distance_m"].as_f64().unwrap_or(0.0);
     let is_well = report["falls"] == json!({ "robot": 0, "handler": 0 }) && walked_m > 2.0;
-    eprintln!("seed {seed}: {walked_m:.1} m, falls {}, {deed}", report["falls"]);
-    (!is_well).then(|| format!("seed {seed}, {deed}: {report:#}"))
+    eprintln!("seed {seed}: {walked_m:.1} m, falls {}, {disturbance}", report["falls"]);
+    (!is_well).then(|| format!("seed {seed}, {disturbance}: {report:#}"))
 }
 
 #[test]
 fn a_handler_who_is_caught_beside_an_edge_does_not_fall() {
     if has_legs() {
-        assert_eq!(falls_beside_an_edge(&deeds()[0], 1), None);
+        assert_eq!(falls_beside_an_edge(&disturbances()[0], 1), None);
     }
 }
 
 #[test]
 #[ignore = "five minutes: scripts/nightly physics"]
 fn a_handler_who_is_caught_pulls_or_lets_go_beside_an_edge_does_not_fall() {
-    let all = deeds().into_iter().filter(|_| has_legs()).flat_map(|deed| (1..=3).map(move |seed| (deed.clone(), seed)));
-    let fell: Vec<_> = all.filter_map(|(deed, seed)| falls_beside_an_edge(&deed, seed)).collect();
+    let all = disturbances()
+        .into_iter()
+        .filter(|_| has_legs())
+        .flat_map(|disturbance| (1..=3).map(move |seed| (disturbance.clone(), seed)));
+    let fell: Vec<_> = all.filter_map(|(disturbance, seed)| falls_beside_an_edge(&disturbance, seed)).collect();
     assert!(fell.is_empty(), "{fell:#?}");
 }
 
 #[test]
 fn in_the_flat_world_the_handler_only_follows() {
     let place = Place::new();
-    let scenario = beside_an_edge(&place, &deeds()[0]);
+    let scenario = beside_an_edge(&place, &disturbances()[0]);
     let output = place.command(&["walk", "--scenario", &scenario]).output().expect("it runs");
     let told = String::from_utf8_lossy(&output.stderr);
     assert!(!output.status.success() && told.contains("[[handler]] in a scenario needs --physics mujoco"), "{told}");
@@ -315,7 +318,7 @@ fn a_go2_and_its_handler_keep_off_every_edge() {
         let walked: Vec<Walked> =
             ["soft", "stiff"].into_iter().flat_map(each).map(|(by, seed)| walks(&floor, by, seed)).collect();
         let (reached, all) = (walked.iter().filter(|walked| walked.reached).count(), walked.len());
-        // A robot may come to stand astride a kerb: it is told, and its walk does not count as one that fell.
+        // The robot may come to stand astride a kerb. That is no fall.
         let takes_step = floor.reaches && floor.waits.is_some();
         if reached * 10 < all * if takes_step { 8 } else { 10 } {
             wrong.push(format!("{}: {reached} of {all} came as far as they should", floor.name));

@@ -19,8 +19,8 @@ fn main() -> Result<(), Box<dyn std::error::Error + Send + Sync>> {
     mujoco.model.get_or_insert(Path::new(LEGS).join("go2.xml").into());
     mujoco.policy.get_or_insert(Path::new(LEGS).join("policy.onnx").into());
     let route = Route { cues: Vec::new(), goal: None, time_limit_s: None };
-    let (start, deeds) = (messages::Pose2::default(), Vec::new());
-    let scenario = Scenario { world: Path::new("open floor").into(), start, route, deeds };
+    let (start, disturbances) = (messages::Pose2::default(), Vec::new());
+    let scenario = Scenario { world: Path::new("open floor").into(), start, route, disturbances };
     let mut motion = LeggedMotion::new(&settings, &scenario, &World::new(2.6, Vec::new()))?;
     let step = |command| motion.step(command).map(|()| motion.truth());
     let excess = OpenFloor::new(&settings)?.measure(decisions, settings.simulation.seed, step)?;

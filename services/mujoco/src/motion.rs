@@ -11,7 +11,8 @@ use settings::{Mujoco, Settings};
 use transport::{FramePublisher, Io, Rhythm, TransportError};
 use world::floor::Falls;
 use world::{
-    Agent, Deed, DepthConfig, DepthSensor, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S, World,
+    Agent, DepthConfig, DepthSensor, Disturbance, LidarConfig, LidarSensor, People, PhysicsConfig, Scenario, TICK_S,
+    World,
 };
 
 use crate::legs::{self, Legs, VelocityLoop};
@@ -61,8 +62,8 @@ pub struct LeggedMotion {
     nose_m: f64,
     distance_m: f64,
     steps: u64,
-    /// What the handler does beside following.
-    deeds: Vec<Deed>,
+    /// How the handler disturbs the walk.
+    disturbances: Vec<Disturbance>,
 }
 
 /// Sensors, and where their readings go.
@@ -132,7 +133,7 @@ impl LeggedMotion {
             nose_m: settings.robot.nose_m,
             distance_m: 0.0,
             steps: 0,
-            deeds: scenario.deeds.clone(),
+            disturbances: scenario.disturbances.clone(),
         };
         motion.place_people();
         Ok(motion)
@@ -236,8 +237,8 @@ impl Motion for LeggedMotion {
         let (before, is_walked_into) = (self.world_from_robot(), self.move_people());
         for _ in 0..STEPS {
             let time_s = self.steps as f64 * STEP_S;
-            let does = self.deeds.iter().find(|deed| deed.is_at(time_s)).map(|deed| deed.does);
-            self.person.walk(&mut self.data, does);
+            let disturbance = self.disturbances.iter().find(|disturbance| disturbance.is_at(time_s));
+            self.person.walk(&mut self.data, disturbance.map(|disturbance| disturbance.kind));
             self.legs.drive(&mut self.data, command).map_err(TransportError::service)?;
             scene::step(&mut self.data).map_err(TransportError::service)?;
             self.touches.look(&self.data, is_walked_into);

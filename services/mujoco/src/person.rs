@@ -10,7 +10,7 @@ use guidance::se2::{pose2, se2, wrap_angle};
 use messages::Pose2;
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
-use world::{Does, HandlerConfig};
+use world::{DisturbanceKind, HandlerConfig};
 
 use crate::legs::attitude;
 use crate::scene::{STEP_S, SceneError};
@@ -30,7 +30,7 @@ const SPEEDING_UP_S: f64 = 0.3;
 const TURNING_PER_S: f64 = 2.0;
 const TURNING_MAX_RADPS: f64 = 1.5;
 const TURNING_UP_S: f64 = 0.2;
-/// Who is caught stands within this time, s.
+/// A handler who is caught stands after this time, s.
 const CAUGHT_S: f64 = 0.05;
 /// The handler feels the handle's speed over this many steps.
 const FELT_STEPS: usize = 20;
@@ -132,8 +132,8 @@ impl Person {
     }
 
     /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both. The handler
-    /// follows, and may do something else beside.
-    pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>, does: Option<Does>) {
+    /// follows, but for a disturbance.
+    pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>, disturbance: Option<DisturbanceKind>) {
         let attitude = attitude(data);
         let arm = attitude * Vector3::from(BODY_FROM_HANDLE_M);
         let base = Vector3::from_column_slice(&data.qpos()[..3]);
@@ -146,17 +146,17 @@ impl Person {
         self.felt.truncate(self.reaction_steps() + FELT_STEPS + 1);
 
         let hand_moves = own + own_radps * Vector2::new(-reach.y, reach.x);
-        let pull = match does {
-            Some(Does::LetGo) => Vector2::zeros(),
-            Some(Does::Pull(by_n)) => self.pull(&hand_moves) - Rotation2::new(yaw_rad) * Vector2::from(by_n),
-            Some(Does::Snag) | None => self.pull(&hand_moves),
+        let pull = match disturbance {
+            Some(DisturbanceKind::LetGo) => Vector2::zeros(),
+            Some(DisturbanceKind::Pull(by_n)) => self.pull(&hand_moves) - Rotation2::new(yaw_rad) * Vector2::from(by_n),
+            Some(DisturbanceKind::Snag) | None => self.pull(&hand_moves),
         };
         self.pull_n = pull.norm();
-        let (push, turning_nm) = match does {
-            Some(Does::LetGo) => self.stand(&own, own_radps),
+        let (push, turning_nm) = match disturbance {
+            Some(DisturbanceKind::LetGo) => self.stand(&own, own_radps),
             // What has caught the handler bears the pull.
-            Some(Does::Snag) => self.caught(&own, own_radps, &pull, &reach),
-            Some(Does::Pull(_)) | None => self.answer(&own, own_rad, own_radps),
+            Some(DisturbanceKind::Snag) => self.caught(&own, own_radps, &pull, &reach),
+            Some(DisturbanceKind::Pull(_)) | None => self.answer(&own, own_rad, own_radps),
         };
         self.forces.fill(0.0);
         let (force, at) = ([-pull.x, -pull.y, 0.0], (base + arm).into());

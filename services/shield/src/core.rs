@@ -167,13 +167,13 @@ impl Core {
             // A new cue may try again.
             self.floor.begin_anew();
         }
-        self.heed_step(mode);
+        self.allow_step_by_cue(mode);
         self.mode = Some(*mode);
     }
 
     /// The cue forward, given anew before a low step, allows the step. Any other cue, none, a fault and a lock allow no
     /// step.
-    fn heed_step(&mut self, mode: &Mode) {
+    fn allow_step_by_cue(&mut self, mode: &Mode) {
         let CueInForce { valid, cue } = mode.cue;
         let is_forward = mode.class == ModeClass::Run && valid && cue.kind == CueKind::Forward;
         if !is_forward {

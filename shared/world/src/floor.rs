@@ -211,7 +211,7 @@ mod tests {
         let holes = [hole((1.0, 0.0), 0.08), hole((0.0, 3.0), 0.02), hole((0.0, -3.0), 0.5)];
         assert!((to_low_step_m(&holes, Point::new(0.4, 0.2)) - 0.6).abs() < 1e-12);
         assert!((to_low_step_m(&holes, Point::new(1.3, 0.0)) - 0.3).abs() < 1e-12, "from within");
-        assert!(to_low_step_m(&holes, Point::new(0.0, -3.0)) > 2.0, "a fall is none");
+        assert!(to_low_step_m(&holes, Point::new(0.0, -3.0)) > 2.0, "a deep hole is no low step");
         assert_eq!(to_low_step_m(&[], Point::origin()), f64::INFINITY);
     }
 

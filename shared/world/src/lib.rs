@@ -56,7 +56,7 @@ pub use people::{Agent, People, Person, Walk};
 pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
 pub use prism::{Prism, SeenBy};
 pub use ramp::Ramp;
-pub use scenario::{CuePoint, CueSequence, CueTrigger, Deed, Does, Goal, Route, Scenario};
+pub use scenario::{CuePoint, CueSequence, CueTrigger, Disturbance, DisturbanceKind, Goal, Route, Scenario};
 pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
 pub use site::{Course, DropKind, Opening, Side, Site};
 pub use team::{Bodies, HandlerProfile, Stepped, Team};

@@ -30,7 +30,7 @@ fn without_errors(walk: &Walk) -> Result<Scenario, WorldError> {
     match (&walk.map, walk.start) {
         (Some(map), Some(start)) => {
             let route = route.unwrap_or(Route { cues: Vec::new(), goal: None, time_limit_s: None });
-            Ok(Scenario { world: map.clone().into(), start, route, deeds: Vec::new() })
+            Ok(Scenario { world: map.clone().into(), start, route, disturbances: Vec::new() })
         }
         _ => Err(WorldError::NoScenario),
     }

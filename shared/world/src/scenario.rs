@@ -18,7 +18,7 @@
 //! within_m = 1.2                     # default 1.0
 //! ```
 //!
-//! In MuJoCo the handler may do more than follow:
+//! In MuJoCo the handler may disturb the walk:
 //!
 //! ```toml
 //! [[handler]]
@@ -26,7 +26,7 @@
 //!                                    # "pull": pulls at the handle,
 //! at_s = 6.0                         # from this run time on,
 //! for_s = 1.5                        # for so long,
-//! pull_n = [0, -60]                  # so hard, newtons: ahead and to the left as the robot stands; "pull" alone
+//! pull_n = [0, -20]                  # so hard, newtons: ahead and to the left as the robot stands; "pull" alone
 //! ```
 //!
 //! A route is the same without `world`, `start` and `handler`, and with `time_limit_s` at will.
@@ -88,9 +88,9 @@ pub struct Route {
     pub time_limit_s: Option<f64>,
 }
 
-/// What a handler does beside following.
+/// How a handler disturbs a walk.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Does {
+pub enum DisturbanceKind {
     /// Stands, and holds the handle no more.
     LetGo,
     /// Is caught by something, and holds on.
@@ -99,19 +99,19 @@ pub enum Does {
     Pull([f64; 2]),
 }
 
-/// What a handler does, and when.
+/// A disturbance by the handler, and when it comes.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Deed {
-    /// What.
-    pub does: Does,
-    /// From this run time on, seconds,
+pub struct Disturbance {
+    /// Which.
+    pub kind: DisturbanceKind,
+    /// It begins at this run time, seconds.
     pub at_s: f64,
-    /// for so long, seconds.
+    /// It lasts for this time, seconds.
     pub for_s: f64,
 }
 
-impl Deed {
-    /// Whether it is done at a run time, seconds.
+impl Disturbance {
+    /// Whether it is there at a run time, seconds.
     #[must_use]
     pub fn is_at(&self, run_time_s: f64) -> bool {
         (self.at_s..self.at_s + self.for_s).contains(&run_time_s)
@@ -127,8 +127,8 @@ pub struct Scenario {
     pub start: Pose2,
     /// Cues, goal and time limit; a scenario has the latter.
     pub route: Route,
-    /// What the handler does beside following.
-    pub deeds: Vec<Deed>,
+    /// How the handler disturbs the walk.
+    pub disturbances: Vec<Disturbance>,
 }
 
 /// Gives a route's cues as they come due.
@@ -188,7 +188,7 @@ struct ScenarioFile {
     #[serde(default)]
     cue: Vec<Spanned<CueEntry>>,
     #[serde(default)]
-    handler: Vec<Spanned<DeedEntry>>,
+    handler: Vec<Spanned<DisturbanceEntry>>,
 }
 
 #[derive(Deserialize)]
@@ -227,7 +227,7 @@ struct CueEntry {
 
 #[derive(Deserialize)]
 #[serde(rename_all = "snake_case")]
-enum DeedKind {
+enum EntryKind {
     LetGo,
     Snag,
     Pull,
@@ -235,8 +235,8 @@ enum DeedKind {
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
-struct DeedEntry {
-    does: DeedKind,
+struct DisturbanceEntry {
+    does: EntryKind,
     at_s: f64,
     for_s: f64,
     pull_n: Option<[f64; 2]>,
@@ -252,6 +252,8 @@ const PLACE_M: (f64, f64) = (-1e6, 1e6);
 const WITHIN_M: (f64, f64) = (0.01, 100.0);
 /// A day, seconds.
 const TIME_S: (f64, f64) = (0.0, 86_400.0);
+/// A disturbance lasts for a step of the physics at least, seconds.
+const LASTS_S: (f64, f64) = (0.01, 86_400.0);
 /// No handler pulls harder on either axis, newtons.
 const PULL_N: (f64, f64) = (-500.0, 500.0);
 /// A walk that ends at once is none, seconds.
@@ -284,7 +286,7 @@ impl Scenario {
             world: folder.join(&entry.world),
             start: Pose2::new(at.x, at.y, yaw_rad),
             route: route.check(&toml)?,
-            deeds: entry.handler.iter().map(|entry| deed(&toml, entry)).collect::<Result<_, _>>()?,
+            disturbances: entry.handler.iter().map(|entry| disturbance(&toml, entry)).collect::<Result<_, _>>()?,
         })
     }
 
@@ -370,20 +372,20 @@ fn cue(toml: &TomlText<'_>, entry: &Spanned<CueEntry>) -> Result<CuePoint, World
     Ok(CuePoint { kind: cue.kind, trigger })
 }
 
-fn deed(toml: &TomlText<'_>, entry: &Spanned<DeedEntry>) -> Result<Deed, WorldError> {
-    let (span, deed) = (entry.span(), entry.get_ref());
-    toml.check(&span, "handler.at_s", deed.at_s, TIME_S)?;
-    toml.check(&span, "handler.for_s", deed.for_s, TIME_S)?;
-    let does = match (&deed.does, deed.pull_n) {
-        (DeedKind::LetGo, None) => Does::LetGo,
-        (DeedKind::Snag, None) => Does::Snag,
-        (DeedKind::Pull, Some(pull_n)) => {
+fn disturbance(toml: &TomlText<'_>, entry: &Spanned<DisturbanceEntry>) -> Result<Disturbance, WorldError> {
+    let (span, disturbance) = (entry.span(), entry.get_ref());
+    toml.check(&span, "handler.at_s", disturbance.at_s, TIME_S)?;
+    toml.check(&span, "handler.for_s", disturbance.for_s, LASTS_S)?;
+    let kind = match (&disturbance.does, disturbance.pull_n) {
+        (EntryKind::LetGo, None) => DisturbanceKind::LetGo,
+        (EntryKind::Snag, None) => DisturbanceKind::Snag,
+        (EntryKind::Pull, Some(pull_n)) => {
             pull_n.into_iter().try_for_each(|newtons| toml.check(&span, "handler.pull_n", newtons, PULL_N))?;
-            Does::Pull(pull_n)
+            DisturbanceKind::Pull(pull_n)
         }
         _ => return Err(toml.refuse(&span, "handler", "pull_n belongs to does = \"pull\", which needs it".to_owned())),
     };
-    Ok(Deed { does, at_s: deed.at_s, for_s: deed.for_s })
+    Ok(Disturbance { kind, at_s: disturbance.at_s, for_s: disturbance.for_s })
 }
 
 fn place(

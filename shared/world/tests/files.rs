@@ -6,7 +6,9 @@ use std::path::Path;
 
 use guidance::HandlerErrors;
 use guidance::se2::Point;
-use guidedog_world::{Cell, CuePoint, CueSequence, CueTrigger, Deed, Does, GridMap, Route, Scenario, World};
+use guidedog_world::{
+    Cell, CuePoint, CueSequence, CueTrigger, Disturbance, DisturbanceKind, GridMap, Route, Scenario, World,
+};
 use messages::{CueKind, Pose2};
 
 fn world_error(text: &str) -> String {
@@ -232,22 +234,31 @@ fn a_handlers_errors_turn_the_start_and_shift_the_cues_of_places_along_the_way()
 
 #[test]
 fn a_scenario_tells_what_the_handler_does_and_refuses_what_makes_no_sense() {
-    let of = |deed: &str| {
+    let of = |disturbance: &str| {
         let start = "world = \"x.toml\"\nstart = { at = [0, 0] }\ntime_limit_s = 9\n";
-        Scenario::from_toml("s.toml", &format!("{start}[[handler]]\nat_s = 2.0\nfor_s = 1.5\n{deed}"), Path::new(""))
+        Scenario::from_toml(
+            "s.toml",
+            &format!("{start}[[handler]]\nat_s = 2.0\nfor_s = 1.5\n{disturbance}"),
+            Path::new(""),
+        )
     };
-    let deeds = of("does = \"pull\"\npull_n = [5, -20]\n").unwrap().deeds;
-    assert_eq!(deeds, [Deed { does: Does::Pull([5.0, -20.0]), at_s: 2.0, for_s: 1.5 }]);
-    assert!(deeds[0].is_at(2.0) && deeds[0].is_at(3.4) && !deeds[0].is_at(3.5) && !deeds[0].is_at(1.9));
-    assert_eq!(of("does = \"let_go\"\n").unwrap().deeds[0].does, Does::LetGo);
+    let disturbances = of("does = \"pull\"\npull_n = [5, -20]\n").unwrap().disturbances;
+    assert_eq!(disturbances, [Disturbance { kind: DisturbanceKind::Pull([5.0, -20.0]), at_s: 2.0, for_s: 1.5 }]);
+    assert!(
+        disturbances[0].is_at(2.0)
+            && disturbances[0].is_at(3.4)
+            && !disturbances[0].is_at(3.5)
+            && !disturbances[0].is_at(1.9)
+    );
+    assert_eq!(of("does = \"let_go\"\n").unwrap().disturbances[0].kind, DisturbanceKind::LetGo);
     let pulls = "pull_n belongs to does = \"pull\", which needs it";
-    for (deed, told) in [
+    for (disturbance, told) in [
         ("does = \"snag\"\npull_n = [1, 1]\n", pulls),
         ("does = \"pull\"\n", pulls),
         ("does = \"pull\"\npull_n = [0, 9000]\n", "handler.pull_n"),
         ("does = \"jump\"\n", "unknown variant `jump`"),
     ] {
-        let error = of(deed).unwrap_err().to_string();
+        let error = of(disturbance).unwrap_err().to_string();
         assert!(error.starts_with("s.toml:") && error.contains(told), "{error}");
     }
 }

@@ -42,6 +42,13 @@ pub(super) struct Eye {
     pub apart_at_1_m: f64,
 }
 
+impl Eye {
+    /// Floor that is seen goes on over a gap of this length at a distance, metres.
+    fn gap_m(&self, along_m: f64) -> f64 {
+        GAP_M.max(GAP_ROWS * self.apart_at_1_m * along_m * along_m)
+    }
+}
+
 /// What a pixel sees, metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Pixel {
@@ -185,13 +192,14 @@ impl Column {
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
         }
-        let rows_m = if is_doubtful || self.low > 0 { 0.0 } else { GAP_ROWS * eye.apart_at_1_m * along_m * along_m };
         // A step down that can be taken hides the floor right behind it, by no more than its height tells.
         let lower_m = (level_m - self.floors[0].level_m).max(0.0);
         let gap_m = if lower_m > 0.0 {
             (lower_m / eye.height_m * along_m + eye.apart_at_1_m * along_m * along_m).min(HIDDEN_MAX_M)
+        } else if is_doubtful || self.low > 0 {
+            GAP_M
         } else {
-            GAP_M.max(rows_m)
+            eye.gap_m(along_m)
         };
         let goes_on = !drops && self.seen_m[0] - along_m <= gap_m;
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
@@ -209,7 +217,7 @@ impl Column {
         let wide_m = self.lip.along_m - here.along_m;
         let is_level = (self.lip.rise_m - here.rise_m).abs() <= LIPS_M + RAMP * wide_m;
         let gap_m = self.floors[0].along_m - here.along_m;
-        let is_gap = self.low > 0 || gap_m > GAP_M.max(GAP_ROWS * eye.apart_at_1_m * here.along_m * here.along_m);
+        let is_gap = self.low > 0 || gap_m > eye.gap_m(here.along_m);
         let low_m = (self.low > 0).then_some(self.missing.rise_m - self.missing.level_m);
         let (lowest_m, second_m) = match low_m {
             Some(low_m) => (low_m, self.floors[0].rise_m),

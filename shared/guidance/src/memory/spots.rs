@@ -207,7 +207,7 @@ impl Spots {
         any
     }
 
-    /// The spots in a cell and in those up to so many cells away.
+    /// The spots of a cell and of the cells around it, up to `cells` away.
     fn beside(&self, (i, j): (i32, i32), cells: i32) -> impl Iterator<Item = &Spot> {
         let about = (-cells..=cells).flat_map(move |up| (-cells..=cells).map(move |on| (i + on, j + up)));
         about.filter_map(|cell| {
