@@ -4,8 +4,8 @@
 use std::fs;
 
 use control::{ServicePhase, Status};
-use guidedog_tests::{Came, Live, Place, Wire, is_alive, pid_of, service, told};
-use messages::Odometry;
+use guidedog_tests::{Came, Live, Place, Wire, is_alive, pid_of, service, told, vx_mps};
+use messages::{ModeClass, Odometry};
 
 const MS: u64 = 1_000_000;
 
@@ -243,5 +243,35 @@ fn a_full_shm_stops_no_walk_and_who_dies_meanwhile_comes_back_once_there_is_room
     let mut stops = report["stops"].as_array().expect("stops").iter();
     let others = stops.find(|stop| stop["reason"] == "service_died" && stop["service"] != "depth");
     assert!(others.is_none(), "a full shared memory kills no other service: {others:#?}");
+    place.assert_empty();
+}
+
+#[test]
+fn a_camera_that_is_knocked_out_of_its_mount_stops_the_walk_until_it_looks_as_before() {
+    let place = Place::new();
+    let config = place.path().join("legged.toml");
+    fs::write(&config, "simulation.noise = \"legged\"\n").expect("written");
+    let config = config.to_string_lossy().into_owned();
+    let mut run = Live::up(&place, "knock", &["--scenario", "corridor", "--faults", "--config", &config]);
+    run.wait_walking();
+    inject(&place, "knock", "depth/frame", "tilted", &[]);
+    let is_told = |status: &Status| {
+        let is_named = status.mode.reason.as_ref().is_some_and(|reason| reason.starts_with("camera_tilted"));
+        is_named && status.mode.class == ModeClass::Fault && status.mode.ready_for_cue
+    };
+    let epoch = run.wait("it is told", is_told).mode.epoch;
+    // A cue does not make the camera look right.
+    let (answer, code) = place.json(&["cue", "forward", "--run", "knock", "--json"]);
+    assert_eq!(code, 0, "{answer:#}");
+    run.wait("it is told again", |status| is_told(status) && status.mode.epoch > epoch);
+    inject(&place, "knock", "depth/frame", "none", &[]);
+    run.wait("it walks on", |status| {
+        if status.mode.class == ModeClass::Fault && status.mode.ready_for_cue {
+            let _ = place.json(&["cue", "forward", "--run", "knock", "--json"]);
+        }
+        vx_mps(status) > 0.2
+    });
+    let (report, _) = run.end();
+    assert_eq!(report["collisions"]["robot"], 0, "{report:#}");
     place.assert_empty();
 }

@@ -389,6 +389,7 @@ impl Gate {
                 ));
             }
             Outcome::NoFloor => return sudden(StopKind::NoFloor),
+            Outcome::CameraTilted => return sudden(StopKind::CameraTilted),
             Outcome::InvalidAction => return unusable(TopicId::PolicyAction),
         }
         if now_ns > permit.expiry_ns {

@@ -5,7 +5,7 @@ use guidance::se2::{Point, pose2};
 use guidance::shield::{choose, masked_at_edge, suppress};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, InteractionModel, Judgement, Pose, Se2, Shield,
-    ShieldConfig,
+    ShieldConfig, TiltWatch,
 };
 use messages::{
     Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit,
@@ -106,6 +106,7 @@ pub struct Core {
     shield: Shield,
     awareness: Awareness,
     floor: FloorWatch,
+    tilt: TiltWatch,
     jumps: u64,
     mode: Option<Mode>,
     running: Option<Running>,
@@ -128,6 +129,7 @@ impl Core {
             shield: Shield::new(config.shield.clone()),
             awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
             floor: FloorWatch::default(),
+            tilt: TiltWatch::default(),
             jumps: 0,
             mode: None,
             running: None,
@@ -211,7 +213,9 @@ impl Core {
         self.awareness.take_depth(header, pixels_mm);
         if self.config.watches_floor {
             let stamp_ns = header.header.stamp_ns;
-            self.floor.take(stamp_ns, self.awareness.evidence(stamp_ns).depth);
+            let view = self.awareness.evidence(stamp_ns).depth;
+            self.floor.take(stamp_ns, view);
+            self.tilt.take(stamp_ns, self.awareness.odom_from_robot(), view);
         }
     }
 
@@ -451,6 +455,9 @@ impl Core {
         }
         if self.floor.sees_none() {
             return Outcome::NoFloor;
+        }
+        if self.tilt.is_tilted() {
+            return Outcome::CameraTilted;
         }
         let Some(running) = self.running else { return Outcome::NoAction };
         let wanted = if mode.cue.valid { mode.cue.cue.header } else { messages::Header::default() };

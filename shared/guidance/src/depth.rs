@@ -1,7 +1,9 @@
 //! What a depth frame adds to the lidar: obstacles that its plane misses, as points, and what is seen free.
 
+mod before;
 mod column;
 mod floor;
+mod slopes;
 mod stance;
 mod stepped;
 mod steps;
@@ -12,7 +14,6 @@ use std::ops::Range;
 use messages::DepthHeader;
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 
-use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
 use column::{Column, Eye, Pixel};
@@ -20,6 +21,7 @@ use floor::{Cells, Look, Plane};
 use steps::Steps;
 
 pub use floor::FloorCell;
+pub use slopes::Slopes;
 pub use stance::Stance;
 pub use stepped::FloorStep;
 pub use steps::StepMax;
@@ -53,13 +55,6 @@ const AGREE_M: f64 = 0.10;
 const AGREE_SHARE: f64 = 0.03;
 /// Of so many pixels at least one must say something, or the camera is covered.
 const KNOWN_OF: usize = 20;
-
-/// A camera that sees nothing stands before something where at least so many beams end in its view,
-const BEFORE_BEAMS: usize = 8;
-/// and all but one in so many end nearer to it than it can see,
-const BEFORE_OF: usize = 20;
-/// give or take so much, metres.
-const BEFORE_M: f64 = 0.05;
 
 /// Rounding of the tangent of a column's angle.
 const EDGE: f64 = 1e-9;
@@ -415,7 +410,6 @@ impl DepthView {
         let (step, cells_of) =
             if is_stepped { (stride(header), FLOOR_OF / CELLS_OF) } else { (FLOOR_OF / CELLS_OF * stride(header), 1) };
         let rows = (header.height as usize / CELL_ROWS).max(1);
-        self.low.clear();
         self.cells.begin();
         self.stepped.begin();
         for v in (0..header.height as usize).step_by(rows) {
@@ -479,26 +473,6 @@ impl DepthView {
         place(self.camera, self.forward, along, left)
     }
 
-    /// Whether the lidar tells why the camera of that header sees nothing: what stands before it is nearer than
-    /// `nearest_m`, the least depth that it can see. Beams and camera are seen from where the robot is.
-    #[must_use]
-    pub fn stands_before_something(header: &DepthHeader, nearest_m: f64, beams: &Beams) -> bool {
-        let mount = header.robot_from_camera;
-        let forward = Vector2::new(mount.yaw_rad.cos(), mount.yaw_rad.sin());
-        let left = Vector2::new(-forward.y, forward.x);
-        let half_width = f64::from(header.width) / 2.0 / header.fx_px;
-        let (mut near, mut all) = (0, 0);
-        for beam in beams.beams().iter().filter(|beam| beam.kind != BeamKind::Unknown) {
-            let to = beam.end - Point::new(mount.x_m, mount.y_m);
-            let along_m = to.dot(&forward);
-            if along_m > 0.0 && to.dot(&left).abs() <= half_width * along_m {
-                all += 1;
-                near += usize::from(beam.kind == BeamKind::Hit && along_m <= nearest_m + BEFORE_M);
-            }
-        }
-        near >= BEFORE_BEAMS && (all - near) * BEFORE_OF <= all
-    }
-
     /// Nothing seen.
     pub fn clear(&mut self) {
         self.stamped.clear();
@@ -507,6 +481,7 @@ impl DepthView {
         self.stamped_edges.clear();
         self.edges.clear();
         self.columns.clear();
+        self.low.clear();
         self.cells.clear();
         self.stepped.clear();
         self.steps.clear();

@@ -303,7 +303,7 @@ impl Default for PolicyAction {
 /// What the shield found. Only [`Outcome::Granted`] lets the robot move.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/2"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -344,6 +344,8 @@ pub enum Outcome {
     ScanContradicts,
     /// Refused: the camera shows no floor, though nothing stands before it.
     NoFloor,
+    /// Refused: the camera is tilted against its configured mount, or the robot began on a slope.
+    CameraTilted,
 }
 
 named!(Outcome);
@@ -356,7 +358,7 @@ impl Outcome {
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 18] = [
+    pub const ALL: [Self; 19] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -375,6 +377,7 @@ impl Outcome {
         Self::StuckDepth,
         Self::ScanContradicts,
         Self::NoFloor,
+        Self::CameraTilted,
     ];
 
     /// The name, as in reports.
@@ -399,6 +402,7 @@ impl Outcome {
             Self::StuckDepth => "stuck_depth",
             Self::ScanContradicts => "scan_contradicts",
             Self::NoFloor => "no_floor",
+            Self::CameraTilted => "camera_tilted",
         }
     }
 }
@@ -482,7 +486,7 @@ mirrored! {
     /// The shield's verdict, and the permit where `outcome` is [`Outcome::Granted`].
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/3"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Permit/4"))]
     #[repr(C)]
     pub struct Permit {
         /// Stamp (run time of the verdict), seq, incarnation.

@@ -41,7 +41,7 @@ mirrored! {
     /// Why the robot stands, with evidence.
     #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/3"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/StopReason/4"))]
     #[repr(C)]
     pub struct StopReason {
         /// What kind of stop.

@@ -396,6 +396,14 @@ stops! {
         meaning: "a low step leads up where the robot was to go, and it waits for the handler's word",
         advice: "the cue forward, given once the robot says so, takes the step; or another cue",
     }
+    CameraTilted = 44, "camera_tilted" {
+        class: Latched,
+        holds_a_cue: true, latched_by_locomotion: true,
+        meaning: "the floor that the camera sees is tilted: it looks otherwise than its mount is configured, or the robot \
+                  began on a slope",
+        advice: "set the camera as depth.pose says, or depth.pose as it is mounted, and start again; begin a walk on \
+                 level floor",
+    }
     Arrived = 36, "arrived" {
         class: Lock,
         holds_a_cue: false, latched_by_locomotion: false,
@@ -454,6 +462,7 @@ mod tests {
             "step_up",
             "low_step_down",
             "low_step_up",
+            "camera_tilted",
         ];
         assert_eq!(names(StopKind::holds_a_cue), holding);
         let latched = [
@@ -464,6 +473,7 @@ mod tests {
             "emergency_stop",
             "robot_fell",
             "no_floor",
+            "camera_tilted",
         ];
         assert_eq!(names(StopKind::is_latched), latched);
         assert!(!StopKind::None.holds_a_cue() && !StopKind::None.is_latched());

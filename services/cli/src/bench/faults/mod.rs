@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use messages::fault::{Device, Dice, Fault, Target};
 use messages::{MemoryClass, ServiceId, StopKind, TopicId};
 use serde_json::{Value, json};
-use settings::{LinkKind, PolicyModel};
+use settings::{LinkKind, PolicyModel, SimulatedNoise};
 
 use crate::args::FaultsArgs;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
@@ -73,6 +73,8 @@ enum Kind {
     Simulated,
     /// The same with the learnt policy, in whose process it is.
     Learnt,
+    /// The same on legs, which tell how they hold the body.
+    Legged,
     /// With emulated devices, whose robot is commanded so, and does that when nothing more comes.
     Emulated(LinkKind, Silence),
 }
@@ -89,6 +91,8 @@ impl Rigs {
             }
             _ if self.robot.is_some() => Kind::Emulated(link, Silence::HoldsLast),
             (Target::Service(ServiceId::Policy), _) => Kind::Learnt,
+            // Where the attitude of the body is not known, the floor cannot tell how the camera is held.
+            (_, Fault::Tilted) => Kind::Legged,
             _ => Kind::Simulated,
         };
         if self.rig.as_ref().is_none_or(|(other, _)| *other != kind) {
@@ -96,6 +100,7 @@ impl Rigs {
             let rig = match kind {
                 Kind::Simulated => Rig::new()?,
                 Kind::Learnt => Rig::with(|settings| settings.policy.model = PolicyModel::Guide)?,
+                Kind::Legged => Rig::with(|settings| settings.simulation.noise = SimulatedNoise::Legged)?,
                 Kind::Emulated(link, silence) => Rig::emulated(link, silence)?,
             };
             self.rig = Some((kind, rig));
