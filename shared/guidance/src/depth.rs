@@ -3,6 +3,7 @@
 mod before;
 mod column;
 mod floor;
+mod frame;
 mod slopes;
 mod stance;
 mod stepped;
@@ -18,9 +19,11 @@ use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
 use column::{Column, Eye, Pixel};
 use floor::{Cells, Look, Plane};
+use frame::{agrees, apart_at_1_m, cell_rows, check, left_of, near_m, stride, up_of};
 use steps::Steps;
 
 pub use floor::FloorCell;
+pub use frame::DepthError;
 pub use slopes::Slopes;
 pub use stance::Stance;
 pub use stepped::FloorStep;
@@ -43,89 +46,11 @@ const COLUMNS_MAX: f64 = 4096.0;
 const FLOOR_OF: usize = 4;
 /// One in this many of the sampled columns is used to find its slope.
 const CELLS_OF: usize = 2;
-/// About this many rows are used for that.
-const CELL_ROWS: usize = 120;
-/// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
-const CAMERA_MIN_M: f64 = 0.1;
-/// About so many columns are looked at, but every row: a bar across the way is thin in height.
-const COLUMNS: usize = 160;
-/// A pixel is an obstacle where the next one to the right or below is about as near; one alone is noise.
-const AGREE_M: f64 = 0.10;
-/// The same, as a share of the depth.
-const AGREE_SHARE: f64 = 0.03;
 /// Of so many pixels at least one must say something, or the camera is covered.
 const KNOWN_OF: usize = 20;
 
 /// Rounding of the tangent of a column's angle.
 const EDGE: f64 = 1e-9;
-
-/// A depth frame cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum DepthError {
-    /// The frame has another number of pixels than its header says.
-    #[error("a depth frame of {pixels} pixels, where its header says {width}x{height}")]
-    Size {
-        /// Pixels in the frame.
-        pixels: usize,
-        /// Columns by the header.
-        width: u32,
-        /// Rows by the header.
-        height: u32,
-    },
-    /// Next to no pixel says anything: something covers the camera.
-    #[error("only {known} of {looked_at} pixels say anything")]
-    Blind {
-        /// Pixels that say something.
-        known: usize,
-        /// Pixels looked at.
-        looked_at: usize,
-    },
-    /// Focal length or mounting pose is not usable.
-    #[error("the depth frame's {0} is not usable")]
-    Geometry(&'static str),
-}
-
-fn check(header: &DepthHeader, pixels: usize) -> Result<(), DepthError> {
-    let (width, height) = (header.width as usize, header.height as usize);
-    if pixels == 0 || width.checked_mul(height) != Some(pixels) {
-        return Err(DepthError::Size { pixels, width: header.width, height: header.height });
-    }
-    if ![header.fx_px, header.fy_px].iter().all(|focal| focal.is_finite() && *focal > 0.0) {
-        return Err(DepthError::Geometry("focal length"));
-    }
-    let mount = header.robot_from_camera;
-    let numbers = [mount.x_m, mount.y_m, mount.z_m, mount.yaw_rad, mount.pitch_rad, header.cx_px, header.cy_px];
-    if numbers.iter().all(|number| number.is_finite()) { Ok(()) } else { Err(DepthError::Geometry("mounting pose")) }
-}
-
-/// How far two rows of pixels of a camera of that height are apart on the floor at 1 m, metres.
-fn apart_at_1_m(header: &DepthHeader, camera_m: f64) -> f64 {
-    1.0 / (header.fy_px * camera_m.max(CAMERA_MIN_M))
-}
-
-/// Step between the sampled columns, pixels.
-fn stride(header: &DepthHeader) -> usize {
-    (header.width as usize / COLUMNS).max(1)
-}
-
-/// Tangent of the angle to the left of the camera's axis.
-fn left_of(header: &DepthHeader, u: usize) -> f64 {
-    -(u as f64 - header.cx_px) / header.fx_px
-}
-
-/// Tangent of the angle above it.
-fn up_of(header: &DepthHeader, v: usize) -> f64 {
-    -(v as f64 - header.cy_px) / header.fy_px
-}
-
-/// Whether the next pixel to the right or below is about as near.
-fn agrees(pixels_mm: &[u16], width: usize, at: usize) -> bool {
-    let depth_m = f64::from(pixels_mm[at]) / 1000.0;
-    let near_m = AGREE_M + AGREE_SHARE * depth_m;
-    let is_near = |mm: &u16| (f64::from(*mm) / 1000.0 - depth_m).abs() <= near_m;
-    let right = pixels_mm.get(at + 1).filter(|_| !(at + 1).is_multiple_of(width));
-    right.is_some_and(is_near) || pixels_mm.get(at + width).is_some_and(is_near)
-}
 
 fn place(camera: Point, forward: Vector2<f64>, along: f64, left: f64) -> Point {
     camera + forward * along + Vector2::new(-forward.y, forward.x) * left
@@ -244,12 +169,27 @@ impl DepthView {
         pixels_mm: &[u16],
         tilt: Option<&Tilt>,
     ) -> Result<(), DepthError> {
+        self.fill_remembering(header, pixels_mm, tilt, |_| false)
+    }
+
+    /// The same, where `was_floor` tells whether floor was seen before at a place (robot frame of the frame's stamp). The
+    /// floor at the feet is below the image, and so is the ramp or the step that leads to the first floor in view.
+    ///
+    /// # Errors
+    /// As [`Self::fill`].
+    pub fn fill_remembering(
+        &mut self,
+        header: &DepthHeader,
+        pixels_mm: &[u16],
+        tilt: Option<&Tilt>,
+        was_floor: impl Fn(Point) -> bool,
+    ) -> Result<(), DepthError> {
         self.clear();
         self.number += 1;
         check(header, pixels_mm.len())?;
         match tilt {
             None => self.look_level(header, pixels_mm),
-            Some(tilt) => self.look_tilted(header, pixels_mm, tilt)?,
+            Some(tilt) => self.look_tilted(header, pixels_mm, tilt, &was_floor)?,
         }
         let looked_at = (header.width as usize).div_ceil(stride(header)) * header.height as usize;
         let known: usize = self.columns.iter().map(|column| column.known as usize).sum();
@@ -315,7 +255,13 @@ impl DepthView {
     }
 
     /// A pixel's column is the one in whose direction its ray leads over the floor.
-    fn look_tilted(&mut self, header: &DepthHeader, pixels_mm: &[u16], tilt: &Tilt) -> Result<(), DepthError> {
+    fn look_tilted(
+        &mut self,
+        header: &DepthHeader,
+        pixels_mm: &[u16],
+        tilt: &Tilt,
+        was_floor: &dyn Fn(Point) -> bool,
+    ) -> Result<(), DepthError> {
         let mount = header.robot_from_camera;
         let camera = tilt.place(Point3::new(mount.x_m, mount.y_m, mount.z_m));
         let mounted = Rotation3::from_euler_angles(0.0, mount.pitch_rad, mount.yaw_rad);
@@ -326,7 +272,8 @@ impl DepthView {
             |axis: Vector3<f64>| Vector3::new(axis.xy().dot(&self.forward), self.forward.perp(&axis.xy()), axis.z);
         let axes = Axes { ahead: in_view(in_robot[0]), left: in_view(in_robot[1]), up: in_view(in_robot[2]) };
         self.lay_out(header, &axes)?;
-        let plane = self.find_floor(header, pixels_mm, &axes, camera);
+        self.gather(header, pixels_mm, &axes, camera);
+        let plane = self.find_floor(header, camera, was_floor);
         let (width, stride) = (header.width as usize, stride(header));
         let (per_column, per_pixel) = (header.fx_px / stride as f64, header.fy_px.recip());
         let eye = self.eye(header, camera.z);
@@ -403,13 +350,13 @@ impl DepthView {
         Ok(())
     }
 
-    /// The trimmed plane; the cells tell what is over it.
-    fn find_floor(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera: Point3<f64>) -> Plane {
+    /// Gathers what may be floor.
+    fn gather(&mut self, header: &DepthHeader, pixels_mm: &[u16], axes: &Axes, camera: Point3<f64>) {
         // Steps are looked for in each of the columns.
         let (width, is_stepped) = (header.width as usize, self.step_max.is_some());
         let (step, cells_of) =
             if is_stepped { (stride(header), FLOOR_OF / CELLS_OF) } else { (FLOOR_OF / CELLS_OF * stride(header), 1) };
-        let rows = (header.height as usize / CELL_ROWS).max(1);
+        let rows = cell_rows(header);
         self.cells.begin();
         self.stepped.begin();
         for v in (0..header.height as usize).step_by(rows) {
@@ -433,11 +380,16 @@ impl DepthView {
                 }
             }
         }
-        let apart_at_1_m = rows as f64 * apart_at_1_m(header, camera.z);
+    }
+
+    /// The trimmed plane; the cells tell what is over it.
+    fn find_floor(&mut self, header: &DepthHeader, camera: Point3<f64>, was_floor: &dyn Fn(Point) -> bool) -> Plane {
+        let apart_at_1_m = cell_rows(header) as f64 * apart_at_1_m(header, camera.z);
         self.find_steps(apart_at_1_m, camera.z);
         let (eye, forward) = (self.camera, self.forward);
         let plane = Plane::of(&self.low);
-        let look = Look { ahead_m: eye.coords.dot(&forward), apart_at_1_m };
+        let was_floor = |along: f64, left: f64| was_floor(place(eye, forward, along, left));
+        let look = Look { ahead_m: eye.coords.dot(&forward), apart_at_1_m, was_floor: &was_floor };
         self.cells.spread(&look, |along, left| {
             let at = place(eye, forward, along, left);
             plane.height_m(at.x, at.y)
@@ -449,7 +401,7 @@ impl DepthView {
     fn find_edges(&mut self) {
         for i in 0..self.columns.len() {
             let Column { edge_m, edge_left_m, .. } = self.columns[i];
-            let near_m = AGREE_M + AGREE_SHARE * edge_m;
+            let near_m = near_m(edge_m);
             let beside = &self.columns[i.saturating_sub(1)..self.columns.len().min(i + 2)];
             let agreeing = beside.iter().filter(|other| (other.edge_m - edge_m).abs() <= near_m).count();
             if edge_m < EDGE_REACH_M && agreeing > 1 {

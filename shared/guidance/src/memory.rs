@@ -394,7 +394,13 @@ impl Memory {
     /// Whether the floor at a place (robot frame) was seen.
     #[must_use]
     pub fn has_seen_floor(&self, place: Point) -> bool {
-        let cell = floor::cell_of(self.odom_from_robot * place);
+        self.has_seen_floor_at(self.odom_from_robot * place)
+    }
+
+    /// The same at a place in the odometry frame.
+    #[must_use]
+    pub fn has_seen_floor_at(&self, place: Point) -> bool {
+        let cell = floor::cell_of(place);
         self.floor.as_ref().is_some_and(|map| map.floor(cell, &self.here(), self.config.drift) == Floor::Seen)
     }
 

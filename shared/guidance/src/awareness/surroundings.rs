@@ -140,12 +140,15 @@ impl Surroundings {
         if let Some(odom_from_robot) = track.at(header.header.stamp_ns) {
             self.depth_repeats.take_depth(pixels_mm, &odom_from_robot);
         }
-        let known = self.memory.as_ref().zip(track.at(header.header.stamp_ns));
-        let known = known.as_ref().map(|(memory, odom_from_robot)| memory.low_steps_from(odom_from_robot));
+        let placed = self.memory.as_ref().zip(track.at(header.header.stamp_ns));
+        let known = placed.as_ref().map(|(memory, odom_from_robot)| memory.low_steps_from(odom_from_robot));
         self.depth.expect_steps(known.into_iter().flatten());
         // Without the attitude, floor cannot be told from obstacles.
         let held = track.held_at(header.header.stamp_ns);
-        let filled = self.depth.fill_tilted(header, pixels_mm, held.as_ref().and_then(Held::tilt));
+        let tilt = held.as_ref().and_then(Held::tilt);
+        let was_floor =
+            |place: Point| placed.as_ref().is_some_and(|(memory, odom)| memory.has_seen_floor_at(odom * place));
+        let filled = self.depth.fill_remembering(header, pixels_mm, tilt, was_floor);
         self.depth_usable = filled.is_ok() && held.is_some();
         self.depth_blind = matches!(filled, Err(DepthError::Blind { .. }));
         self.depth_header = Some(*header);

@@ -165,3 +165,22 @@ fn a_cell_tells_floor_from_what_lies_behind_a_step() {
     view.fill(&header, &pixels).expect("usable");
     assert_eq!(at(&view, 2.4), FloorCell::Unseen, "the attitude is not known");
 }
+
+#[test]
+fn floor_that_was_seen_before_goes_on_from_the_feet_at_the_end_of_a_ramp_down_and_a_deep_drop_does_not() {
+    let header = camera_160();
+    let mut view = DepthView::default();
+    let mut edges = |ground_m: &dyn Fn(f64, f64) -> f64, was_floor: bool| {
+        let told = held(2.0, 3.5);
+        let pixels = seen(&header, &ground_m);
+        view.fill_remembering(&header, &pixels, Some(&told), |_| was_floor).expect("usable");
+        view.edges().len()
+    };
+    // The robot stands on a ramp, 1.15 m before its foot.
+    let foot = |x: f64, _: f64| -0.1 * x.clamp(0.0, 1.15);
+    assert_eq!((edges(&foot, false) > 50, edges(&foot, true)), (true, 0));
+    let kerb = |rise_m: f64| move |x: f64, _: f64| if x > 0.4 { rise_m } else { 0.0 };
+    // A step that was taken. Behind one that was not, no floor was seen.
+    assert_eq!((edges(&kerb(-0.12), false) > 50, edges(&kerb(-0.12), true)), (true, 0));
+    assert!(edges(&kerb(-0.2), true) > 50, "deeper than a ramp leads from the feet");
+}

@@ -26,6 +26,11 @@ const BLIND_SLOPE: f64 = 0.0833;
 const BLIND_M: f64 = 0.01;
 const BLIND_UP_M: f64 = 0.075;
 const BLIND_DOWN_M: f64 = 0.095;
+/// Floor that was seen to go on from the feet before may lie lower by so much more: a ramp down, or a step that was
+/// taken, that has come out of view, metres.
+const SEEN_DOWN_M: f64 = 0.06;
+/// It was seen at the middle of a cell and so far to each side of it, metres.
+const SEEN_ASIDE_M: f64 = 0.1;
 /// Farther to the side than this the first floor in view is level, metres: there the error of the attitude could lower
 /// a kerb further. Else it has to go on from the floor beside it.
 const BLIND_SIDE_M: f64 = 0.7;
@@ -66,12 +71,24 @@ impl FloorCell {
 }
 
 /// How the camera looks at the floor.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Look {
+#[derive(Clone, Copy)]
+pub(crate) struct Look<'a> {
     /// From the robot's middle to the camera, along its axis, metres.
     pub(crate) ahead_m: f64,
     /// Distance between two sampled rows of pixels on the floor, at 1 m, metres. It grows with the distance's square.
     pub(crate) apart_at_1_m: f64,
+    /// Whether floor was seen before at a place along the axis and to the left, metres.
+    pub(crate) was_floor: &'a dyn Fn(f64, f64) -> bool,
+}
+
+impl Look<'_> {
+    /// Whether floor of a height that lies below the feet was seen before, at a place and all about it.
+    fn saw_lower_floor(&self, height_m: f64, (along_m, left_m): (f64, f64)) -> bool {
+        let lowest_m = BLIND_SLOPE * (along_m + self.ahead_m) + SEEN_DOWN_M;
+        let about = [(0.0, 0.0), (SEEN_ASIDE_M, 0.0), (-SEEN_ASIDE_M, 0.0), (0.0, SEEN_ASIDE_M), (0.0, -SEEN_ASIDE_M)];
+        (-lowest_m..=0.0).contains(&height_m)
+            && about.iter().all(|(ahead_m, aside_m)| (self.was_floor)(along_m + ahead_m, left_m + aside_m))
+    }
 }
 
 /// The floor in cells. Reused from frame to frame.
@@ -119,7 +136,7 @@ impl Cells {
     }
 
     /// Spreads the floor. `plane_m` is the height of the trimmed plane at a place along the axis and to the left.
-    pub(crate) fn spread(&mut self, look: &Look, plane_m: impl Fn(f64, f64) -> f64) {
+    pub(crate) fn spread(&mut self, look: &Look<'_>, plane_m: impl Fn(f64, f64) -> f64) {
         for ((cell, bins), count) in self.cells.iter_mut().zip(&self.bins).zip(&self.counts) {
             if *count >= POINTS_MIN {
                 *cell = FloorCell::Apart(low_m(bins, *count));
@@ -172,14 +189,15 @@ impl Cells {
     }
 
     /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet.
-    fn join_outward(&mut self, row: usize, column: usize, look: &Look, plane_m: &impl Fn(f64, f64) -> f64) {
+    fn join_outward(&mut self, row: usize, column: usize, look: &Look<'_>, plane_m: &impl Fn(f64, f64) -> f64) {
         let FloorCell::Apart(height_m) = self.cell(row, column) else { return };
         let (along_m, left_m) = middle(row, column);
         let seen =
             (1..=row).map(|rows| inward(row, column, rows)).find(|(r, c)| self.cell(*r, *c) != FloorCell::Unseen);
         let Some((of_row, of_column)) = seen else {
             let slope = self.slope_outward(row, column).unwrap_or(0.0);
-            if begins(height_m, along_m + look.ahead_m, left_m, slope) {
+            let begins = begins(height_m, along_m + look.ahead_m, left_m, slope);
+            if begins || look.saw_lower_floor(height_m, (along_m, left_m)) {
                 self.cells[row * COLUMNS + column] = FloorCell::Floor(height_m);
             }
             return;
