@@ -108,9 +108,11 @@ pub(super) struct Column {
     floors: [Place; 2],
     /// The last of them from which the floor falls no more than a ramp does: where a hole may end.
     lip: Place,
-    /// Pixels below the floor since the last floor, and where the last of their rays passes through the floor's level.
+    /// Pixels below the floor since the last floor, where the last of their rays passes through the floor's level, and
+    /// the least height of them over the camera, metres.
     low: u32,
     missing: Place,
+    lowest_m: f64,
     /// Pixels in a row, up to here, that say nothing.
     unknown: u32,
     /// Pixels that say something.
@@ -136,6 +138,7 @@ impl Column {
             lip: NONE,
             low: 0,
             missing: NONE,
+            lowest_m: none,
             unknown: 0,
             known: 0,
         }
@@ -161,6 +164,7 @@ impl Column {
                 self.take_floor(pixel, eye, unknown > 1);
             } else if agrees() {
                 self.low += 1;
+                self.lowest_m = self.lowest_m.min(rise_m);
                 self.missing = Place { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m, level_m };
             }
             return;
@@ -186,9 +190,14 @@ impl Column {
     fn take_floor(&mut self, pixel: &Pixel, eye: &Eye, is_doubtful: bool) {
         let Pixel { along_m, left_m, drop_m, level_m, .. } = *pixel;
         let rise_m = pixel.rise_m - level_m;
-        let is_lower = |floor: &Place| rise_m - floor.rise_m > drop_m + RAMP * (floor.along_m - along_m);
+        // What lies as low as this floor is no drop behind it, whatever is known of the steps before either.
+        let is_lower = |floor: &Place| {
+            let falls_m = (rise_m - floor.rise_m).min(pixel.rise_m - floor.rise_m - floor.level_m);
+            falls_m > drop_m + RAMP * (floor.along_m - along_m)
+        };
+        let is_dropped = self.low >= LOW_MIN && pixel.rise_m - self.lowest_m > drop_m;
         let here = Place { along_m, left_m, rise_m, level_m };
-        let drops = self.low >= LOW_MIN || self.floors.iter().all(is_lower) || self.ends_hole(&here, eye);
+        let drops = is_dropped || self.floors.iter().all(is_lower) || self.ends_hole(&here, eye);
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
         }
@@ -203,7 +212,7 @@ impl Column {
         };
         let goes_on = !drops && self.seen_m[0] - along_m <= gap_m;
         self.seen_m = if goes_on { [self.seen_m[0].min(along_m), self.seen_m[1]] } else { [along_m; 2] };
-        self.low = 0;
+        (self.low, self.lowest_m) = (0, f64::INFINITY);
         let falls = rise_m < self.lip.rise_m - LIP_SLOPE * (self.lip.along_m - along_m);
         if drops || !falls || self.lip.rise_m.is_infinite() {
             self.lip = here;

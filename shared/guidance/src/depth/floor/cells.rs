@@ -188,20 +188,19 @@ impl Cells {
         }
     }
 
-    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet.
+    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet; or that lies lower
+    /// and was floor before.
     fn join_outward(&mut self, row: usize, column: usize, look: &Look<'_>, plane_m: &impl Fn(f64, f64) -> f64) {
         let FloorCell::Apart(height_m) = self.cell(row, column) else { return };
         let (along_m, left_m) = middle(row, column);
         let seen =
             (1..=row).map(|rows| inward(row, column, rows)).find(|(r, c)| self.cell(*r, *c) != FloorCell::Unseen);
-        let Some((of_row, of_column)) = seen else {
-            let slope = self.slope_outward(row, column).unwrap_or(0.0);
-            let begins = begins(height_m, along_m + look.ahead_m, left_m, slope);
-            if begins || look.saw_lower_floor(height_m, (along_m, left_m)) {
-                self.cells[row * COLUMNS + column] = FloorCell::Floor(height_m);
-            }
-            return;
-        };
+        let slope = || self.slope_outward(row, column).unwrap_or(0.0);
+        let begins = seen.is_none() && begins(height_m, along_m + look.ahead_m, left_m, slope());
+        if begins || look.saw_lower_floor(height_m, (along_m, left_m)) {
+            self.cells[row * COLUMNS + column] = FloorCell::Floor(height_m);
+        }
+        let Some((of_row, of_column)) = seen else { return };
         let apart_m = 1.5 * look.apart_at_1_m * along_m * along_m + 2.0 * CELL_M;
         if (row - of_row) as f64 * CELL_M <= apart_m {
             self.join(row, column, of_row, of_column, plane_m);
