@@ -77,6 +77,15 @@ struct Place {
     level_m: f64,
 }
 
+impl Place {
+    /// How much lower another place lies, metres. What is known of steps may explain a fall, and never makes one of
+    /// floor that lies equally high.
+    fn falls_m(&self, to: &Self) -> f64 {
+        let fall_m = self.rise_m - to.rise_m;
+        fall_m.min(fall_m + self.level_m - to.level_m)
+    }
+}
+
 /// No floor yet.
 const NONE: Place = Place { along_m: f64::INFINITY, left_m: 0.0, rise_m: f64::INFINITY, level_m: 0.0 };
 
@@ -165,7 +174,8 @@ impl Column {
             } else if agrees() {
                 self.low += 1;
                 self.lowest_m = self.lowest_m.min(rise_m);
-                self.missing = Place { along_m: along_m * share(0.0), left_m: left_m * share(0.0), rise_m, level_m };
+                let (along_m, left_m) = (along_m * share(0.0), left_m * share(0.0));
+                self.missing = Place { along_m, left_m, rise_m: rise_m - level_m, level_m };
             }
             return;
         }
@@ -190,13 +200,9 @@ impl Column {
     fn take_floor(&mut self, pixel: &Pixel, eye: &Eye, is_doubtful: bool) {
         let Pixel { along_m, left_m, drop_m, level_m, .. } = *pixel;
         let rise_m = pixel.rise_m - level_m;
-        // What lies as low as this floor is no drop behind it, whatever is known of the steps before either.
-        let is_lower = |floor: &Place| {
-            let falls_m = (rise_m - floor.rise_m).min(pixel.rise_m - floor.rise_m - floor.level_m);
-            falls_m > drop_m + RAMP * (floor.along_m - along_m)
-        };
-        let is_dropped = self.low >= LOW_MIN && pixel.rise_m - self.lowest_m > drop_m;
         let here = Place { along_m, left_m, rise_m, level_m };
+        let is_lower = |floor: &Place| here.falls_m(floor) > drop_m + RAMP * (floor.along_m - along_m);
+        let is_dropped = self.low >= LOW_MIN && pixel.rise_m - self.lowest_m > drop_m;
         let drops = is_dropped || self.floors.iter().all(is_lower) || self.ends_hole(&here, eye);
         if drops {
             (self.edge_m, self.edge_left_m) = (along_m, left_m);
@@ -227,13 +233,10 @@ impl Column {
         let is_level = (self.lip.rise_m - here.rise_m).abs() <= LIPS_M + RAMP * wide_m;
         let gap_m = self.floors[0].along_m - here.along_m;
         let is_gap = self.low > 0 || gap_m > eye.gap_m(here.along_m);
-        let low_m = (self.low > 0).then_some(self.missing.rise_m - self.missing.level_m);
-        let (lowest_m, second_m) = match low_m {
-            Some(low_m) => (low_m, self.floors[0].rise_m),
-            None => (self.floors[0].rise_m, self.floors[1].rise_m),
-        };
+        let behind = if self.low > 0 { [&self.missing, &self.floors[0]] } else { [&self.floors[0], &self.floors[1]] };
+        let [lowest_m, second_m] = behind.map(|place| here.falls_m(place));
         let needed_m = WALL_M + WALL_PER_M * here.along_m + RAMP * wide_m;
-        let is_wall = here.rise_m - lowest_m > needed_m && here.rise_m - second_m > SECOND_M;
+        let is_wall = lowest_m > needed_m && second_m > SECOND_M;
         wide_m <= NARROW_M && is_level && is_gap && is_wall
     }
 

@@ -40,6 +40,8 @@ const KNOWN_M: f64 = 0.03;
 /// and the step is at most so far behind the robot's middle, metres, and so far to the side of that floor, metres.
 const BEHIND_M: f64 = 0.6;
 const ASIDE_M: f64 = 0.3;
+/// The floor behind a known step is the first in this many rows of cells.
+const BEHIND_ROWS: usize = 8;
 /// A column that shows no step uses the step of the nearest column that does, at most this many columns away.
 const TAKEN_OVER: usize = 3;
 
@@ -117,6 +119,8 @@ pub(super) struct Steps {
     steps: Vec<Step>,
     /// How much higher than under the robot the first floor of each column is, for steps that are known, metres.
     firsts_m: [f32; COLUMNS],
+    /// The step of each column that is known, where the floor behind it lies as it says: its row, and its rise, metres.
+    borne_out: [Option<(usize, f32)>; COLUMNS],
     /// No such step is in view, nor before what is in view.
     is_level: bool,
 }
@@ -134,6 +138,7 @@ impl Steps {
         self.ways.clear();
         self.steps.clear();
         self.firsts_m = [0.0; COLUMNS];
+        self.borne_out = [None; COLUMNS];
         self.is_level = true;
     }
 
@@ -163,9 +168,12 @@ impl Steps {
         }
         for column in 0..COLUMNS {
             self.firsts_m[column] = self.first_m(column, look, known.clone()) as f32;
+            self.borne_out[column] = self.bears_out(column, known.clone().filter(|step| max.allows(step.rise_m)));
         }
         let is_low = |step: &Step| max.allows(step.rise_m);
-        self.is_level = !self.steps.iter().any(is_low) && self.firsts_m.iter().all(|first_m| *first_m == 0.0);
+        self.is_level = !self.steps.iter().any(is_low)
+            && self.firsts_m.iter().all(|first_m| *first_m == 0.0)
+            && self.borne_out.iter().all(Option::is_none);
         if !self.is_level {
             self.level(max);
         }
@@ -215,6 +223,20 @@ impl Steps {
         };
         let is_raised = height_m.abs() > KNOWN_M && known.into_iter().any(|step| explains(&step));
         if is_raised { height_m } else { 0.0 }
+    }
+
+    /// The known step that a column shows: floor is in view before it, and the floor behind it lies as it says. Right
+    /// before a step the frame shows too little of the floor before it to find the step anew.
+    fn bears_out(&self, column: usize, known: impl Iterator<Item = Step>) -> Option<(usize, f32)> {
+        let height_m = |row: usize| self.cells.get(row * COLUMNS + column).and_then(Cell::height_m);
+        let (first_row, first_m) = (0..ROWS).find_map(|row| Some((row, height_m(row)?)))?;
+        let aside_m = |step: &Step| (step.left_m - left_m(column)).abs();
+        let is_in_view = |step: &Step| step.along_m > middle_m(first_row) && aside_m(step) <= ASIDE_M;
+        let step = known.filter(is_in_view).min_by(|a, b| aside_m(a).total_cmp(&aside_m(b)))?;
+        let row = (step.along_m / ROW_M).round() as usize;
+        let behind_m = (row..ROWS.min(row + BEHIND_ROWS)).find_map(height_m)?;
+        let is_as_known = |height_m: f32, known_m: f64| (f64::from(height_m) - known_m).abs() <= KNOWN_M;
+        (is_as_known(first_m, 0.0) && is_as_known(behind_m, step.rise_m)).then_some((row, step.rise_m as f32))
     }
 
     /// Follows the floor of a column from the camera on.
@@ -325,8 +347,10 @@ impl Steps {
             let taken_over = if self.firsts_m[column] == 0.0 { TAKEN_OVER } else { 0 };
             let sides = (0..=taken_over).flat_map(|off| [column.checked_sub(off), Some(column + off)]).flatten();
             let of = sides.into_iter().find(has);
+            let borne_out = self.borne_out[column].filter(|_| of.is_none());
             let mut level_m = self.firsts_m[column];
             for row in 0..ROWS {
+                level_m += borne_out.filter(|(step_row, _)| *step_row == row).map_or(0.0, |(_, rise_m)| rise_m);
                 self.levels_m[row * COLUMNS + column] = level_m;
                 let here = self.steps.iter().filter(|step| of.is_some_and(|of| is_of(step, of)));
                 let here = here.filter(|step| (step.along_m / ROW_M).round() as usize == row + 1);
