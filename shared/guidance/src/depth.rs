@@ -172,8 +172,8 @@ impl DepthView {
         self.fill_remembering(header, pixels_mm, tilt, |_| false)
     }
 
-    /// The same, where `was_floor` tells whether floor was seen before at a place (robot frame of the frame's stamp). The
-    /// floor at the feet is below the image, and so is the ramp or the step that leads to the first floor in view.
+    /// The same, where `was_floor` tells whether floor was seen before at a place (robot frame of the frame's stamp).
+    /// The floor at the feet is below the image, and so is the ramp or the step that leads to the first floor in view.
     ///
     /// # Errors
     /// As [`Self::fill`].

@@ -399,8 +399,7 @@ stops! {
     CameraTilted = 44, "camera_tilted" {
         class: Latched,
         holds_a_cue: true, latched_by_locomotion: true,
-        meaning: "the floor that the camera sees is tilted: it looks otherwise than its mount is configured, or the robot \
-                  began on a slope",
+        meaning: "the floor in view slopes: the camera is not held as configured, or the robot began on a slope",
         advice: "set the camera as depth.pose says, or depth.pose as it is mounted, and start again; begin a walk on \
                  level floor",
     }

@@ -1,7 +1,7 @@
 //! Floors that are not level, in depth frames without noise, with an attitude that is half a degree off.
 
 use super::tests::{camera_160, held};
-use super::{DepthView, FloorCell};
+use super::{DepthView, FloorCell, FloorStep, StepMax};
 use crate::se2::Point;
 use messages::DepthHeader;
 use nalgebra::{Point3, Rotation3, Vector3};
@@ -183,4 +183,24 @@ fn floor_that_was_seen_before_goes_on_from_the_feet_at_the_end_of_a_ramp_down_an
     // A step that was taken. Behind one that was not, no floor was seen.
     assert_eq!((edges(&kerb(-0.12), false) > 50, edges(&kerb(-0.12), true)), (true, 0));
     assert!(edges(&kerb(-0.2), true) > 50, "deeper than a ramp leads from the feet");
+}
+
+#[test]
+fn a_low_step_that_is_known_is_no_edge_while_the_robot_comes_near_to_it() {
+    let header = camera_160();
+    let mut view = DepthView::with_steps(StepMax { down_m: 0.12, up_m: 0.06 });
+    let mut edges = |at_m: f64, is_known: bool| {
+        let pixels = seen(&header, &|x, _| if x > at_m { -0.1 } else { 0.0 });
+        let known = (-12..=12)
+            .filter(|_| is_known)
+            .map(|i| FloorStep { place: Point::new(at_m, 0.1 * f64::from(i)), rise_m: -0.1 });
+        view.expect_steps(known);
+        view.fill_remembering(&header, &pixels, Some(&held(2.0, 3.5)), |_| false).expect("usable");
+        view.edges().len()
+    };
+    let near_m = || (70..=130).step_by(3).map(|cm| f64::from(cm) / 100.0);
+    let known: Vec<_> = near_m().map(|at_m| edges(at_m, true)).collect();
+    let unknown: Vec<_> = near_m().map(|at_m| edges(at_m, false)).collect();
+    assert!(known.iter().all(|edges| *edges == 0), "{known:?}, unknown {unknown:?}");
+    assert!(unknown.iter().any(|edges| *edges > 0), "{unknown:?}");
 }

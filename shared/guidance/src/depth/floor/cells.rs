@@ -188,8 +188,8 @@ impl Cells {
         }
     }
 
-    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet; or that lies lower
-    /// and was floor before.
+    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet; or that lies
+    /// lower and was floor before.
     fn join_outward(&mut self, row: usize, column: usize, look: &Look<'_>, plane_m: &impl Fn(f64, f64) -> f64) {
         let FloorCell::Apart(height_m) = self.cell(row, column) else { return };
         let (along_m, left_m) = middle(row, column);
