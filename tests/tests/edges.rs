@@ -301,6 +301,20 @@ fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
 }
 
 #[test]
+fn a_second_lidar_that_looks_down_keeps_a_robot_without_a_camera_off_stairs() {
+    let place = Place::new();
+    let report = to_stairs(
+        &place,
+        "depth = { source = \"absent\", needed = false }\n[lidar.second]\nfield_of_view_deg = 120\nbeams = 120\n\
+         height_m = 0.40\npitch_deg = 22\nrobot_from_lidar = { x_m = 0.30, y_m = 0.0, yaw_rad = 0.0 }\n",
+    );
+    assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{report:#}");
+    let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
+    assert!(waited_s > 5.0, "{report:#}");
+    place.assert_empty();
+}
+
+#[test]
 fn a_go2_stands_before_stairs_that_lead_down() {
     let of_a_file = floors().into_iter().find(|floor| floor.name == "stairs-of-a-file").expect("it is one of them");
     if has_legs() {

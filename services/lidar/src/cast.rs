@@ -1,11 +1,11 @@
 //! A lidar in a simulated world whose simulator casts the rays.
 
-use messages::{LidarScan, WorldScan};
+use messages::WorldScan;
 use settings::Settings;
-use transport::{FramePublisher, FrameSubscriber, Io, TransportError};
+use transport::{FrameSubscriber, Io, TransportError};
 use world::LidarConfig;
 
-use crate::ScanSource;
+use crate::{ScanPort, ScanSource};
 
 /// Publishes the simulator's scans.
 #[derive(Debug)]
@@ -34,13 +34,10 @@ impl ScanSource for CastLidar {
         None
     }
 
-    fn poll(&mut self, _io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+    fn poll(&mut self, _io: &mut Io, scans: &mut ScanPort) -> Result<(), TransportError> {
         while let Some(cast) = self.cast.take()? {
             let (meta, data) = (cast.meta(), cast.data());
-            let mut loan = scans.loan(data.len())?;
-            *loan.meta_mut() = meta.scan;
-            loan.data_mut().copy_from_slice(data);
-            scans.publish(meta.header.stamp_ns, loan)?;
+            scans.publish(meta.header.stamp_ns, data.len(), meta.scan, |ranges_m| ranges_m.copy_from_slice(data))?;
         }
         Ok(())
     }

@@ -2,14 +2,15 @@
 
 mod cast;
 mod deskew;
+mod port;
 mod rplidar;
 mod simulated;
 
-use messages::LidarScan;
-use settings::{LidarDevice, PhysicsKind, Settings, Source};
-use transport::{FramePublisher, Io, Service, TransportError};
+use settings::{LidarDevice, LidarSettings, PhysicsKind, Settings, Source};
+use transport::{Io, Service, TransportError};
 
 pub use cast::CastLidar;
+pub use port::ScanPort;
 pub use rplidar::RplidarSource;
 pub use simulated::SimulatedLidar;
 
@@ -25,7 +26,7 @@ pub trait ScanSource {
     ///
     /// # Errors
     /// Where the source is broken for good.
-    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError>;
+    fn poll(&mut self, io: &mut Io, scans: &mut ScanPort) -> Result<(), TransportError>;
 
     /// Leaves the device as it is to be found.
     fn leave(&mut self) {}
@@ -34,7 +35,7 @@ pub trait ScanSource {
 /// The service.
 pub struct LidarDriver {
     source: Box<dyn ScanSource>,
-    scans: FramePublisher<LidarScan>,
+    scans: ScanPort,
 }
 
 impl LidarDriver {
@@ -43,25 +44,47 @@ impl LidarDriver {
     /// # Errors
     /// Where source or port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
-        let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let source: Box<dyn ScanSource> = match settings.lidar.source {
-            Source::Simulated => match settings.simulation.physics {
-                PhysicsKind::Flat => Box::new(SimulatedLidar::open(&settings, io)?),
-                PhysicsKind::Mujoco => Box::new(CastLidar::open(&settings, io)?),
-            },
-            Source::Device => device(&settings, io)?,
-            Source::Replayed | Source::Absent => {
-                return Err(TransportError::Service("lidar.source names no source for this driver".to_owned()));
-            }
+        let settings = load(io)?;
+        let source = match (settings.lidar.source, settings.simulation.physics) {
+            (Source::Simulated, PhysicsKind::Mujoco) => Box::new(CastLidar::open(&settings, io)?),
+            _ => source(&settings, &settings.lidar, "lidar", io)?,
         };
-        let scans = io.frame_publisher(source.beams_max())?;
+        let scans = ScanPort::first(io, source.beams_max())?;
+        Ok(Self { source, scans })
+    }
+
+    /// Opens the source of the second lidar.
+    ///
+    /// # Errors
+    /// As [`Self::open`], or where there is no second lidar.
+    pub fn open_second(io: &mut Io) -> Result<Self, TransportError> {
+        let settings = load(io)?;
+        let none = || TransportError::service("there is no [lidar.second]");
+        let second = settings.lidar.second.as_deref().ok_or_else(none)?;
+        let source = source(&settings, second, "lidar.second", io)?;
+        let scans = ScanPort::second(io, source.beams_max(), second.pitch_deg.to_radians())?;
         Ok(Self { source, scans })
     }
 }
 
-fn device(settings: &Settings, io: &mut Io) -> Result<Box<dyn ScanSource>, TransportError> {
-    Ok(match settings.lidar.device {
-        LidarDevice::Rplidar => Box::new(RplidarSource::open(&settings.lidar, io)?),
+fn load(io: &Io) -> Result<Settings, TransportError> {
+    settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)
+}
+
+fn source(
+    settings: &Settings,
+    lidar: &LidarSettings,
+    key: &str,
+    io: &mut Io,
+) -> Result<Box<dyn ScanSource>, TransportError> {
+    Ok(match lidar.source {
+        Source::Simulated => Box::new(SimulatedLidar::open(settings, lidar, io)?),
+        Source::Device => match lidar.device {
+            LidarDevice::Rplidar => Box::new(RplidarSource::open(lidar, io)?),
+        },
+        Source::Replayed | Source::Absent => {
+            return Err(TransportError::Service(format!("{key}.source names no source for this driver")));
+        }
     })
 }
 

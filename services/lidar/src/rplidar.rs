@@ -6,15 +6,15 @@
 use std::path::PathBuf;
 
 use guidance::se2::se2;
-use messages::{LidarScan, NS_PER_S, Odometry, ScanHeader};
+use messages::{NS_PER_S, Odometry, ScanHeader};
 use rplidar::{Beams, Do, Fan, Found, Sample, Session, Turns, Wanted};
 use serial::{SerialError, SerialPort};
 use settings::LidarSettings;
-use transport::{FramePublisher, FromChild, Io, Subscriber, TransportError};
+use transport::{FromChild, Io, Subscriber, TransportError};
 use world::LidarConfig;
 
-use crate::ScanSource;
 use crate::deskew::{Deskew, Motion};
+use crate::{ScanPort, ScanSource};
 
 /// Between two tries to open a port: short, since fresh scans are to come within a second of replugging.
 const REOPEN_NS: u64 = 200_000_000;
@@ -90,7 +90,7 @@ impl RplidarSource {
             angle_min_rad: header.angle_min_rad,
             angle_increment_rad: header.angle_increment_rad,
         };
-        let speed_file = io.domain.dir.lidar_kept();
+        let speed_file = io.domain.dir.kept(io.identity().service);
         Ok(Self {
             settings: settings.clone(),
             header,
@@ -156,7 +156,7 @@ impl RplidarSource {
     }
 
     /// Publishes the turns that are complete, each as from where the lidar was at its end.
-    fn publish(&mut self, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+    fn publish(&mut self, scans: &mut ScanPort) -> Result<(), TransportError> {
         while let Some(odometry) = self.odometry.take()? {
             self.deskew.take(&odometry);
         }
@@ -174,10 +174,7 @@ impl RplidarSource {
             let fan = &mut self.fan;
             turn.iter().for_each(|sample| fan.enter(&motion.at_end(sample)));
             let ranges_m = fan.ranges_m();
-            let mut loan = scans.loan(ranges_m.len())?;
-            *loan.meta_mut() = self.header;
-            loan.data_mut().copy_from_slice(ranges_m);
-            scans.publish(last.stamp_ns, loan)?;
+            scans.publish(last.stamp_ns, ranges_m.len(), self.header, |to| to.copy_from_slice(ranges_m))?;
             self.health.turn_ns = last.stamp_ns;
         }
         Ok(())
@@ -264,7 +261,7 @@ impl ScanSource for RplidarSource {
         Some(self.line.as_ref().map_or(self.reopen_ns, |line| line.session.next_timer_ns()))
     }
 
-    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+    fn poll(&mut self, io: &mut Io, scans: &mut ScanPort) -> Result<(), TransportError> {
         let now_ns = io.now_ns();
         if self.line.is_none() && now_ns >= self.reopen_ns {
             self.plug(io)?;

@@ -1,11 +1,11 @@
 //! A lidar in the simulated world.
 
-use messages::{LidarScan, WorldTruth};
-use settings::Settings;
-use transport::{FramePublisher, Io, Rhythm, Subscriber, TransportError};
+use messages::{ServiceId, WorldTruth};
+use settings::{LidarSettings, Settings};
+use transport::{Io, Rhythm, Subscriber, TransportError};
 use world::{LidarConfig, LidarSensor, Scene, World};
 
-use crate::ScanSource;
+use crate::{ScanPort, ScanSource};
 
 /// Looks at the world from where the robot truly is.
 #[derive(Debug)]
@@ -22,17 +22,18 @@ impl SimulatedLidar {
     ///
     /// # Errors
     /// Where world or topic cannot be opened.
-    pub fn open(settings: &Settings, io: &mut Io) -> Result<Self, TransportError> {
+    pub fn open(settings: &Settings, lidar: &LidarSettings, io: &mut Io) -> Result<Self, TransportError> {
         let world = world::scenario_of(settings).and_then(|s| s.load_world()).map_err(TransportError::service)?;
-        let config = LidarConfig::from(&settings.lidar);
-        let sensor = LidarSensor::new(config, settings.simulation.seed, io.identity().incarnation)
-            .map_err(TransportError::service)?;
+        let config = LidarConfig::from(lidar);
+        // Two lidars do not have the same noise.
+        let seed = settings.simulation.seed ^ u64::from(io.identity().service == ServiceId::SecondLidar) << 32;
+        let sensor = LidarSensor::new(config, seed, io.identity().incarnation).map_err(TransportError::service)?;
         Ok(Self {
             world,
             sensor,
             truths: io.quiet_subscriber()?,
             truth: None,
-            rhythm: Rhythm::at_hz(settings.lidar.rate_hz.get()),
+            rhythm: Rhythm::at_hz(lidar.rate_hz.get()),
         })
     }
 }
@@ -46,16 +47,16 @@ impl ScanSource for SimulatedLidar {
         Some(self.rhythm.next_ns())
     }
 
-    fn poll(&mut self, io: &mut Io, scans: &mut FramePublisher<LidarScan>) -> Result<(), TransportError> {
+    fn poll(&mut self, io: &mut Io, scans: &mut ScanPort) -> Result<(), TransportError> {
         if let Some(truth) = self.truths.take_newest()? {
             self.truth = Some(truth);
         }
         let Some(number) = self.rhythm.due(io.now_ns()) else { return Ok(()) };
         // Without news from the world there is nothing to measure.
         let Some(truth) = self.truth.take() else { return Ok(()) };
-        let mut loan = scans.loan(self.beams_max())?;
-        *loan.meta_mut() = self.sensor.scan_header();
-        self.sensor.scan(&Scene::from_truth(&self.world, &truth), number, loan.data_mut());
-        scans.publish(truth.header.stamp_ns, loan).map(|_| ())
+        let (scene, header) = (Scene::from_truth(&self.world, &truth), self.sensor.scan_header());
+        scans.publish(truth.header.stamp_ns, self.beams_max(), header, |ranges_m| {
+            self.sensor.scan(&scene, number, ranges_m);
+        })
     }
 }

@@ -380,6 +380,7 @@ impl Gate {
             Outcome::InvalidScan | Outcome::StaleScan => return unusable(TopicId::LidarScan),
             Outcome::StaleOdometry => return unusable(TopicId::Odometry),
             Outcome::StaleDepth => return unusable(TopicId::DepthFrame),
+            Outcome::StaleSecondScan => return unusable(TopicId::SecondScan),
             Outcome::StuckScan => return stuck(TopicId::LidarScan),
             Outcome::StuckDepth => return stuck(TopicId::DepthFrame),
             Outcome::ScanContradicts => {

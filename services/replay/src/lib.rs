@@ -14,7 +14,8 @@ use std::io::{BufWriter, Write};
 
 use control::{ReplayFigures, RunFigures};
 use messages::{
-    Cue, DepthFrame, Frame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, TopicId,
+    Cue, DepthFrame, Frame, LidarScan, MAX_BEAMS, Mode, NS_PER_S, Odometry, Permit, PolicyAction, Pose2, SecondScan,
+    TopicId,
 };
 use recording::{Record, Slice};
 use serde_json::json;
@@ -34,6 +35,7 @@ const FRAME_DISTANCE_NS: u64 = 5_000_000;
 /// The ports of the drivers whose place is taken.
 struct Ports {
     scans: Option<FramePublisher<LidarScan>>,
+    second: Option<FramePublisher<SecondScan>>,
     frames: Option<FramePublisher<DepthFrame>>,
     odometry: Option<Publisher<Odometry>>,
     cues: Option<Publisher<Cue>>,
@@ -62,7 +64,7 @@ pub struct Replay {
     ended_ns: Option<u64>,
     over: bool,
     /// Run time before which no further scan, or depth frame, is published.
-    next_frame_ns: [u64; 2],
+    next_frame_ns: [u64; 3],
     scan_count: u64,
     frame_count: u64,
     distance_m: f64,
@@ -95,7 +97,7 @@ impl Replay {
             begins_again: (lives_before > 0).then_some(lives_before),
             ended_ns: None,
             over: false,
-            next_frame_ns: [0; 2],
+            next_frame_ns: [0; 3],
             scan_count: 0,
             frame_count: 0,
             distance_m: 0.0,
@@ -109,6 +111,11 @@ impl Replay {
                 if let Some(scans) = &mut self.ports.scans {
                     republish(scans, scan)?;
                     self.scan_count += 1;
+                }
+            }
+            Record::SecondScan(scan) => {
+                if let Some(scans) = &mut self.ports.second {
+                    republish(scans, scan)?;
                 }
             }
             Record::DepthFrame(frame) => {
@@ -158,6 +165,7 @@ impl Replay {
         let not_before = match self.playlist.next_topic()? {
             TopicId::LidarScan => self.next_frame_ns[0],
             TopicId::DepthFrame => self.next_frame_ns[1],
+            TopicId::SecondScan => self.next_frame_ns[2],
             _ => 0,
         };
         Some(self.playlist.next_due_ns()?.max(not_before))
@@ -171,6 +179,7 @@ impl Replay {
             match self.playlist.next_topic() {
                 Some(TopicId::LidarScan) => self.next_frame_ns[0] = now_ns + FRAME_DISTANCE_NS,
                 Some(TopicId::DepthFrame) => self.next_frame_ns[1] = now_ns + FRAME_DISTANCE_NS,
+                Some(TopicId::SecondScan) => self.next_frame_ns[2] = now_ns + FRAME_DISTANCE_NS,
                 _ => {}
             }
             if let Some(record) = self.playlist.take().map_err(TransportError::service)? {
@@ -234,6 +243,7 @@ impl Ports {
         let has = |topic| topics.contains(&topic);
         Ok(Self {
             scans: if has(TopicId::LidarScan) { Some(io.frame_publisher(MAX_BEAMS)?) } else { None },
+            second: if has(TopicId::SecondScan) { Some(io.frame_publisher(MAX_BEAMS)?) } else { None },
             frames: if has(TopicId::DepthFrame) { Some(io.frame_publisher(pixels)?) } else { None },
             odometry: if has(TopicId::Odometry) { Some(io.publisher()?) } else { None },
             cues: if has(TopicId::Cue) { Some(io.publisher()?) } else { None },

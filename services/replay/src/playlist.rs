@@ -242,6 +242,7 @@ impl Playlist {
 fn set_header(record: &mut Record, header: Header, lives_before: u32) {
     match record {
         Record::LidarScan(scan) => scan.header.header = header,
+        Record::SecondScan(scan) => scan.header.header = header,
         Record::DepthFrame(frame) => frame.header.header = header,
         Record::Odometry(odometry) => odometry.header = header,
         Record::Cue(cue) => {

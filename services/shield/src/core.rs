@@ -9,7 +9,7 @@ use guidance::{
 };
 use messages::{
     Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit,
-    PermitCause, PolicyAction, ScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    PermitCause, PolicyAction, ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
 
@@ -51,7 +51,10 @@ impl CoreConfig {
         Self {
             model,
             table,
-            awareness: settings.awareness_config(),
+            awareness: AwarenessConfig {
+                second_max_age_ns: settings.lidar.second.is_some().then(|| settings.max_age_ns(TopicId::SecondScan)),
+                ..settings.awareness_config()
+            },
             shield: settings.shield_config(),
             draw: settings.shield.choice.seeded(settings.shield.seed),
             dt_ns: settings.policy.dt.ns(),
@@ -206,6 +209,11 @@ impl Core {
             // Its place is one of another frame.
             self.waiting = None;
         }
+    }
+
+    /// The newest scan of the second lidar.
+    pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32]) {
+        self.awareness.take_second(header, ranges_m);
     }
 
     /// The newest depth frame.
@@ -503,12 +511,14 @@ impl Core {
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.
     /// Odometry is held to its own age by locomotion, at every tick.
     fn expiry_ns(&self, now_ns: u64, hull_end_ns: u64) -> u64 {
-        let AwarenessConfig { scan_max_age_ns, depth_max_age_ns, .. } = self.config.awareness;
+        let AwarenessConfig { scan_max_age_ns, depth_max_age_ns, second_max_age_ns, .. } = self.config.awareness;
         let scan = self.awareness.scan().map_or(0, |scan| scan.stamp_ns.saturating_add(scan_max_age_ns));
         // A frame that was judged on, needed or not.
         let depth = self.awareness.fresh_depth(now_ns);
         let depth = depth.map_or(u64::MAX, |depth| depth.stamp_ns.saturating_add(depth_max_age_ns));
-        hull_end_ns.min(scan).min(depth).min(now_ns + self.config.permit_life_ns)
+        let second = self.awareness.second_stamp_ns().zip(second_max_age_ns);
+        let second = second.map_or(u64::MAX, |(stamp_ns, max_age_ns)| stamp_ns.saturating_add(max_age_ns));
+        hull_end_ns.min(scan).min(depth).min(second).min(now_ns + self.config.permit_life_ns)
     }
 
     fn blank(&self, cause: PermitCause) -> Permit {

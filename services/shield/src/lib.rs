@@ -4,7 +4,9 @@
 mod core;
 mod digest;
 
-use messages::{DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PolicyAction};
+use messages::{
+    DepthFrame, Health, Latency, LatencyHistogram, LidarScan, Mode, Odometry, Permit, PolicyAction, SecondScan,
+};
 use settings::Source;
 use transport::{FrameSubscriber, Io, Publisher, Service, Subscriber, TransportError};
 
@@ -16,6 +18,7 @@ pub struct ShieldService {
     core: Core,
     scans: FrameSubscriber<LidarScan>,
     depth: Option<FrameSubscriber<DepthFrame>>,
+    second: Option<FrameSubscriber<SecondScan>>,
     odometry: Subscriber<Odometry>,
     modes: Subscriber<Mode>,
     actions: Subscriber<PolicyAction>,
@@ -39,6 +42,7 @@ impl ShieldService {
             core,
             scans: io.frame_subscriber()?,
             depth: if has_depth { Some(io.frame_subscriber()?) } else { None },
+            second: if settings.lidar.second.is_some() { Some(io.frame_subscriber()?) } else { None },
             odometry: io.subscriber()?,
             modes: io.subscriber()?,
             actions: io.subscriber()?,
@@ -55,6 +59,11 @@ impl ShieldService {
         }
         while let Some(odometry) = self.odometry.take()? {
             self.core.take_odometry(&odometry);
+        }
+        if let Some(scans) = &mut self.second {
+            while let Some(scan) = scans.take()? {
+                self.core.take_second(scan.meta(), scan.data());
+            }
         }
         if let Some(frames) = &mut self.depth {
             while let Some(frame) = frames.take()? {

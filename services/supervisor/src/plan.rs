@@ -180,6 +180,12 @@ impl Plan {
             let stream = scan_stream(settings, driven == Source::Simulated);
             services.push(plan(ServiceId::Lidar, &limits, vec![stream]));
         }
+        if let Some(second) = &settings.lidar.second
+            && let driven @ (Source::Simulated | Source::Device) = second.source
+        {
+            let stream = second_stream(settings, driven == Source::Simulated);
+            services.push(plan(ServiceId::SecondLidar, &limits, vec![stream]));
+        }
         if let driven @ (Source::Simulated | Source::Device) = settings.depth.source {
             services.push(depth(settings, &limits, driven == Source::Simulated));
         }
@@ -249,12 +255,14 @@ fn depth(settings: &Settings, limits: &Limits, driven: bool) -> ServicePlan {
 /// Recorded frames: in the place of single drivers beside a simulated world, or of the whole world. It is then what the
 /// simulator is in other runs, and motion needs it besides.
 fn replay(settings: &Settings, limits: &Limits) -> ServicePlan {
+    let second = settings.lidar.second.as_ref();
+    let second = second.map(|second| (second.source, second_stream as fn(&Settings, bool) -> StreamRule));
     let sources = [
         (settings.lidar.source, scan_stream as fn(&Settings, bool) -> StreamRule),
         (settings.odometry.source, odometry_stream),
         (settings.depth.source, depth_stream),
     ];
-    let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed);
+    let replayed = sources.into_iter().chain(second).filter(|(source, _)| *source == Source::Replayed);
     let streams = replayed.map(|(_, stream)| stream(settings, false)).collect();
     let driver = plan(ServiceId::Replay, limits, streams);
     if settings.has_world() {
@@ -275,14 +283,23 @@ fn inputs(from_hz: f64, to_hz: f64) -> u64 {
 }
 
 fn scan_stream(settings: &Settings, driven: bool) -> StreamRule {
-    let max_age = settings.max_age_ns(TopicId::LidarScan);
+    stream_of_scans(settings, TopicId::LidarScan, settings.lidar.rate_hz.get(), driven)
+}
+
+fn second_stream(settings: &Settings, driven: bool) -> StreamRule {
+    let rate_hz = settings.lidar.second.as_ref().map_or(settings.lidar.rate_hz, |second| second.rate_hz);
+    stream_of_scans(settings, TopicId::SecondScan, rate_hz.get(), driven)
+}
+
+fn stream_of_scans(settings: &Settings, output: TopicId, rate_hz: f64, driven: bool) -> StreamRule {
+    let max_age = settings.max_age_ns(output);
     StreamRule {
-        output: TopicId::LidarScan,
+        output,
         input: driven.then_some(TopicId::WorldTruth),
-        inputs_per_output: 2 * inputs(WORLD_HZ, settings.lidar.rate_hz.get()),
+        inputs_per_output: 2 * inputs(WORLD_HZ, rate_hz),
         hang_ns: 2 * max_age,
         max_age_ns: Some(max_age),
-        rate: driven.then(|| rate(settings.lidar.rate_hz.get(), driven)),
+        rate: driven.then(|| rate(rate_hz, driven)),
     }
 }
 

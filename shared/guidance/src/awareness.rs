@@ -6,7 +6,7 @@ mod moving;
 mod plausible;
 mod surroundings;
 
-use messages::{DepthHeader, Header, NS_PER_S, Odometry, Outcome, ScanHeader, Twist2, age_ns};
+use messages::{DepthHeader, Header, NS_PER_S, Odometry, Outcome, ScanHeader, SecondScanHeader, Twist2, age_ns};
 
 use crate::contact::comes_about;
 use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Sighting};
@@ -39,6 +39,8 @@ pub struct AwarenessConfig {
     pub scan_max_age_ns: u64,
     /// The oldest depth frame that is judged on, nanoseconds.
     pub depth_max_age_ns: u64,
+    /// The oldest scan of the second lidar that is judged on, nanoseconds. None: there is no second lidar.
+    pub second_max_age_ns: Option<u64>,
     /// The oldest pose that is judged on, nanoseconds.
     pub odometry_max_age_ns: u64,
     /// The least depth that the camera sees, metres.
@@ -124,6 +126,11 @@ impl Awareness {
     /// that cannot be used says nothing.
     pub fn take_depth(&mut self, header: &DepthHeader, pixels_mm: &[u16]) {
         self.surroundings.take_depth(header, pixels_mm, &self.track);
+    }
+
+    /// The newest scan of the second lidar. One that cannot be used says nothing.
+    pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32]) {
+        self.surroundings.take_second(header, ranges_m, &self.track);
     }
 
     /// The newest depth frame waits no longer.
@@ -227,11 +234,24 @@ impl Awareness {
         if let Some(why) = self.surroundings.implausible_scan() {
             return Some(why);
         }
+        let is_fresh = |max_age_ns| {
+            let second = self.surroundings.second();
+            second.is_some_and(|second| age_ns(now_ns, second.stamp_ns) <= max_age_ns)
+        };
+        if self.config.second_max_age_ns.is_some_and(|max_age_ns| !is_fresh(max_age_ns)) {
+            return Some(Outcome::StaleSecondScan);
+        }
         if self.config.depth_needed && !self.surroundings.depth_is_fresh(now_ns) {
             let is_stuck = self.surroundings.depth_is_stuck();
             return Some(if is_stuck { Outcome::StuckDepth } else { Outcome::StaleDepth });
         }
         self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
+    }
+
+    /// The stamp of the second lidar's newest scan, nanoseconds, where it may be judged on.
+    #[must_use]
+    pub fn second_stamp_ns(&self) -> Option<u64> {
+        self.surroundings.second().map(|header| header.stamp_ns)
     }
 
     /// What is judged on now.

@@ -17,6 +17,7 @@ pub mod memory;
 pub mod observation;
 pub mod scan;
 pub mod se2;
+pub mod second;
 pub mod seed;
 pub mod shield;
 pub mod tilt;
@@ -35,6 +36,7 @@ pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionMode
 pub use memory::{Floor, Footing, Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
+pub use second::SecondView;
 pub use shield::{Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};
 pub use tilt::Tilt;
 pub use tilt_watch::TiltWatch;

@@ -17,6 +17,7 @@ use crate::handler::HandlerBody;
 use crate::hull::Disc;
 use crate::scan::{BeamKind, Beams, Fan};
 use crate::se2::{Point, Se2};
+use crate::second::SecondView;
 pub use floor::{CELL_M as FLOOR_CELL_M, Floor};
 use floor::{FloorMap, Here};
 use spots::{CELL_M, SPOTS, Sight, Sighting, Source, Spot, Spots};
@@ -241,6 +242,21 @@ impl Memory {
         self.steps.keep(|spot| spot.sight != Sight::Due);
         self.glimpse(odom_from_robot, beams);
         self.move_to(stamp_ns, odom_from_robot);
+    }
+
+    /// Takes in the drops that the second lidar sees from where the robot was at the last update.
+    pub fn update_second(&mut self, second: &SecondView) {
+        let odom_from_robot = self.odom_from_robot;
+        let sighting = Sighting {
+            seen_ns: self.stamp_ns,
+            seen_at: self.odometer,
+            frame: second.number(),
+            odom_from_robot: &odom_from_robot,
+        };
+        for edge in second.edges() {
+            self.edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
+        }
+        self.move_to(self.now_ns, &odom_from_robot);
     }
 
     /// The jitter of a robot that stands is no way: else what it remembers would grow for as long as it stands.

@@ -363,7 +363,7 @@ impl Fan {
     }
 }
 
-fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
+pub(crate) fn check(header: &ScanHeader, count: usize) -> Result<(), ScanError> {
     if count == 0 || count > MAX_BEAMS {
         return Err(ScanError::Count(count));
     }
@@ -394,7 +394,7 @@ fn to_floor_m(lidar_m: f64, rise: f64) -> f64 {
     if falls > 0.0 { (lidar_m - FLOOR_M).max(0.0) / falls } else { f64::INFINITY }
 }
 
-fn classify(range_m: f64, header: &ScanHeader) -> (BeamKind, f64) {
+pub(crate) fn classify(range_m: f64, header: &ScanHeader) -> (BeamKind, f64) {
     if range_m.is_nan() || range_m < header.range_min_m {
         (BeamKind::Unknown, 0.0)
     } else if range_m >= header.range_max_m {

@@ -14,6 +14,7 @@ use crate::interaction::{Interaction, place};
 use crate::memory::Memory;
 use crate::scan::Beams;
 use crate::se2::{Point, Se2, exp, se2};
+use crate::second::SecondView;
 use crate::seed::mixed;
 use judging::{Present, Sorted};
 
@@ -86,6 +87,8 @@ pub struct Evidence<'a> {
     pub beams: &'a Beams,
     /// The newest depth frame, where it may be judged on.
     pub depth: Option<&'a DepthView>,
+    /// The newest scan of the second lidar, where there is one.
+    pub second: Option<&'a SecondView>,
     /// What was seen before; none is the paper's algorithm.
     pub memory: Option<&'a Memory>,
     /// How the robot moves, as it was commanded (robot frame).
@@ -96,7 +99,7 @@ impl<'a> Evidence<'a> {
     /// One scan and nothing else, as in the paper.
     #[must_use]
     pub fn scan(beams: &'a Beams) -> Self {
-        Self { beams, depth: None, memory: None, moves: Twist2::ZERO }
+        Self { beams, depth: None, second: None, memory: None, moves: Twist2::ZERO }
     }
 }
 

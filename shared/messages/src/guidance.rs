@@ -346,6 +346,8 @@ pub enum Outcome {
     NoFloor,
     /// Refused: the camera is tilted against its configured mount, or the robot began on a slope.
     CameraTilted,
+    /// Refused: the second lidar's scan is missing, over its max age, or not usable.
+    StaleSecondScan,
 }
 
 named!(Outcome);
@@ -358,7 +360,7 @@ impl Outcome {
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 19] = [
+    pub const ALL: [Self; 20] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -378,6 +380,7 @@ impl Outcome {
         Self::ScanContradicts,
         Self::NoFloor,
         Self::CameraTilted,
+        Self::StaleSecondScan,
     ];
 
     /// The name, as in reports.
@@ -403,6 +406,7 @@ impl Outcome {
             Self::ScanContradicts => "scan_contradicts",
             Self::NoFloor => "no_floor",
             Self::CameraTilted => "camera_tilted",
+            Self::StaleSecondScan => "stale_second_scan",
         }
     }
 }
@@ -426,7 +430,7 @@ named!(PermitCause);
 /// What made a motion unsafe.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/1"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/2"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum UnsafeCause {
@@ -455,6 +459,8 @@ pub enum UnsafeCause {
     LowStepDown,
     /// The same, where it rises.
     LowStepUp,
+    /// A point that the second lidar sees lies in the hull.
+    Second,
 }
 
 named!(UnsafeCause);

@@ -50,6 +50,33 @@ pub struct ScanHeader {
     pub height_m: f64,
 }
 
+/// Marker of the topic `lidar/second`: `f32` ranges in metres of the second lidar, as those of [`LidarScan`].
+#[derive(Debug, Clone, Copy)]
+pub struct SecondScan;
+
+impl Frame for SecondScan {
+    type Element = f32;
+    type Meta = SecondScanHeader;
+    const LEN_MAX: Option<usize> = Some(MAX_BEAMS);
+    fn fits(_: &SecondScanHeader, len: usize) -> bool {
+        len <= MAX_BEAMS
+    }
+}
+
+/// Stands beside the ranges of a scan of the second lidar.
+#[derive(Debug, Clone, Copy, Default, PartialEq, FromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/SecondScanHeader/1"))]
+#[repr(C)]
+pub struct SecondScanHeader {
+    /// Stamp, seq, incarnation.
+    pub header: Header,
+    /// What stands beside the ranges of any lidar; its own header means nothing.
+    pub scan: ScanHeader,
+    /// How far its x axis looks down, radians. Its beams turn in the plane of its x and y axes.
+    pub pitch_rad: f64,
+}
+
 /// Marker of the topic `depth/frame`: `u16` depth along the optical axis in millimetres, 0 = none (16UC1), row by row
 /// from the top left.
 #[derive(Debug, Clone, Copy)]

@@ -318,6 +318,23 @@ services! {
         memory: MemoryClass::Small,
         clock: ClockRole::Member,
     }
+    /// Driver of the second lidar.
+    SecondLidar = 18 {
+        name: "second_lidar",
+        stage: 2,
+        critical: true,
+        restartable: true,
+        on_demand: false,
+        waited_for: true,
+        watched_by: Some(ServiceId::Locomotion),
+        stops_robot: false,
+        priority: Priority::Ordinary,
+        at_supervisor_death: DeathSignal::Kill,
+        beat_period_ms: BEAT_FAST_MS,
+        beat_limit_ms: None,
+        memory: MemoryClass::Small,
+        clock: ClockRole::Member,
+    }
     /// Depth camera driver.
     Depth = 3 {
         name: "depth",

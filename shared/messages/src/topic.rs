@@ -10,8 +10,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::ServiceId;
 use crate::ServiceId::{
-    Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, Shield, Simulator, Speak,
-    Supervisor,
+    Cue, Depth, Emulator, Estop, Lidar, Locomotion, Odometry, Policy, Recorder, Replay, SecondLidar, Shield, Simulator,
+    Speak, Supervisor,
 };
 use crate::json::named;
 use crate::service::{ClockRole, SERVICES};
@@ -285,6 +285,19 @@ topics! {
         max_age: AgeLimit::Configured { key: "scan", default_ms: 200, most_ms: 300 },
         why: "the newest scan and, in stepped time, the one of the step before; one held while the next is looked at",
     }
+    /// One turn of the second lidar: ranges in metres.
+    SecondScan = 21, frame SecondScan SecondScanHeader, recorded in Small as Viewed, injectable by name {
+        name: "lidar/second",
+        publishers: &[SecondLidar, Replay],
+        live_publishers: 1,
+        subscribers: &[Shield, Recorder],
+        buffer: 2,
+        borrowed: 3,
+        loans: 2,
+        wakes: true,
+        max_age: AgeLimit::Configured { key: "second_scan", default_ms: 200, most_ms: 300 },
+        why: "as lidar/scan",
+    }
     /// One image of the depth camera: millimetres.
     DepthFrame = 2, frame DepthFrame DepthHeader, recorded in Depth as Viewed, injectable by name {
         name: "depth/frame",
@@ -303,7 +316,7 @@ topics! {
         name: "odometry",
         publishers: &[Odometry, Replay],
         live_publishers: 1,
-        subscribers: &[Lidar, Policy, Shield, Locomotion, Cue, Speak, Recorder],
+        subscribers: &[Lidar, SecondLidar, Policy, Shield, Locomotion, Cue, Speak, Recorder],
         buffer: 8,
         borrowed: 2,
         loans: 2,
@@ -369,7 +382,9 @@ topics! {
         name: "mode",
         publishers: &[Supervisor],
         live_publishers: 1,
-        subscribers: &[Lidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Simulator, Replay, Speak, Recorder],
+        subscribers: &[
+            Lidar, SecondLidar, Depth, Odometry, Cue, Policy, Shield, Locomotion, Simulator, Replay, Speak, Recorder,
+        ],
         buffer: 4,
         borrowed: 2,
         loans: 2,
@@ -447,7 +462,7 @@ topics! {
         name: "world/truth",
         publishers: &[Simulator],
         live_publishers: 1,
-        subscribers: &[Lidar, Depth, Odometry, Emulator, Cue, Locomotion, Supervisor, Recorder],
+        subscribers: &[Lidar, SecondLidar, Depth, Odometry, Emulator, Cue, Locomotion, Supervisor, Recorder],
         buffer: 4,
         borrowed: 2,
         loans: 2,

@@ -79,8 +79,7 @@ impl Guard {
         self.estimate.begin_step(robot);
         let body = self.estimate.body(self.beams.sigma_m());
         self.memory.update(now_ns, robot, &self.beams, Some(&self.depth), &body);
-        let evidence =
-            Evidence { beams: &self.beams, depth: Some(&self.depth), memory: Some(&self.memory), moves: Twist2::ZERO };
+        let evidence = Evidence { depth: Some(&self.depth), memory: Some(&self.memory), ..Evidence::scan(&self.beams) };
         self.shield.judge_actions(table, evidence, &self.estimate, &mut self.judgements)
     }
 }

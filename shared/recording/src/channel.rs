@@ -3,7 +3,9 @@
 use std::borrow::Cow;
 
 use messages::json::{HeaderJson, Mirrored, Reading, Real};
-use messages::{Attitude, LidarScan, MAX_BEAMS, Odometry, Pose2, ScanHeader, TopicId, Twist2};
+use messages::{
+    Attitude, Header, LidarScan, MAX_BEAMS, Odometry, Pose2, ScanHeader, SecondScan, SecondScanHeader, TopicId, Twist2,
+};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 use serde_json::json;
 
@@ -137,22 +139,29 @@ impl Recorded for Slice<LidarScan> {
         write_json(&ScanMessage::new(&self.header, &self.data), bytes)
     }
     fn decode(bytes: &[u8]) -> Result<Self, String> {
-        let message: ScanMessage = read_json(bytes)?;
-        check_length(message.ranges.len())?;
-        let scan = message.guidedog;
-        Ok(Self {
-            header: ScanHeader {
-                header: Mirrored::from_json(scan.header),
-                angle_min_rad: scan.angle_min_rad.0,
-                angle_increment_rad: scan.angle_increment_rad.0,
-                range_min_m: scan.range_min_m.0,
-                range_max_m: scan.range_max_m.0,
-                sigma_m: scan.sigma_m.0,
-                robot_from_lidar: Mirrored::from_json(scan.robot_from_lidar),
-                height_m: scan.height_m.0,
-            },
-            data: message.ranges.into_iter().map(|reading| reading.0).collect(),
-        })
+        let (header, data) = ScanMessage::read(bytes)?.taken_apart();
+        Ok(Self { header, data })
+    }
+}
+
+impl Recorded for Slice<SecondScan> {
+    const SCHEMA_NAME: &'static str = "foxglove.LaserScan";
+    fn schema() -> Cow<'static, [u8]> {
+        file(include_str!("../schemas/laser_scan.json"))
+    }
+    fn encode(&self, bytes: &mut Vec<u8>) -> Result<(), String> {
+        check_length(self.data.len())?;
+        let SecondScanHeader { header, scan, pitch_rad } = self.header;
+        let mut message = ScanMessage::new(&ScanHeader { header, ..scan }, &self.data);
+        message.guidedog.pitch_rad = Some(Real(pitch_rad));
+        write_json(&message, bytes)
+    }
+    fn decode(bytes: &[u8]) -> Result<Self, String> {
+        let message = ScanMessage::read(bytes)?;
+        let pitch_rad = message.guidedog.pitch_rad.map_or(0.0, |pitch| pitch.0);
+        let (scan, data) = message.taken_apart();
+        let own = ScanHeader { header: Header::default(), ..scan };
+        Ok(Self { header: SecondScanHeader { header: scan.header, scan: own, pitch_rad }, data })
     }
 }
 
@@ -208,6 +217,9 @@ struct ScanJson {
     /// Recordings have it since a body may tilt.
     #[serde(default)]
     height_m: Real,
+    /// Of the second lidar.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pitch_rad: Option<Real>,
 }
 
 impl ScanMessage {
@@ -230,8 +242,31 @@ impl ScanMessage {
                 sigma_m: Real(scan.sigma_m),
                 robot_from_lidar: scan.robot_from_lidar.to_json(),
                 height_m: Real(scan.height_m),
+                pitch_rad: None,
             },
         }
+    }
+
+    fn read(bytes: &[u8]) -> Result<Self, String> {
+        let message: Self = read_json(bytes)?;
+        check_length(message.ranges.len())?;
+        Ok(message)
+    }
+
+    /// What stood beside the ranges, and the ranges, metres.
+    fn taken_apart(self) -> (ScanHeader, Vec<f32>) {
+        let scan = self.guidedog;
+        let header = ScanHeader {
+            header: Mirrored::from_json(scan.header),
+            angle_min_rad: scan.angle_min_rad.0,
+            angle_increment_rad: scan.angle_increment_rad.0,
+            range_min_m: scan.range_min_m.0,
+            range_max_m: scan.range_max_m.0,
+            sigma_m: scan.sigma_m.0,
+            robot_from_lidar: Mirrored::from_json(scan.robot_from_lidar),
+            height_m: scan.height_m.0,
+        };
+        (header, self.ranges.into_iter().map(|reading| reading.0).collect())
     }
 }
 

@@ -14,8 +14,8 @@ use guidedog_recording::{
 use messages::{
     Attitude, Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthFrame,
     DepthHeader, Header, LocomotionState, Mode, ModeClass, Odometry, Outcome, Permit, PermitCause, PolicyAction, Pose2,
-    Pose3, ServiceId, SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId, Twist2, UnsafeCause, Urgency, Walker,
-    WorldTruth,
+    Pose3, ScanHeader, SecondScan, SecondScanHeader, ServiceId, SpeechPhase, SpeechSaid, StopKind, StopReason, TopicId,
+    Twist2, UnsafeCause, Urgency, Walker, WorldTruth,
 };
 use tempfile::tempdir;
 
@@ -89,8 +89,14 @@ fn every_topic() -> (Vec<Record>, Record) {
     action.probabilities[3] = f32::from_bits(0x3EAA_AAAB);
     let mut turn = scan(1, 1, vec![0.1, f32::NAN, f32::INFINITY]);
     *turn.header_mut() = header(1);
+    let second = SecondScanHeader {
+        header: header(15),
+        scan: ScanHeader { angle_min_rad: -0.1, robot_from_lidar: POSE, height_m: 0.4, ..ScanHeader::default() },
+        pitch_rad: 0.1 + 0.2,
+    };
     let small = vec![
         turn,
+        Slice::<SecondScan> { header: second, data: vec![0.2, f32::NAN, f32::INFINITY] }.into(),
         Record::from(Odometry {
             header: header(3),
             odom_from_robot: POSE,

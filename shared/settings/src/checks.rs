@@ -6,8 +6,8 @@ use messages::topic::{AgeLimit, TOPICS};
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow,
-    OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
+    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LidarSettings, LinkKind,
+    LinkRow, OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -21,24 +21,10 @@ const ATTITUDE_HZ: f64 = 30.0;
 /// Where values do not go together or are out of their bounds; the reason begins with the key.
 pub fn check(settings: &Settings) -> Result<(), String> {
     let (lidar, depth) = (&settings.lidar, &settings.depth);
-    if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
-        return Err(format!("lidar.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
-    }
-    if lidar.field_of_view_deg.get() > 360.0 {
-        return Err("lidar.field_of_view_deg is over 360".to_owned());
-    }
+    check_lidar(lidar, "lidar")?;
+    check_second(settings)?;
     if depth.field_of_view_deg.get() >= 170.0 {
         return Err("depth.field_of_view_deg is 170 or over".to_owned());
-    }
-    if lidar.range_min_m >= lidar.range_max_m {
-        return Err("lidar.range_min_m is not under lidar.range_max_m".to_owned());
-    }
-    if !(0.0..=guidance::scan::SIGMA_MAX_M).contains(&lidar.sigma_m) {
-        return Err(format!("lidar.sigma_m = {} is not in 0..{}", lidar.sigma_m, guidance::scan::SIGMA_MAX_M));
-    }
-    // What lies beyond the range is not seen, and hulls reach as far as two metres and more.
-    if lidar.range_max_m.get() < 3.0 {
-        return Err(format!("lidar.range_max_m = {} is under 3", lidar.range_max_m.get()));
     }
     if depth.width == 0 || depth.width > 1280 || depth.height == 0 || depth.height > 720 {
         return Err(format!("depth {}x{} is not within 1x1..1280x720", depth.width, depth.height));
@@ -137,6 +123,54 @@ pub fn check_floor(settings: &Settings) -> Result<(), String> {
          real robot. It would walk over an edge. To walk without that, write [shield.floor] watched = false",
         settings.locomotion.link.row().name
     ))
+}
+
+/// What no lidar is like.
+fn check_lidar(lidar: &LidarSettings, key: &str) -> Result<(), String> {
+    if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
+        return Err(format!("{key}.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
+    }
+    if lidar.field_of_view_deg.get() > 360.0 {
+        return Err(format!("{key}.field_of_view_deg is over 360"));
+    }
+    if lidar.range_min_m >= lidar.range_max_m {
+        return Err(format!("{key}.range_min_m is not under {key}.range_max_m"));
+    }
+    if !(0.0..=guidance::scan::SIGMA_MAX_M).contains(&lidar.sigma_m) {
+        return Err(format!("{key}.sigma_m = {} is not in 0..{}", lidar.sigma_m, guidance::scan::SIGMA_MAX_M));
+    }
+    // What lies beyond the range is not seen, and hulls reach as far as two metres and more.
+    if lidar.range_max_m.get() < 3.0 {
+        return Err(format!("{key}.range_max_m = {} is under 3", lidar.range_max_m.get()));
+    }
+    if !(-80.0..=80.0).contains(&lidar.pitch_deg) {
+        return Err(format!("{key}.pitch_deg = {} is not in -80..80", lidar.pitch_deg));
+    }
+    Ok(())
+}
+
+/// The second lidar beside the first.
+fn check_second(settings: &Settings) -> Result<(), String> {
+    let lidar = &settings.lidar;
+    if lidar.pitch_deg != 0.0 {
+        return Err("lidar.pitch_deg is not 0: only the second lidar may look down".to_owned());
+    }
+    let Some(second) = &lidar.second else { return Ok(()) };
+    check_lidar(second, "lidar.second")?;
+    if second.second.is_some() {
+        return Err("lidar.second.second: there are two lidars at most".to_owned());
+    }
+    if second.source == Source::Absent {
+        return Err("lidar.second.source is \"absent\": leave [lidar.second] out".to_owned());
+    }
+    if (lidar.source, second.source) == (Source::Device, Source::Device) && lidar.rplidar.port == second.rplidar.port {
+        let port = second.rplidar.port.display();
+        return Err(format!("lidar.second.rplidar.port = \"{port}\" is the first lidar's"));
+    }
+    if settings.simulation.emulated.on && second.source == Source::Device {
+        return Err("lidar.second.source = \"device\" is not emulated, and simulation.emulated.on".to_owned());
+    }
+    (second.device.row().check)(second).map_err(|why| why.replacen("lidar.", "lidar.second.", 1))
 }
 
 /// The settings of each device and link, also where it is not in use.
@@ -371,12 +405,16 @@ fn check_bounds(settings: &Settings) -> Result<(), String> {
 fn check_rates(settings: &Settings) -> Result<(), String> {
     // A slower lidar leaves gaps longer than a permit lives; recorded logs may, with the null link.
     let slowest_lidar = if settings.lidar.source == Source::Replayed { 1.0 } else { 8.0 };
+    let second = settings.lidar.second.as_ref().map(|second| ("lidar.second", second.rate_hz, slowest_lidar, 50.0));
     for (name, rate, from, to) in [
         ("lidar", settings.lidar.rate_hz, slowest_lidar, 50.0),
         ("depth", settings.depth.rate_hz, 1.0, 100.0),
         ("odometry", settings.odometry.rate_hz, 20.0, 100.0),
         ("locomotion", settings.locomotion.rate_hz, 20.0, 100.0),
-    ] {
+    ]
+    .into_iter()
+    .chain(second)
+    {
         if !(from..=to).contains(&rate.get()) {
             return Err(format!("{name}.rate_hz = {} is not in {from}..{to}", rate.get()));
         }
@@ -424,6 +462,13 @@ mod tests {
     fn what_would_give_the_stop_away_is_refused_with_its_key() {
         for (text, key) in [
             ("[lidar]\nrate_hz = 2.0\n", "lidar.rate_hz"),
+            ("[lidar]\npitch_deg = 20.0\n", "lidar.pitch_deg"),
+            ("[lidar.second]\nrate_hz = 2.0\n", "lidar.second.rate_hz"),
+            ("[lidar.second]\nbeams = 3\n", "lidar.second.beams"),
+            ("[lidar.second]\nsource = \"absent\"\n", "lidar.second.source"),
+            ("[lidar.second]\nrplidar = { baud = 0 }\n", "lidar.second.rplidar.baud"),
+            ("[lidar.second]\n[lidar.second.second]\n", "lidar.second.second"),
+            ("[lidar]\nsource = \"device\"\n[lidar.second]\nsource = \"device\"\n", "lidar.second.rplidar.port"),
             ("[locomotion]\nrate_hz = 1.0\n", "locomotion.rate_hz"),
             ("[locomotion]\npermit_life = \"5s\"\n", "locomotion.permit_life"),
             ("[max_age]\nscan = \"10s\"\n", "max_age.scan"),

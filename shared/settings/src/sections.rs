@@ -102,12 +102,14 @@ impl Settings {
 
     /// The sensors' sources, each with its key.
     #[must_use]
-    pub fn sources(&self) -> [(&'static str, Source); 3] {
-        [
+    pub fn sources(&self) -> Vec<(&'static str, Source)> {
+        let second = self.lidar.second.as_ref().map(|second| ("lidar.second.source", second.source));
+        let others = [
             ("lidar.source", self.lidar.source),
             ("depth.source", self.depth.source),
             ("odometry.source", self.odometry.source),
-        ]
+        ];
+        others.into_iter().chain(second).collect()
     }
 
     /// Whether a real robot is commanded.
@@ -146,12 +148,14 @@ impl Settings {
     /// The streams that are taken from a recording.
     #[must_use]
     pub fn replayed_topics(&self) -> Vec<TopicId> {
+        let second = self.lidar.second.as_ref().map(|second| (second.source, TopicId::SecondScan));
         let sources = [
             (self.lidar.source, TopicId::LidarScan),
             (self.depth.source, TopicId::DepthFrame),
             (self.odometry.source, TopicId::Odometry),
         ];
-        let replayed = sources.into_iter().filter(|(source, _)| *source == Source::Replayed).map(|(_, topic)| topic);
+        let replayed =
+            sources.into_iter().chain(second).filter(|(source, _)| *source == Source::Replayed).map(|(_, topic)| topic);
         replayed.chain((self.cue.source == CueOrigin::Replayed).then_some(TopicId::Cue)).collect()
     }
 
@@ -180,6 +184,8 @@ impl Settings {
             scan_gap_ns: SCAN_GAP_NS.max(2 * self.policy.dt.ns()),
             scan_max_age_ns: self.max_age_ns(TopicId::LidarScan),
             depth_max_age_ns: self.max_age_ns(TopicId::DepthFrame),
+            // The shield alone takes its scans.
+            second_max_age_ns: None,
             odometry_max_age_ns: self.max_age_ns(TopicId::Odometry),
             depth_min_m: self.depth.range_m[0],
             depth_needed: self.depth.needed,

@@ -15,6 +15,7 @@ use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsE
 use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 
+use messages::ServiceId;
 use rustix::fs::{FlockOperation, Mode, OFlags};
 use serde::{Deserialize, Serialize};
 
@@ -289,10 +290,10 @@ impl RunDir {
         self.path.join("rplidar")
     }
 
-    /// What a lidar's driver keeps for its next life.
+    /// What a service keeps for its next life.
     #[must_use]
-    pub fn lidar_kept(&self) -> PathBuf {
-        self.path.join("lidar.kept")
+    pub fn kept(&self, service: ServiceId) -> PathBuf {
+        self.path.join(format!("{service}.kept"))
     }
 
     /// The port of an emulated emergency stop.

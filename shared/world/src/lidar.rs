@@ -5,7 +5,7 @@
 use guidance::Tilt;
 use guidance::se2::{Point, Se2, se2};
 use messages::{Header, MAX_BEAMS, Pose2, ScanHeader};
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, Rotation3, Vector3};
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 use serde::{Deserialize, Serialize};
@@ -38,6 +38,8 @@ pub struct LidarConfig {
     pub robot_from_lidar: Pose2,
     /// Height of its plane above the floor, metres.
     pub height_m: f64,
+    /// How far its x axis looks down, radians.
+    pub pitch_rad: f64,
 }
 
 /// Farther than any lidar that is emulated sees, metres.
@@ -55,6 +57,7 @@ impl Default for LidarConfig {
             drop_out: 0.005,
             robot_from_lidar: Pose2::new(0.10, 0.0, 0.0),
             height_m: 0.40,
+            pitch_rad: 0.0,
         }
     }
 }
@@ -105,7 +108,8 @@ impl LidarConfig {
         ConfigError::check("robot_from_lidar.x_m", self.robot_from_lidar.x_m, -2.0, 2.0)?;
         ConfigError::check("robot_from_lidar.y_m", self.robot_from_lidar.y_m, -2.0, 2.0)?;
         ConfigError::check("robot_from_lidar.yaw_rad", self.robot_from_lidar.yaw_rad, -turn, turn)?;
-        ConfigError::check("height_m", self.height_m, 0.0, 3.0)
+        ConfigError::check("height_m", self.height_m, 0.0, 3.0)?;
+        ConfigError::check("pitch_rad", self.pitch_rad, -turn / 4.0, turn / 4.0)
     }
 }
 
@@ -161,6 +165,7 @@ impl LidarSensor {
     /// nothing was hit, NaN where there is no reading (drop-out, or nearer than the least range).
     pub fn scan(&mut self, scene: &Scene<'_>, frame: u64, ranges: &mut [f32]) {
         match &scene.tilt {
+            _ if self.config.pitch_rad != 0.0 => self.draw_pitched(scene),
             None => self.draw(scene),
             Some(tilt) => self.draw_tilted(scene, tilt),
         }
@@ -231,6 +236,29 @@ impl LidarSensor {
             image.put(beam, eye.z / -rise.slope);
         }
         self.draw_all_else(scene, &world_from_lidar);
+    }
+
+    /// The true ranges of a lidar that does not turn in the plane of the body: beam by beam, each with its own bearing.
+    fn draw_pitched(&mut self, scene: &Scene<'_>) {
+        let config = &self.config;
+        let mount = config.robot_from_lidar;
+        let eye = Point3::new(mount.x_m, mount.y_m, config.height_m);
+        let eye = scene.tilt.map_or(eye, |tilt| tilt.place(eye));
+        let mounted = Rotation3::from_euler_angles(0.0, config.pitch_rad, mount.yaw_rad);
+        let world_from_robot = se2(scene.world_from_robot);
+        let at = world_from_robot * eye.xy();
+        let eye = Vector3::new(at.x, at.y, eye.z);
+        self.rises.clear();
+        self.image.clear();
+        for beam in 0..config.beams {
+            let angle_rad = config.angle_min_rad + beam as f64 * config.angle_increment_rad;
+            let way = mounted * Vector3::new(angle_rad.cos(), angle_rad.sin(), 0.0);
+            let way = scene.tilt.map_or(way, |tilt| tilt.direction(way));
+            let over = world_from_robot.rotation * way.xy();
+            if let Some(range_m) = scene.meets(&eye, &Vector3::new(over.x, over.y, way.z), config.range_max_m) {
+                self.image.put(beam, range_m);
+            }
+        }
     }
 
     /// Floor plan and people.

@@ -52,6 +52,7 @@ impl From<&LidarSettings> for LidarConfig {
             drop_out: lidar.drop_out.get(),
             robot_from_lidar: lidar.robot_from_lidar,
             height_m: lidar.height_m.get(),
+            pitch_rad: lidar.pitch_deg.to_radians(),
         }
     }
 }

@@ -47,7 +47,9 @@ fn sensors(settings: &Settings) -> Vec<Sensor> {
     let there = |source: Source| source != Source::Absent;
     let sensor = |name, topic, rate_hz| Sensor { name, topic, rate_hz };
     let (lidar, depth, odometry) = (&settings.lidar, &settings.depth, &settings.odometry);
+    let second = lidar.second.as_ref().filter(|second| there(second.source));
     [
+        second.map(|second| sensor("second lidar rate", TopicId::SecondScan, second.rate_hz.get())),
         there(lidar.source).then(|| sensor("lidar rate", TopicId::LidarScan, lidar.rate_hz.get())),
         there(depth.source).then(|| sensor("depth rate", TopicId::DepthFrame, depth.rate_hz.get())),
         there(odometry.source).then(|| sensor("odometry rate", TopicId::Odometry, odometry.rate_hz.get())),

@@ -1,3 +1,4 @@
+mod second;
 mod steps;
 
 use super::{Core, CoreConfig};

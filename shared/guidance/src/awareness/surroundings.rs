@@ -1,7 +1,7 @@
 //! The newest scan and depth frame, each brought from where the robot was then to where it is now, and the memory of
 //! what was before.
 
-use messages::{DepthHeader, Header, NS_PER_S, Outcome, ScanHeader, Twist2, age_ns};
+use messages::{DepthHeader, Header, NS_PER_S, Outcome, ScanHeader, SecondScanHeader, Twist2, age_ns};
 
 use super::plausible::{Repeats, Succession};
 use crate::depth::{DepthError, DepthView};
@@ -9,6 +9,7 @@ use crate::handler::HandlerBody;
 use crate::memory::{Memory, MemoryConfig};
 use crate::scan::Beams;
 use crate::se2::{Point, Se2};
+use crate::second::SecondView;
 use crate::shield::Evidence;
 use crate::track::{Held, PoseTrack};
 
@@ -45,6 +46,10 @@ pub struct Surroundings {
     /// The least depth that the camera sees, metres.
     depth_min_m: f64,
     depth_max_age_ns: u64,
+    second: SecondView,
+    second_header: Option<Header>,
+    second_usable: bool,
+    second_repeats: Repeats,
     memory: Option<Memory>,
     scan_repeats: Repeats,
     depth_repeats: Repeats,
@@ -74,6 +79,10 @@ impl Surroundings {
             depth_blind: false,
             depth_min_m,
             depth_max_age_ns,
+            second: SecondView::default(),
+            second_header: None,
+            second_usable: false,
+            second_repeats: Repeats::default(),
             memory: memory.map(Memory::new),
             scan_repeats: Repeats::default(),
             depth_repeats: Repeats::default(),
@@ -155,12 +164,30 @@ impl Surroundings {
         self.refused_frames += u64::from(!self.depth_usable);
     }
 
+    /// Takes in a scan of the second lidar.
+    pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32], track: &PoseTrack) {
+        let stamp_ns = header.header.stamp_ns;
+        let held = track.held_at(stamp_ns);
+        let tilt = held.as_ref().and_then(Held::tilt);
+        self.second_usable = self.second.fill(header, ranges_m, tilt).is_ok() && held.is_some();
+        if let Some(odom_from_robot) = track.at(stamp_ns) {
+            self.second_repeats.take_scan(ranges_m, &odom_from_robot);
+        }
+        self.second_header = Some(header.header);
+    }
+
+    /// The second lidar's newest scan, where it may be judged on.
+    pub fn second(&self) -> Option<Header> {
+        self.second_header.filter(|_| self.second_usable && !self.second_repeats.is_stuck())
+    }
+
     /// The odometry frame is a new one: what was remembered has no place in it, but for the floor about a robot that
     /// stands there (`standing`).
     pub fn lose_place(&mut self, standing: Option<&Se2>) {
         self.waiting.header = None;
         self.scan_repeats.lose_place();
         self.depth_repeats.lose_place();
+        self.second_repeats.lose_place();
         self.succession.lose_place();
         self.contradicts = false;
         match (&mut self.memory, standing) {
@@ -190,6 +217,12 @@ impl Surroundings {
                 None => self.depth_usable = false,
             }
         }
+        if let Some(header) = self.second_header {
+            match then_in_now(header) {
+                Some(shift) => self.second.move_to(&shift),
+                None => self.second_usable = false,
+            }
+        }
         if let Some(memory) = &mut self.memory {
             memory.move_to(now_ns, odom_from_robot);
         }
@@ -198,8 +231,12 @@ impl Surroundings {
     /// Remembers the newest scan, of that stamp, and frame.
     pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
+        let second = self.second().map(|_| &self.second);
         if let Some(memory) = &mut self.memory {
             memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);
+            if let Some(second) = second {
+                memory.update_second(second);
+            }
         }
     }
 
@@ -227,7 +264,8 @@ impl Surroundings {
     /// What is judged on now, of a robot that moves so.
     pub fn evidence(&self, now_ns: u64, moves: Twist2) -> Evidence<'_> {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
-        Evidence { beams: &self.beams, depth, memory: self.memory.as_ref(), moves }
+        let second = self.second().map(|_| &self.second);
+        Evidence { beams: &self.beams, depth, second, memory: self.memory.as_ref(), moves }
     }
 
     /// The ranges of the newest scan over the level floor, metres, where the body was tilted.

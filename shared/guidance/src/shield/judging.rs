@@ -16,6 +16,7 @@ use crate::interaction::place;
 use crate::memory::{Floor, Memory};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2, exp, log};
+use crate::second::SecondView;
 
 /// An action's hull reaches beyond the present one where its threshold is greater by more than rounding, metres.
 const BEYOND_M: f64 = 1e-9;
@@ -50,6 +51,7 @@ pub(super) struct Present<'a> {
     config: &'a ShieldConfig,
     beams: &'a Beams,
     depth: Option<&'a DepthView>,
+    second: Option<&'a SecondView>,
     memory: Option<&'a Memory>,
     handler: HandlerBody,
     /// The robot's discs and the handler's, now.
@@ -67,7 +69,7 @@ pub(super) struct Present<'a> {
 impl<'a> Present<'a> {
     pub fn prepare(
         config: &'a ShieldConfig,
-        Evidence { beams, depth, memory, moves }: Evidence<'a>,
+        Evidence { beams, depth, second, memory, moves }: Evidence<'a>,
         handler: HandlerBody,
         sorted: &'a mut Sorted,
     ) -> Self {
@@ -82,7 +84,7 @@ impl<'a> Present<'a> {
         let carried = config.reach.carries_to(&moves);
         let walks_on = config.reach.walks_on(&moves);
         let mut present =
-            Self { config, beams, depth, memory, handler, now, carried, walks_on, handler_disc, hull, sorted };
+            Self { config, beams, depth, second, memory, handler, now, carried, walks_on, handler_disc, hull, sorted };
         present.sort(&Boundary::of(&now));
         present
     }
@@ -300,7 +302,10 @@ impl<'a> Present<'a> {
             kept_m: spot.uncertainty_m,
             step_m: 0.0,
         });
-        let (mut swept, points) = (None, seen.chain(remembered));
+        let second = self.second.map_or(&[][..], SecondView::points).iter();
+        let second =
+            second.map(|point| KeptOff { cause: UnsafeCause::Second, place: *point, kept_m: 0.0, step_m: 0.0 });
+        let (mut swept, points) = (None, seen.chain(second).chain(remembered));
         // A high step comes before its points, whose cause says less. A low one comes last: it is the cause where
         // nothing else forbids.
         let all = self.high_steps(motion).chain(points).chain(self.edges(motion)).chain(self.low_steps(motion));

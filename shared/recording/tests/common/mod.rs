@@ -5,7 +5,7 @@
 use std::path::Path;
 
 use guidedog_recording::{About, Existing, Reader, Record, Slice, Writer};
-use messages::{Attitude, Header, LidarScan, Odometry, Pose2, ScanHeader, Twist2};
+use messages::{Attitude, Header, LidarScan, Odometry, Pose2, ScanHeader, SecondScanHeader, Twist2};
 
 pub fn header(stamp_ns: u64, seq: u64) -> Header {
     Header { stamp_ns, seq, step: 3, published_ns: 0, incarnation: 2, reserved: 0 }
@@ -61,6 +61,12 @@ pub fn bits(record: &Record) -> Vec<u64> {
         Record::LidarScan(scan) => {
             let s = &scan.header;
             bits.extend([s.angle_min_rad, s.angle_increment_rad, s.range_min_m, s.range_max_m, s.sigma_m].map(real));
+            bits.extend(pose(&s.robot_from_lidar));
+            bits.extend(scan.data.iter().map(|r| if r.is_nan() { u64::MAX } else { u64::from(r.to_bits()) }));
+        }
+        Record::SecondScan(scan) => {
+            let SecondScanHeader { scan: s, pitch_rad, .. } = &scan.header;
+            bits.extend([s.angle_min_rad, s.height_m, *pitch_rad].map(real));
             bits.extend(pose(&s.robot_from_lidar));
             bits.extend(scan.data.iter().map(|r| if r.is_nan() { u64::MAX } else { u64::from(r.to_bits()) }));
         }

@@ -72,8 +72,14 @@ pub struct LidarSettings {
     pub height_m: Positive,
     /// Where the lidar is on the robot.
     pub robot_from_lidar: Pose2,
+    /// How far the plane of a second lidar looks down, degrees. The first one's is level.
+    #[serde(skip_serializing_if = "is_default")]
+    pub pitch_deg: f64,
     /// The RPLIDAR, where that is the device.
     pub rplidar: RplidarSettings,
+    /// A second lidar, which looks where the first does not: back, down, or near the floor.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub second: Option<Box<LidarSettings>>,
 }
 
 impl Default for LidarSettings {
@@ -90,7 +96,9 @@ impl Default for LidarSettings {
             drop_out: Share::of(0.005),
             height_m: Positive::of(0.35),
             robot_from_lidar: Pose2::new(0.0, 0.0, 0.0),
+            pitch_deg: 0.0,
             rplidar: RplidarSettings::default(),
+            second: None,
         }
     }
 }

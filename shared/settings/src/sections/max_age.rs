@@ -37,6 +37,8 @@ macro_rules! max_age {
 max_age! {
     /// Of scans.
     scan,
+    /// Of the second lidar's scans, where there is one.
+    second_scan,
     /// Of depth frames, where they are needed.
     depth,
     /// Of odometry.

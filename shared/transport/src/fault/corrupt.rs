@@ -6,7 +6,7 @@ use std::any::{Any, TypeId};
 use messages::fault::{Dice, Fault, TILT_RAD, WRONG_AGE_NS, WRONG_SCALE};
 use messages::{
     Cue, CueKind, CueRequest, DepthFrame, DepthHeader, Frame, Health, LidarScan, LocomotionState, Message, Mode,
-    Odometry, Outcome, Permit, PolicyAction, Pose2, ScanHeader, Twist2,
+    Odometry, Outcome, Permit, PolicyAction, Pose2, ScanHeader, SecondScan, SecondScanHeader, Twist2,
 };
 use zerocopy::{FromBytes, IntoBytes};
 
@@ -173,6 +173,23 @@ impl CorruptFrame for LidarScan {
     fn spoil(_: &mut ScanHeader, _: &mut [f32], _: Fault) {
         // Every fault of a scan is one of all streams.
     }
+}
+
+impl CorruptFrame for SecondScan {
+    fn garble_meta(meta: &mut SecondScanHeader, dice: &mut Dice) {
+        LidarScan::garble_meta(&mut meta.scan, dice);
+        (meta.header.stamp_ns, meta.pitch_rad) = (dice.count(), dice.number());
+    }
+
+    fn garble(ranges_m: &mut [f32], dice: &mut Dice) {
+        LidarScan::garble(ranges_m, dice);
+    }
+
+    fn falsify(ranges_m: &mut [f32]) {
+        LidarScan::falsify(ranges_m);
+    }
+
+    fn spoil(_: &mut SecondScanHeader, _: &mut [f32], _: Fault) {}
 }
 
 impl CorruptFrame for DepthFrame {

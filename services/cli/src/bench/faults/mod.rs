@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 use messages::fault::{Device, Dice, Fault, Target};
 use messages::{MemoryClass, ServiceId, StopKind, TopicId};
 use serde_json::{Value, json};
-use settings::{LinkKind, PolicyModel, SimulatedNoise};
+use settings::{LidarSettings, LinkKind, PolicyModel, SimulatedNoise};
 
 use crate::args::FaultsArgs;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
@@ -73,6 +73,8 @@ enum Kind {
     Simulated,
     /// The same with the learnt policy, in whose process it is.
     Learnt,
+    /// The same with a second lidar, which looks back.
+    TwoLidars,
     /// The same on legs, which tell how they hold the body.
     Legged,
     /// With emulated devices, whose robot is commanded so, and does that when nothing more comes.
@@ -91,6 +93,10 @@ impl Rigs {
             }
             _ if self.robot.is_some() => Kind::Emulated(link, Silence::HoldsLast),
             (Target::Service(ServiceId::Policy), _) => Kind::Learnt,
+            (Target::Service(of) | Target::Stream(TopicId::Health, of), _) if of == ServiceId::SecondLidar => {
+                Kind::TwoLidars
+            }
+            (Target::Stream(TopicId::SecondScan, _), _) => Kind::TwoLidars,
             // Where the attitude of the body is not known, the floor cannot tell how the camera is held.
             (_, Fault::Tilted) => Kind::Legged,
             _ => Kind::Simulated,
@@ -100,6 +106,7 @@ impl Rigs {
             let rig = match kind {
                 Kind::Simulated => Rig::new()?,
                 Kind::Learnt => Rig::with(|settings| settings.policy.model = PolicyModel::Guide)?,
+                Kind::TwoLidars => Rig::with(|settings| settings.lidar.second = Some(Box::new(looking_back())))?,
                 Kind::Legged => Rig::with(|settings| settings.simulation.noise = SimulatedNoise::Legged)?,
                 Kind::Emulated(link, silence) => Rig::emulated(link, silence)?,
             };
@@ -114,6 +121,12 @@ impl Rigs {
             rig.end();
         }
     }
+}
+
+/// A second lidar that looks back.
+fn looking_back() -> LidarSettings {
+    let behind = messages::Pose2::new(-0.2, 0.0, std::f64::consts::PI);
+    LidarSettings { robot_from_lidar: behind, ..LidarSettings::default() }
 }
 
 /// Every cell once, then every cell again, so that a budget that runs out has met all of them alike.
@@ -275,8 +288,8 @@ mod tests {
             .map(|cell| Row { outcomes: vec![outcome(1.0), outcome(2.5)], cell })
             .collect();
         let report = report(&rows);
-        assert_eq!(report["cells"].as_array().map(Vec::len), Some(14));
-        assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&18.into(), &4.into()));
+        assert_eq!(report["cells"].as_array().map(Vec::len), Some(15));
+        assert_eq!((&report["kills"]["n"], &report["kills_large"]["n"]), (&20.into(), &4.into()));
         assert_eq!(report["kills"]["max"], 2.5);
         assert_eq!(report["cells"][0]["stop_ms"]["p50"], 1.0);
         assert!(pooled(&[], |_| true)["p50"].is_null());

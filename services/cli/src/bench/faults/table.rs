@@ -67,12 +67,13 @@ pub struct Cell {
 /// and the longest pause of a restart lie in it.
 const WALKS_AGAIN_MS: f64 = 5000.0;
 
-/// The services of a simulated walk that are restarted: the end of the supervisor or of the world ends the run.
-pub const RESTARTED: [ServiceId; 8] = [
+/// The services of a simulated walk that are restarted, that of a second lidar among them: the end of the supervisor or of the world ends the run.
+pub const RESTARTED: [ServiceId; 9] = [
     ServiceId::Locomotion,
     ServiceId::Brake,
     ServiceId::Odometry,
     ServiceId::Lidar,
+    ServiceId::SecondLidar,
     ServiceId::Depth,
     ServiceId::Cue,
     ServiceId::Policy,
@@ -183,7 +184,7 @@ mod tests {
     fn patterns_mean_cells() {
         assert!(matches("health/*", "health/lidar") && matches("*", "") && matches("a*c", "abbc"));
         assert!(!matches("health/*", "lidar/scan") && !matches("a*c", "abbd"));
-        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 13);
+        assert_eq!(cells(Some("*:kill")).expect("there are some").len(), 14);
         assert_eq!(cells(Some("lidar/scan:off, policy:exit-on-start")).expect("there are some").len(), 2);
         assert!(cells(Some("lidar/scan:kill")).is_err());
         assert!(cells(None).expect("the matrix is whole").iter().all(|cell| cell.target.to_string() != "host"));

@@ -9,6 +9,7 @@ use crate::hull::{Disc, Discs, Hull};
 use crate::interaction::place;
 use crate::memory::{FLOOR_CELL_M, Floor, Memory, Remembered, RememberedStep};
 use crate::se2::Point;
+use crate::second::SecondView;
 use crate::shield::{Judgement, Motion};
 
 /// A turn on the spot may lead the pair this far over floor that was never seen, metres.
@@ -100,6 +101,8 @@ impl Present<'_> {
         let alone = self.depth.filter(|_| self.memory.is_none());
         let seen = alone.map_or(&[][..], DepthView::edges).iter().map(|edge| (*edge, 0.0));
         let remembered = self.memory.map_or(&[][..], Memory::edges).iter();
+        let second = self.second.filter(|_| self.memory.is_none());
+        let seen = seen.chain(second.map_or(&[][..], SecondView::edges).iter().map(|edge| (*edge, 0.0)));
         let all = seen.chain(remembered.map(|edge| (edge.place, edge.uncertainty_m)));
         let needed_m = self.kept_from_edge_m(motion);
         all.map(move |(place, uncertainty_m)| {
