@@ -4,8 +4,9 @@ use guidedog_tests::Place;
 
 /// Every death, every way to hang, every fault of the two streams that nothing moves without, and of each other stream
 /// the fault that only a check of its own can see; and of the lines to emulated devices what is worst.
-const CELLS: &str = "*:kill,lidar:hang,policy:hang,locomotion:hang,supervisor:hang,lidar:exit_on_start,lidar/scan:*,lidar/second:off,\
-                     odometry:*,depth/frame:stuck_bytes,shield/permit:wrong,shield/permit:stuck_bytes,mode:garbage,\
+const CELLS: &str = "*:kill,lidar:hang,policy:hang,locomotion:hang,supervisor:hang,lidar:exit_on_start,lidar/scan:*,\
+                     lidar/second:off,odometry:*,depth/frame:stuck_bytes,shield/permit:wrong,\
+                     shield/permit:stuck_bytes,mode:garbage,\
                      policy/action:garbage,health/shield:off,locomotion/state:garbage,line/lidar:unplugged,\
                      line/robot:silent,line/robot:loss,line/robot:remote_stop,line/estop:*,line/camera:*";
 

@@ -10,6 +10,7 @@ mod odometry;
 mod policy;
 mod robot;
 mod shield;
+mod sources;
 mod speak;
 
 use guidance::se2::Point;
@@ -25,7 +26,7 @@ use unitree::Silence;
 
 use crate::path::ConfigPath;
 use crate::planned::Planned;
-use crate::recorded::{CueOrigin, RecordSettings, Replay};
+use crate::recorded::{RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
 pub use cue::{CueSettings, VoiceSettings, VoiceSource};
@@ -94,24 +95,6 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Whether the run has a simulated world: one of its sensors looks at it, or emulated devices do.
-    #[must_use]
-    pub fn has_world(&self) -> bool {
-        self.simulation.emulated.on || self.sources().iter().any(|(_, source)| *source == Source::Simulated)
-    }
-
-    /// The sensors' sources, each with its key.
-    #[must_use]
-    pub fn sources(&self) -> Vec<(&'static str, Source)> {
-        let second = self.lidar.second.as_ref().map(|second| ("lidar.second.source", second.source));
-        let others = [
-            ("lidar.source", self.lidar.source),
-            ("depth.source", self.depth.source),
-            ("odometry.source", self.odometry.source),
-        ];
-        others.into_iter().chain(second).collect()
-    }
-
     /// Whether a real robot is commanded.
     #[must_use]
     pub fn commands_robot(&self) -> bool {
@@ -136,27 +119,6 @@ impl Settings {
                 !networks.is_empty() && networks.iter().all(std::net::Ipv4Addr::is_loopback)
             }
         }
-    }
-
-    /// Whether recorded frames stand in place of a sensor, or recorded cues in the handler's.
-    #[must_use]
-    pub fn replays(&self) -> bool {
-        let mut sensors = self.sources().into_iter();
-        sensors.any(|(_, source)| source == Source::Replayed) || self.cue.source == CueOrigin::Replayed
-    }
-
-    /// The streams that are taken from a recording.
-    #[must_use]
-    pub fn replayed_topics(&self) -> Vec<TopicId> {
-        let second = self.lidar.second.as_ref().map(|second| (second.source, TopicId::SecondScan));
-        let sources = [
-            (self.lidar.source, TopicId::LidarScan),
-            (self.depth.source, TopicId::DepthFrame),
-            (self.odometry.source, TopicId::Odometry),
-        ];
-        let replayed =
-            sources.into_iter().chain(second).filter(|(source, _)| *source == Source::Replayed).map(|(_, topic)| topic);
-        replayed.chain((self.cue.source == CueOrigin::Replayed).then_some(TopicId::Cue)).collect()
     }
 
     /// What the handler's estimate is held to.

@@ -40,8 +40,8 @@ impl<'a> Scene<'a> {
         }
     }
 
-    /// How far a ray leads to what it meets first, in lengths of `way` (world frame): floor, the wall of a hole, a thing,
-    /// a wall of the floor plan, a person. None where it meets nothing within `max`. Ramps are not asked.
+    /// How far a ray leads to what it meets first, in lengths of `way` (world frame): floor, the wall of a hole, a
+    /// thing, a wall of the floor plan, a person. None where it meets nothing within `max`. Ramps are not asked.
     pub(crate) fn meets(&self, eye: &Vector3<f64>, way: &Vector3<f64>, max: f64) -> Option<f64> {
         let (origin, over) = (Point::from(eye.xy()), way.xy());
         let mut least = self.world.ground_along(eye, way).unwrap_or(f64::INFINITY);

@@ -67,7 +67,8 @@ pub struct Cell {
 /// and the longest pause of a restart lie in it.
 const WALKS_AGAIN_MS: f64 = 5000.0;
 
-/// The services of a simulated walk that are restarted, that of a second lidar among them: the end of the supervisor or of the world ends the run.
+/// The services of a simulated walk that are restarted, that of a second lidar among them: the end of the supervisor or
+/// of the world ends the run.
 pub const RESTARTED: [ServiceId; 9] = [
     ServiceId::Locomotion,
     ServiceId::Brake,
