@@ -295,8 +295,8 @@ topics! {
         borrowed: 3,
         loans: 2,
         wakes: true,
-        max_age: AgeLimit::Configured { key: "second_scan", default_ms: 200, most_ms: 300 },
-        why: "as lidar/scan",
+        max_age: AgeLimit::Configured { key: "second_scan", default_ms: 250, most_ms: 300 },
+        why: "as lidar/scan; a permit that the first lidar's scan renews rests on a scan that may be a period older",
     }
     /// One image of the depth camera: millimetres.
     DepthFrame = 2, frame DepthFrame DepthHeader, recorded in Depth as Viewed, injectable by name {

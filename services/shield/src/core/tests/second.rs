@@ -40,9 +40,13 @@ fn without_the_second_lidars_scans_nothing_is_granted() {
     let none = core.on_action(1000 * MS, &action(2, 1)).expect("the active policy's");
     assert_eq!(none.outcome, Outcome::StaleSecondScan);
     assert_eq!(decides(&mut core, 3, 20, 3.0).outcome, Outcome::Granted);
-    assert_eq!(decides(&mut core, 4, 250, 3.0).outcome, Outcome::StaleSecondScan);
-    let permit = decides(&mut core, 5, 60, 3.0);
-    assert_eq!((permit.outcome, permit.expiry_ns), (Outcome::Granted, (2500 - 60 + 200) * MS), "the older stamp's");
+    assert_eq!(decides(&mut core, 4, 300, 3.0).outcome, Outcome::StaleSecondScan);
+    let permit = decides(&mut core, 5, 110, 3.0);
+    assert_eq!(
+        (permit.outcome, permit.expiry_ns),
+        (Outcome::Granted, (2500 - 110 + 250) * MS),
+        "its stamp and max age"
+    );
     assert_eq!(decides(&mut core, 6, 20, f32::NAN).outcome, Outcome::StaleSecondScan, "all its beams are unknown");
 }
 
