@@ -263,7 +263,7 @@ fn in_the_flat_world_the_handler_only_follows() {
 }
 
 /// A walk in the flat world, ahead to stairs that lead down.
-fn to_stairs(place: &Place, config: &str) -> Value {
+fn to_stairs(place: &Place, config: &str, more: &[&str]) -> Value {
     let world = place.path().join("stairs.toml");
     let text = "[[wall]]\npoints = [[-3, -1.2], [12, -1.2], [12, 1.2], [-3, 1.2], [-3, -1.2]]\n\
          [[stairs]]\nat = [5, 0]\nsteps = 8\nwidth_m = 2.4\nrise_m = -0.17\nlanding_m = 4\n";
@@ -273,13 +273,15 @@ fn to_stairs(place: &Place, config: &str) -> Value {
     let scenario = place.scenario(&world.to_string_lossy(), lines);
     let settings = place.path().join("run.toml");
     fs::write(&settings, config).expect("written");
-    place.json(&["walk", "--scenario", &scenario, "--config", &settings.to_string_lossy(), "--speed", "0", "--json"]).0
+    let settings = settings.to_string_lossy();
+    let args = ["walk", "--scenario", &scenario, "--config", &settings, "--speed", "0", "--json"];
+    place.json(&[&args, more].concat()).0
 }
 
 #[test]
 fn in_the_flat_world_they_stand_before_stairs_and_the_report_tells_where() {
     let place = Place::new();
-    let report = to_stairs(&place, "");
+    let report = to_stairs(&place, "", &[]);
     assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{report:#}");
     let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
     assert!(waited_s > 5.0, "{report:#}");
@@ -294,7 +296,7 @@ fn in_the_flat_world_they_stand_before_stairs_and_the_report_tells_where() {
 #[test]
 fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
     let place = Place::new();
-    let report = to_stairs(&place, "[depth]\nsource = \"absent\"\nneeded = false\n");
+    let report = to_stairs(&place, "[depth]\nsource = \"absent\"\nneeded = false\n", &[]);
     assert_eq!(report["falls"], json!({ "robot": 1, "handler": 0 }), "{report:#}");
     assert_eq!(report["reached"], false);
     place.assert_empty();
@@ -303,14 +305,33 @@ fn a_robot_that_does_not_see_the_floor_falls_and_the_report_says_so() {
 #[test]
 fn a_second_lidar_that_looks_down_keeps_a_robot_without_a_camera_off_stairs() {
     let place = Place::new();
+    let recording = place.path().join("walk.mcap").to_string_lossy().into_owned();
     let report = to_stairs(
         &place,
         "depth = { source = \"absent\", needed = false }\n[lidar.second]\nfield_of_view_deg = 120\nbeams = 120\n\
          height_m = 0.40\npitch_deg = 22\nrobot_from_lidar = { x_m = 0.30, y_m = 0.0, yaw_rad = 0.0 }\n",
+        &["--record", &recording],
     );
     assert_eq!(report["falls"], json!({ "robot": 0, "handler": 0 }), "{report:#}");
     let waited_s = report["stopped_s_by_reason"]["drop_off"].as_f64().unwrap_or(0.0);
     assert!(waited_s > 5.0, "{report:#}");
+    let (replay, _) = place.json(&["replay", &recording, "--speed", "0", "--json"]);
+    let permits = &replay["compared"]["permits"];
+    assert!(permits["recorded"].as_u64().is_some_and(|count| count > 200), "{replay:#}");
+    assert_eq!(permits["equal"], permits["recorded"], "{replay:#}");
+    place.assert_empty();
+}
+
+/// SECURITY.md tells of both.
+#[test]
+fn robot_and_handler_are_led_into_what_no_sensor_sees_and_the_report_says_so() {
+    let place = Place::new();
+    let walk = |scenario: &str| place.json(&["walk", "--scenario", scenario, "--speed", "0", "--json"]).0;
+    let glass = walk("glass");
+    assert!(glass["collisions"]["robot"].as_u64().is_some_and(|touches| touches > 0), "{glass:#}");
+    assert_eq!(glass["reached"], false);
+    let gap = walk("platform-gap");
+    assert_eq!(gap["falls"], json!({ "robot": 1, "handler": 0 }), "{gap:#}");
     place.assert_empty();
 }
 

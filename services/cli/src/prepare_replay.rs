@@ -164,6 +164,12 @@ impl Streams<'_> {
         // The recorded poses are corrected already, and have their attitude.
         settings.odometry.matching.on = Some(false);
         settings.odometry.attitude = AttitudeSource::Told;
+        if let Some(second) = &mut settings.lidar.second {
+            if !self.has(TopicId::SecondScan) {
+                return Err(self.lacks(TopicId::SecondScan));
+            }
+            second.source = Source::Replayed;
+        }
         if settings.depth.source != Source::Absent {
             if !self.has(TopicId::DepthFrame) {
                 let Failure { message, .. } = self.lacks(TopicId::DepthFrame);

@@ -62,6 +62,8 @@ impl Settings {
         fn used<'a, S>(row: &DeviceRow<S>, section: &'a S) -> (&'static str, Reach<'a>) {
             (row.doctor_name, (row.reach)(section))
         }
+        let second = self.lidar.second.as_deref();
+        let second = second.map(|second| (second.source, ("second lidar", (second.device.row().reach)(second))));
         let sensors = [
             (self.lidar.source, used(self.lidar.device.row(), &self.lidar)),
             (self.depth.source, used(self.depth.device.row(), &self.depth)),
@@ -69,7 +71,8 @@ impl Settings {
         ];
         let link = self.locomotion.link.row();
         let others = [used(self.estop.source.row(), &self.estop), ("robot", (link.reach)(&self.locomotion))];
-        let sensors = sensors.into_iter().filter(|(source, _)| *source == Source::Device).map(|(_, device)| device);
+        let sensors =
+            sensors.into_iter().chain(second).filter(|(source, _)| *source == Source::Device).map(|(_, device)| device);
         sensors.chain(others).collect()
     }
 }

@@ -27,8 +27,11 @@ const BLIND_M: f64 = 0.01;
 const BLIND_UP_M: f64 = 0.075;
 const BLIND_DOWN_M: f64 = 0.095;
 /// Floor that was seen to go on from the feet before may lie lower by so much more: a ramp down, or a step that was
-/// taken, that has come out of view, metres.
+/// taken, that has come out of view, metres. Lower than the last it is a drop, and so far along it joins the cell before
+/// it: from afar, a drop may once have looked like floor.
 const SEEN_DOWN_M: f64 = 0.06;
+const SEEN_DOWN_MAX_M: f64 = 0.14;
+const SEEN_WITHIN_M: f64 = 1.2;
 /// It was seen at the middle of a cell and so far to each side of it, metres.
 const SEEN_ASIDE_M: f64 = 0.1;
 /// Farther to the side than this the first floor in view is level, metres: there the error of the attitude could lower
@@ -84,9 +87,10 @@ pub(crate) struct Look<'a> {
 impl Look<'_> {
     /// Whether floor of a height that lies below the feet was seen before, at a place and all about it.
     fn saw_lower_floor(&self, height_m: f64, (along_m, left_m): (f64, f64)) -> bool {
-        let lowest_m = BLIND_SLOPE * (along_m + self.ahead_m) + SEEN_DOWN_M;
+        let lowest_m = (BLIND_SLOPE * (along_m + self.ahead_m) + SEEN_DOWN_M).min(SEEN_DOWN_MAX_M);
         let about = [(0.0, 0.0), (SEEN_ASIDE_M, 0.0), (-SEEN_ASIDE_M, 0.0), (0.0, SEEN_ASIDE_M), (0.0, -SEEN_ASIDE_M)];
-        (-lowest_m..=0.0).contains(&height_m)
+        along_m <= SEEN_WITHIN_M
+            && (-lowest_m..=0.0).contains(&height_m)
             && about.iter().all(|(ahead_m, aside_m)| (self.was_floor)(along_m + ahead_m, left_m + aside_m))
     }
 }
