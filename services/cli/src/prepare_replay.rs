@@ -222,6 +222,7 @@ impl Streams<'_> {
         if other(Stream::Scan, settings.lidar.source)
             || other(Stream::Odometry, settings.odometry.source)
             || other(Stream::Depth, settings.depth.source)
+            || settings.lidar.second.as_ref().is_some_and(|second| second.source == Source::Replayed)
         {
             return Err(Failure::input(
                 "a driver that is not among --streams has no source: its settings say \"replayed\"",

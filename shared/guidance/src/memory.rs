@@ -134,6 +134,9 @@ pub struct Memory {
     edges: Spots,
     /// Steps in the floor that could be taken, and those that lead up and could not.
     steps: Spots,
+    /// What the second lidar alone saw: drops, and what stands.
+    second_edges: Spots,
+    second_things: Spots,
     floor: Option<FloorMap>,
     /// The oldest first.
     glimpses: VecDeque<Glimpse>,
@@ -160,14 +163,16 @@ impl Memory {
             spots: Spots::new(),
             edges: Spots::new(),
             steps: Spots::new(),
+            second_edges: Spots::new(),
+            second_things: Spots::new(),
             glimpses: VecDeque::new(),
             stamp_ns: 0,
             now_ns: 0,
             odom_from_counted: None,
             odom_from_robot: Se2::identity(),
             odometer: Odometer::default(),
-            hidden: Vec::with_capacity(SPOTS),
-            edges_now: Vec::with_capacity(SPOTS),
+            hidden: Vec::with_capacity(2 * SPOTS),
+            edges_now: Vec::with_capacity(2 * SPOTS),
             steps_now: Vec::with_capacity(SPOTS),
             contacts: Contacts::default(),
         }
@@ -195,6 +200,7 @@ impl Memory {
         }
         let (now_from_then, walked_m) = (odom_from_robot * before.inverse(), off_m / drift.max(f64::MIN_POSITIVE));
         kept.edges.take_over(&self.edges, &now_from_then, walked_m);
+        kept.second_edges.take_over(&self.second_edges, &now_from_then, walked_m);
         kept.steps.take_over(&self.steps, &now_from_then, walked_m);
         *self = kept;
     }
@@ -244,18 +250,29 @@ impl Memory {
         self.move_to(stamp_ns, odom_from_robot);
     }
 
-    /// Takes in the drops that the second lidar sees from where the robot was at the last update.
-    pub fn update_second(&mut self, second: &SecondView) {
-        let odom_from_robot = self.odom_from_robot;
-        let sighting = Sighting {
-            seen_ns: self.stamp_ns,
-            seen_at: self.odometer,
-            frame: second.number(),
-            odom_from_robot: &odom_from_robot,
+    /// Takes in a scan of the second lidar of that stamp, from where the robot was then. It alone sees that what it saw
+    /// is gone. What stands at its height only while it looks there is remembered where it looks down.
+    pub fn update_second(&mut self, stamp_ns: u64, odom_from_robot: &Se2, second: &SecondView) {
+        let (robot_from_odom, odometer, number) = (odom_from_robot.inverse(), self.odometer, second.number());
+        let kept_ns = self.config.kept_ns;
+        let keeps = |spot: &mut Spot, is_edge: bool| {
+            let place = robot_from_odom * spot.odom;
+            let distance_m = place.coords.norm();
+            let is_gone = second.showed_floor(place) && !spot.outweighs(distance_m, number);
+            let walked_on = odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
+            let is_old = !is_edge && stamp_ns.saturating_sub(spot.seen_ns) > kept_ns && walked_on;
+            !is_gone && !is_old && distance_m < REACH_M
         };
+        self.second_edges.keep(|spot| keeps(spot, true));
+        self.second_things.keep(|spot| keeps(spot, false));
+        let sighting = Sighting { seen_ns: stamp_ns, seen_at: odometer, frame: number, odom_from_robot };
         for edge in second.edges() {
-            self.edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
+            self.second_edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
         }
+        for point in second.points().iter().filter(|_| second.looks_down()) {
+            self.second_things.see(&sighting, *point, f64::NEG_INFINITY, Source::Camera, &self.config);
+        }
+        let odom_from_robot = self.odom_from_robot;
         self.move_to(self.now_ns, &odom_from_robot);
     }
 
@@ -330,8 +347,10 @@ impl Memory {
         };
         self.hidden.clear();
         self.hidden.extend(self.spots.iter().filter(|spot| spot.sight == Sight::Hidden).map(remembered));
+        self.hidden.extend(self.second_things.iter().map(remembered));
         self.edges_now.clear();
-        self.edges_now.extend(self.edges.iter().filter(|edge| edge.was_seen_again()).map(remembered));
+        let edges = self.edges.iter().chain(self.second_edges.iter());
+        self.edges_now.extend(edges.filter(|edge| edge.was_seen_again()).map(remembered));
         self.steps_now.clear();
         self.steps_now.extend(self.steps.iter().filter(|step| step.was_seen_again()).map(|step| RememberedStep {
             at: remembered(step),

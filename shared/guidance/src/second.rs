@@ -1,6 +1,8 @@
 //! What a second lidar adds to the first: what stands where the first does not look, and where the floor drops. It
 //! takes actions away, and excuses nothing.
 
+use std::f64::consts::FRAC_PI_2;
+
 use messages::SecondScanHeader;
 use nalgebra::{Point3, Rotation3, Vector3};
 
@@ -16,8 +18,17 @@ const FLOOR_PER_M: f64 = 0.015;
 /// Floor that lies lower has dropped: metres, and an increase per metre of distance.
 const DROP_M: f64 = 0.08;
 const DROP_PER_M: f64 = 0.02;
-/// A drop counts where the next beam shows one within this distance, metres. One alone is noise.
+/// A drop counts where the next beam shows one within this distance, metres, or within two beams of it. One alone is
+/// noise.
 const AGREE_M: f64 = 0.15;
+const AGREE_BEAMS: f64 = 2.2;
+/// Beams that should meet the floor within this distance, metres, and meet nothing over this width, metres, show none.
+const FLOOR_REACH_M: f64 = 3.0;
+const NOTHING_M: f64 = 0.3;
+/// Floor that is seen this near to a place shows that the place has floor, metres.
+const SAME_M: f64 = 0.07;
+/// A mount that looks further down than this, radians, looks at the floor.
+const DOWN_RAD: f64 = 0.05;
 
 /// A scan of the second lidar as the shield sees it. Reused from scan to scan.
 #[derive(Debug, Clone, Default)]
@@ -28,8 +39,21 @@ pub struct SecondView {
     /// Where a beam passes the level of the floor and finds none, likewise.
     stamped_edges: Vec<Point>,
     edges: Vec<Point>,
+    /// Where beams met the floor, in the robot frame of the scan's stamp.
+    floor: Vec<Point>,
+    looks_down: bool,
     /// Scans taken in so far.
     number: u64,
+}
+
+/// What the beams next to one another show of a floor that is missing.
+#[derive(Debug, Clone, Copy, Default)]
+struct Missing {
+    /// Where the last beam should have met it, and whether what it met lies lower.
+    last: Option<(Point, bool)>,
+    /// The first of the edges that were put down for beams that met nothing, and how wide these are, metres.
+    from: usize,
+    wide_m: f64,
 }
 
 impl SecondView {
@@ -41,35 +65,97 @@ impl SecondView {
         self.clear();
         self.number += 1;
         check(&header.scan, ranges_m.len())?;
+        let is_mounted = header.pitch_rad.abs() < FRAC_PI_2 && header.scan.height_m > 0.0;
+        if !is_mounted || !header.scan.height_m.is_finite() {
+            return Err(ScanError::Geometry("mounting pose"));
+        }
+        self.looks_down = header.pitch_rad > DOWN_RAD;
         let mount = header.scan.robot_from_lidar;
         let eye = Point3::new(mount.x_m, mount.y_m, header.scan.height_m);
         let eye = tilt.map_or(eye, |tilt| tilt.place(eye));
         let mounted = Rotation3::from_euler_angles(0.0, header.pitch_rad, mount.yaw_rad);
-        let (mut known, mut last_edge) = (0, None::<Point>);
+        let (mut known, mut missing) = (0, Missing::default());
         for (i, range_m) in ranges_m.iter().enumerate() {
             let (kind, reading_m) = classify(f64::from(*range_m), &header.scan);
             known += usize::from(kind != BeamKind::Unknown);
             let angle_rad = header.scan.angle_min_rad + i as f64 * header.scan.angle_increment_rad;
             let way = mounted * Vector3::new(angle_rad.cos(), angle_rad.sin(), 0.0);
             let way = tilt.map_or(way, |tilt| tilt.direction(way));
-            let end = eye + way * reading_m;
-            let distance_m = end.xy().coords.norm();
-            let edge = (kind == BeamKind::Hit && end.z < -DROP_M - DROP_PER_M * distance_m)
-                .then(|| (eye + way * (eye.z / -way.z)).xy());
-            if let Some((edge, last)) = edge.zip(last_edge).filter(|(edge, last)| (edge - last).norm() <= AGREE_M) {
-                self.stamped_edges.extend([last, edge]);
-            }
-            last_edge = edge;
-            let stands = (FLOOR_M + FLOOR_PER_M * distance_m..HEAD_M).contains(&end.z);
-            if kind == BeamKind::Hit && stands {
-                self.stamped.push(end.xy());
-            }
+            let end = (kind == BeamKind::Hit).then(|| eye + way * reading_m);
+            self.take(&eye, &way, end, header.scan.angle_increment_rad.abs(), &mut missing);
         }
+        self.give_up(&missing);
         if known == 0 {
+            self.clear();
             return Err(ScanError::AllUnknown(ranges_m.len()));
         }
         self.move_to(&Se2::identity());
         Ok(())
+    }
+
+    /// Takes in a beam that ends there, or meets nothing.
+    fn take(
+        &mut self,
+        eye: &Point3<f64>,
+        way: &Vector3<f64>,
+        end: Option<Point3<f64>>,
+        apart_rad: f64,
+        missing: &mut Missing,
+    ) {
+        let to_floor = eye + way * (eye.z / -way.z);
+        let to_floor_m = (to_floor - eye).norm();
+        let should_meet = self.looks_down && way.z < 0.0 && to_floor.xy().coords.norm() <= FLOOR_REACH_M;
+        let distance_m = end.map_or(0.0, |end| end.xy().coords.norm());
+        let height_m = end.map(|end| end.z);
+        let is_low = height_m.is_some_and(|z_m| way.z < 0.0 && z_m < -DROP_M - DROP_PER_M * distance_m);
+        if let Some(end) = end.filter(|_| !is_low) {
+            if end.z >= HEAD_M {
+                // It passes above.
+            } else if end.z >= FLOOR_M + FLOOR_PER_M * distance_m {
+                self.stamped.push(end.xy());
+            } else {
+                self.floor.push(end.xy());
+            }
+        }
+        if !is_low && (end.is_some() || !should_meet) {
+            self.give_up(missing);
+            *missing = Missing::default();
+            return;
+        }
+        let edge = to_floor.xy();
+        let near_m = AGREE_M.max(AGREE_BEAMS * apart_rad * to_floor_m);
+        let before = missing.last.filter(|(last, _)| (edge - last).norm() <= near_m);
+        let Some((last, was_low)) = before else {
+            self.give_up(missing);
+            *missing = Missing { last: Some((edge, is_low)), from: self.stamped_edges.len(), wide_m: 0.0 };
+            return;
+        };
+        if was_low && is_low {
+            (missing.from, missing.wide_m) = (self.stamped_edges.len() + 2, 0.0);
+        } else {
+            missing.wide_m += (edge - last).norm();
+        }
+        self.stamped_edges.extend([last, edge]);
+        missing.last = Some((edge, is_low));
+    }
+
+    /// Beams that met nothing over less than [`NOTHING_M`] say nothing.
+    fn give_up(&mut self, missing: &Missing) {
+        if missing.last.is_some() && missing.wide_m < NOTHING_M {
+            self.stamped_edges.truncate(missing.from.max(0).min(self.stamped_edges.len()));
+        }
+    }
+
+    /// Whether it looks at the floor.
+    #[must_use]
+    pub fn looks_down(&self) -> bool {
+        self.looks_down
+    }
+
+    /// Whether a beam met the floor at a place (robot frame of the scan's stamp).
+    #[must_use]
+    pub fn showed_floor(&self, place: Point) -> bool {
+        self.floor.iter().any(|floor| (floor - place).norm_squared() <= SAME_M * SAME_M)
     }
 
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the scan's stamp in the robot
@@ -162,5 +248,24 @@ mod tests {
         assert!((view.points()[0] - Point::new(-0.8, 0.0)).norm() < 1e-6, "{:?}", view.points());
         assert_eq!((view.points().len(), view.edges().len()), (1, 0));
         assert!(view.fill(&header, &[f32::NAN; 91], None).is_err() && view.points().is_empty());
+        for pitch_rad in [f64::NAN, 2.0] {
+            let wrong = SecondScanHeader { pitch_rad, ..header };
+            assert!(view.fill(&wrong, &ranges_m, None).is_err(), "{pitch_rad}");
+        }
+    }
+
+    #[test]
+    fn a_floor_that_gives_no_echo_over_a_wide_place_is_missing_and_single_beams_say_nothing() {
+        let (header, mut view) = (header(30.0, 0.0), SecondView::default());
+        let mut edges = |silent: std::ops::Range<usize>, reading_m: f32| {
+            let mut ranges_m = ranges_m(&header, 9.0, 0.0);
+            ranges_m[silent].fill(reading_m);
+            view.fill(&header, &ranges_m, None).expect("usable");
+            view.edges().len()
+        };
+        for nothing in [f32::NAN, f32::INFINITY] {
+            assert_eq!((edges(45..46, nothing), edges(40..47, nothing)), (0, 0), "{nothing}");
+            assert!(edges(30..60, nothing) >= 29, "{nothing}");
+        }
     }
 }

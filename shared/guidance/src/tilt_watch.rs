@@ -21,8 +21,8 @@ const OFF: f64 = 0.03;
 const ALIKE: f64 = 0.0175;
 /// It is told after this many looks: a second at five a second.
 const LOOKS: u32 = 5;
-/// At a start where the floor goes on level from the robot, it is told after this way, metres. A ramp right before the
-/// robot rises more and more meanwhile.
+/// At a start where the floor goes on level from the robot, it is told after this way, metres. On that way, a ramp right
+/// before the robot comes nearer and looks steeper.
 const BEGUN_M: f64 = 0.5;
 /// The floor within this distance to either side of the robot tells whether it goes on level, metres.
 const ASIDE_M: f64 = 0.3;
@@ -44,6 +44,8 @@ struct Suspicion {
     first: Look,
     /// It needs the way [`BEGUN_M`] to be told.
     needs_way: bool,
+    /// The camera was knocked, perhaps in more than one look; else it was off from the start.
+    is_knock: bool,
     /// Looks that showed it, less those that did not.
     looks: u32,
     is_told: bool,
@@ -76,12 +78,19 @@ impl TiltWatch {
             return;
         }
         self.has_begun |= !is_tilted(&Slopes::LEVEL, &slopes);
-        let suspect = |before, needs_way| Suspicion { before, first: look, needs_way, looks: 1, is_told: false };
+        let suspect = |before, needs_way, is_knock| Suspicion {
+            before,
+            first: look,
+            needs_way,
+            is_knock,
+            looks: 1,
+            is_told: false,
+        };
         if let Some(last) = last.filter(|last| is_knock(last, &look)) {
-            self.suspicion = Some(suspect(last.slopes, false));
+            self.suspicion = Some(suspect(last.slopes, false, true));
         } else if !self.has_begun {
             let goes_on_level = view.level_floor_from_m(-ASIDE_M, ASIDE_M).is_some();
-            self.suspicion = Some(suspect(Slopes::LEVEL, goes_on_level));
+            self.suspicion = Some(suspect(Slopes::LEVEL, goes_on_level, false));
         }
     }
 
@@ -97,7 +106,12 @@ impl Suspicion {
     /// What the next look makes of it; none: it was unfounded, or is over.
     fn held_against(self, look: &Look) -> Option<Self> {
         let is_as_first = (look.slopes.near - self.first.slopes.near).norm() <= ALIKE;
-        let is_tilted = is_tilted(&self.before, &look.slopes) && (self.is_told || is_as_first);
+        let is_off = is_tilted(&self.before, &look.slopes);
+        if is_off && self.is_knock && !self.is_told && !is_as_first {
+            // It moves on.
+            return Some(Self { first: *look, looks: 1, ..self });
+        }
+        let is_tilted = is_off && (self.is_told || is_as_first);
         let looks = if is_tilted { (self.looks + 1).min(LOOKS) } else { self.looks - 1 };
         let has_way = !self.needs_way || way_m(&self.first, look) >= BEGUN_M;
         let is_told = self.is_told || looks == LOOKS && has_way;
@@ -146,12 +160,16 @@ mod tests {
     /// Watches a robot that walks at 0.5 m/s for so many frames, five a second, on a floor of that height. From a frame
     /// on the mount is off by so much. The frame after which the tilt is told.
     fn told_at(frames: u64, ground_m: impl Fn(f64) -> f64, off_from: u64, off_deg: f64) -> Option<u64> {
+        told_with(frames, ground_m, |frame| if frame >= off_from { off_deg } else { 0.0 })
+    }
+
+    /// The same where the mount is off by so much at each frame, degrees.
+    fn told_with(frames: u64, ground_m: impl Fn(f64) -> f64, off_deg: impl Fn(u64) -> f64) -> Option<u64> {
         let (mut watch, mut view) = (TiltWatch::default(), DepthView::default());
         (0..frames).find(|frame| {
             let here_m = 0.1 * *frame as f64;
             let pixels = seen(&mounted(0.0), &|x, _| ground_m(here_m + x) - ground_m(here_m));
-            let header = mounted(if *frame >= off_from { off_deg } else { 0.0 });
-            view.fill_tilted(&header, &pixels, Some(&held(2.5, 3.4))).expect("usable");
+            view.fill_tilted(&mounted(off_deg(*frame)), &pixels, Some(&held(2.5, 3.4))).expect("usable");
             watch.take(200_000_000 * (frame + 5), &at(here_m), Some(&view));
             watch.is_tilted()
         })
@@ -163,6 +181,8 @@ mod tests {
             assert_eq!(told_at(20, |_| 0.0, 7, off_deg), Some(11), "{off_deg}");
             assert!(told_at(20, |_| 0.0, 0, off_deg).is_some_and(|frame| (4..=6).contains(&frame)), "{off_deg}");
         }
+        let moving = |frame: u64| 2.0 * frame.saturating_sub(6).min(3) as f64;
+        assert_eq!(told_with(20, |_| 0.0, moving), Some(13), "in three looks, by 2 degrees each");
         assert_eq!(told_at(20, |_| 0.0, 7, 1.0), None, "one degree is no more than an attitude is off");
     }
 

@@ -7,7 +7,7 @@ use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
     AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LidarSettings, LinkKind,
-    LinkRow, OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
+    LinkRow, OdometryDevice, Origin, PhysicsKind, Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -166,6 +166,9 @@ fn check_second(settings: &Settings) -> Result<(), String> {
     if (lidar.source, second.source) == (Source::Device, Source::Device) && lidar.rplidar.port == second.rplidar.port {
         let port = second.rplidar.port.display();
         return Err(format!("lidar.second.rplidar.port = \"{port}\" is the first lidar's"));
+    }
+    if second.source == Source::Simulated && settings.simulation.physics == PhysicsKind::Mujoco {
+        return Err("lidar.second.source = \"simulated\" is of the flat world, not of physics = \"mujoco\"".to_owned());
     }
     if settings.simulation.emulated.on && second.source == Source::Device {
         return Err("lidar.second.source = \"device\" is not emulated, and simulation.emulated.on".to_owned());
@@ -455,8 +458,7 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Settings, check, check_floor, check_origin};
-    use crate::sections::PhysicsKind;
+    use super::{PhysicsKind, Settings, check, check_floor, check_origin};
 
     #[test]
     fn what_would_give_the_stop_away_is_refused_with_its_key() {

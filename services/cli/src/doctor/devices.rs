@@ -119,10 +119,10 @@ fn floor(settings: &Settings) -> Check {
     check(ok, found, &format!("{mend}tilted {tilt}"))
 }
 
-/// What no sensor of this configuration sees, whatever it is: who sets a robot up has to know it.
+/// What no sensor sees, in any configuration.
 fn unseen() -> Check {
     let found = "clean glass; water on the floor; gaps narrower than about 0.3 m, as between a platform and a train; \
-                 steps of less than 5 cm; that escalators move (SECURITY.md)";
+                 steps of less than 5 cm; the motion of escalators (SECURITY.md)";
     Check { name: "not seen", ok: true, found: found.to_owned(), fix: String::new() }
 }
 

@@ -172,6 +172,9 @@ impl Surroundings {
         self.second_usable = self.second.fill(header, ranges_m, tilt).is_ok() && held.is_some();
         if let Some(odom_from_robot) = track.at(stamp_ns) {
             self.second_repeats.take_scan(ranges_m, &odom_from_robot);
+            if let Some(memory) = self.memory.as_mut().filter(|_| self.second_usable) {
+                memory.update_second(stamp_ns, &odom_from_robot, &self.second);
+            }
         }
         self.second_header = Some(header.header);
     }
@@ -231,12 +234,8 @@ impl Surroundings {
     /// Remembers the newest scan, of that stamp, and frame.
     pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
-        let second = self.second().map(|_| &self.second);
         if let Some(memory) = &mut self.memory {
             memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);
-            if let Some(second) = second {
-                memory.update_second(second);
-            }
         }
     }
 

@@ -181,8 +181,8 @@ fn floor_that_was_seen_before_goes_on_from_the_feet_at_the_end_of_a_ramp_down_an
     assert_eq!((edges(&foot, false) > 50, edges(&foot, true)), (true, 0));
     let kerb = |rise_m: f64| move |x: f64, _: f64| if x > 0.4 { rise_m } else { 0.0 };
     // A step that was taken. Behind one that was not, no floor was seen.
-    assert_eq!((edges(&kerb(-0.12), false) > 50, edges(&kerb(-0.12), true)), (true, 0));
-    assert!(edges(&kerb(-0.2), true) > 50, "deeper than a ramp leads from the feet");
+    assert_eq!((edges(&kerb(-0.1), false) > 50, edges(&kerb(-0.1), true)), (true, 0));
+    assert!(edges(&kerb(-0.15), true) > 50, "higher than a step that may be taken");
 }
 
 #[test]

@@ -27,10 +27,10 @@ const BLIND_M: f64 = 0.01;
 const BLIND_UP_M: f64 = 0.075;
 const BLIND_DOWN_M: f64 = 0.095;
 /// Floor that was seen to go on from the feet before may lie lower by so much more: a ramp down, or a step that was
-/// taken, that has come out of view, metres. Lower than the last it is a drop, and so far along it joins the cell before
-/// it: from afar, a drop may once have looked like floor.
+/// taken, that has come out of view, metres. It is not so low as a step that is too high, and lies within this distance
+/// of the camera: seen from farther off, a drop may have looked like floor.
 const SEEN_DOWN_M: f64 = 0.06;
-const SEEN_DOWN_MAX_M: f64 = 0.14;
+const SEEN_DOWN_MAX_M: f64 = 0.125;
 const SEEN_WITHIN_M: f64 = 1.2;
 /// It was seen at the middle of a cell and so far to each side of it, metres.
 const SEEN_ASIDE_M: f64 = 0.1;
@@ -192,16 +192,19 @@ impl Cells {
         }
     }
 
-    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet; or that lies
-    /// lower and was floor before.
+    /// Makes a cell floor that goes on from the one before it, seen from the camera, or from the feet, as far as
+    /// they or memory tell.
     fn join_outward(&mut self, row: usize, column: usize, look: &Look<'_>, plane_m: &impl Fn(f64, f64) -> f64) {
         let FloorCell::Apart(height_m) = self.cell(row, column) else { return };
         let (along_m, left_m) = middle(row, column);
         let seen =
             (1..=row).map(|rows| inward(row, column, rows)).find(|(r, c)| self.cell(*r, *c) != FloorCell::Unseen);
         let slope = || self.slope_outward(row, column).unwrap_or(0.0);
-        let begins = seen.is_none() && begins(height_m, along_m + look.ahead_m, left_m, slope());
-        if begins || look.saw_lower_floor(height_m, (along_m, left_m)) {
+        let begins = || {
+            begins(height_m, along_m + look.ahead_m, left_m, slope())
+                || look.saw_lower_floor(height_m, (along_m, left_m))
+        };
+        if seen.is_none() && begins() {
             self.cells[row * COLUMNS + column] = FloorCell::Floor(height_m);
         }
         let Some((of_row, of_column)) = seen else { return };
