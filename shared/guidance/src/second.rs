@@ -169,9 +169,8 @@ impl SecondView {
 
     /// Nothing seen.
     pub fn clear(&mut self) {
-        [&mut self.stamped, &mut self.points, &mut self.stamped_edges, &mut self.edges]
-            .into_iter()
-            .for_each(Vec::clear);
+        let all = [&mut self.stamped, &mut self.points, &mut self.stamped_edges, &mut self.edges, &mut self.floor];
+        all.into_iter().for_each(Vec::clear);
     }
 
     /// Number of the scan that was taken in last, counted from 1.
@@ -230,9 +229,11 @@ mod tests {
     #[test]
     fn one_that_looks_down_sees_where_the_floor_drops_and_floor_is_nothing() {
         let (header, mut view) = (header(30.0, 0.0), SecondView::default());
+        let place = Point::new(0.2 + 0.4 / 30.0_f64.to_radians().tan(), 0.0);
         view.fill(&header, &ranges_m(&header, 9.0, 0.0), None).expect("usable");
-        assert!(view.points().is_empty() && view.edges().is_empty());
+        assert!(view.points().is_empty() && view.edges().is_empty() && view.showed_floor(place));
         view.fill(&header, &ranges_m(&header, 0.5, 0.17), None).expect("usable");
+        assert!(!view.showed_floor(place), "of this scan alone");
         assert!(view.points().is_empty() && view.edges().len() > 90, "{}", view.edges().len());
         // All its beams meet the level of the floor at the same distance ahead.
         let ahead_m = 0.2 + 0.4 / 30.0_f64.to_radians().tan();
