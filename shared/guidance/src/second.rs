@@ -142,7 +142,7 @@ impl SecondView {
     /// Beams that met nothing over less than [`NOTHING_M`] say nothing.
     fn give_up(&mut self, missing: &Missing) {
         if missing.last.is_some() && missing.wide_m < NOTHING_M {
-            self.stamped_edges.truncate(missing.from.max(0).min(self.stamped_edges.len()));
+            self.stamped_edges.truncate(missing.from);
         }
     }
 

@@ -21,8 +21,8 @@ const OFF: f64 = 0.03;
 const ALIKE: f64 = 0.0175;
 /// It is told after this many looks: a second at five a second.
 const LOOKS: u32 = 5;
-/// At a start where the floor goes on level from the robot, it is told after this way, metres. On that way, a ramp right
-/// before the robot comes nearer and looks steeper.
+/// At a start where the floor goes on level from the robot, it is told after this way, metres. On that way, a ramp
+/// right before the robot comes nearer and looks steeper.
 const BEGUN_M: f64 = 0.5;
 /// The floor within this distance to either side of the robot tells whether it goes on level, metres.
 const ASIDE_M: f64 = 0.3;
