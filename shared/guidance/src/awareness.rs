@@ -130,7 +130,8 @@ impl Awareness {
 
     /// The newest scan of the second lidar. One that cannot be used says nothing.
     pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32]) {
-        self.surroundings.take_second(header, ranges_m, &self.track);
+        let body = self.body();
+        self.surroundings.take_second(header, ranges_m, &self.track, &body);
     }
 
     /// The newest depth frame waits no longer.

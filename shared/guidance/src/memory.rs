@@ -186,7 +186,7 @@ impl Memory {
     /// The odometry frame is another one, or the robot jumped within it, and it stood meanwhile. Floor and edges stay
     /// where they are about it; all else is forgotten.
     pub fn anchor(&mut self, odom_from_robot: &Se2) {
-        let Some(footing) = self.config.footing else { return self.clear() };
+        let Some(footing) = self.config.footing else { return self.anchor_second(odom_from_robot) };
         let (before, drift) = (self.odom_from_robot, self.config.drift);
         // What turns away by an angle is off by as much of its distance.
         let off_m = footing.overrun_m + footing.overrun_rad * floor::ANCHORED_M;
@@ -202,6 +202,17 @@ impl Memory {
         kept.edges.take_over(&self.edges, &now_from_then, walked_m);
         kept.second_edges.take_over(&self.second_edges, &now_from_then, walked_m);
         kept.steps.take_over(&self.steps, &now_from_then, walked_m);
+        *self = kept;
+    }
+
+    /// Where floor is not remembered, what the second lidar saw of edges stays.
+    fn anchor_second(&mut self, odom_from_robot: &Se2) {
+        let mut kept = Self::new(self.config.clone());
+        (kept.odometer, kept.odom_from_robot) = (self.odometer, *odom_from_robot);
+        (kept.now_ns, kept.stamp_ns) = (self.now_ns, self.stamp_ns);
+        let now_from_then = odom_from_robot * self.odom_from_robot.inverse();
+        let walked_m = EDGE_OFF_MAX_M / self.config.drift.max(f64::MIN_POSITIVE);
+        kept.second_edges.take_over(&self.second_edges, &now_from_then, walked_m);
         *self = kept;
     }
 
@@ -250,26 +261,30 @@ impl Memory {
         self.move_to(stamp_ns, odom_from_robot);
     }
 
-    /// Takes in a scan of the second lidar of that stamp, from where the robot was then. It alone sees that what it saw
-    /// is gone. What stands at its height only while it looks there is remembered where it looks down.
-    pub fn update_second(&mut self, stamp_ns: u64, odom_from_robot: &Se2, second: &SecondView) {
+    /// Takes in a scan of the second lidar of that stamp, from where the robot was then, and where the handler was:
+    /// what ends on them is never remembered. The second lidar alone lets go of an edge that it saw. What stands at the
+    /// height of its plane is remembered where it looks down: nearer to the robot it is below that plane.
+    pub fn update_second(&mut self, stamp_ns: u64, odom_from_robot: &Se2, second: &SecondView, handler: &HandlerBody) {
         let (robot_from_odom, odometer, number) = (odom_from_robot.inverse(), self.odometer, second.number());
         let kept_ns = self.config.kept_ns;
-        let keeps = |spot: &mut Spot, is_edge: bool| {
-            let place = robot_from_odom * spot.odom;
+        self.second_edges.keep(|edge| {
+            let place = robot_from_odom * edge.odom;
             let distance_m = place.coords.norm();
-            let is_gone = second.showed_floor(place) && !spot.outweighs(distance_m, number);
-            let walked_on = odometer.walked_m - spot.seen_at.walked_m > WALKED_MIN_M;
-            let is_old = !is_edge && stamp_ns.saturating_sub(spot.seen_ns) > kept_ns && walked_on;
-            !is_gone && !is_old && distance_m < REACH_M
-        };
-        self.second_edges.keep(|spot| keeps(spot, true));
-        self.second_things.keep(|spot| keeps(spot, false));
+            let is_gone = second.showed_floor(place) && !edge.outweighs(distance_m, number);
+            !is_gone && distance_m < REACH_M
+        });
+        self.second_things.keep(|thing| {
+            let place = robot_from_odom * thing.odom;
+            let age_ns = stamp_ns.saturating_sub(thing.seen_ns);
+            let walked_on = odometer.walked_m - thing.seen_at.walked_m > WALKED_MIN_M;
+            let is_old = age_ns > kept_ns && (walked_on || thing.is_doubtful()) || age_ns > STANDING_MAX_NS;
+            !is_old && !handler.masks(place) && !second.showed_floor(place) && place.coords.norm() < REACH_M
+        });
         let sighting = Sighting { seen_ns: stamp_ns, seen_at: odometer, frame: number, odom_from_robot };
         for edge in second.edges() {
             self.second_edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
         }
-        for point in second.points().iter().filter(|_| second.looks_down()) {
+        for point in second.points().iter().filter(|point| second.looks_down() && !handler.masks(**point)) {
             self.second_things.see(&sighting, *point, f64::NEG_INFINITY, Source::Camera, &self.config);
         }
         let odom_from_robot = self.odom_from_robot;
@@ -347,7 +362,7 @@ impl Memory {
         };
         self.hidden.clear();
         self.hidden.extend(self.spots.iter().filter(|spot| spot.sight == Sight::Hidden).map(remembered));
-        self.hidden.extend(self.second_things.iter().map(remembered));
+        self.hidden.extend(self.second_things.iter().filter(|thing| !thing.is_doubtful()).map(remembered));
         self.edges_now.clear();
         let edges = self.edges.iter().chain(self.second_edges.iter());
         self.edges_now.extend(edges.filter(|edge| edge.was_seen_again()).map(remembered));

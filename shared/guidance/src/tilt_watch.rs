@@ -19,6 +19,8 @@ const TURN_RAD: f64 = 0.25;
 const OFF: f64 = 0.03;
 /// and the near and the far floor by the same, give or take a degree.
 const ALIKE: f64 = 0.0175;
+/// A camera that is knocked comes to rest within this, nanoseconds.
+const MOVES_NS: u64 = NS_PER_S;
 /// It is told after this many looks: a second at five a second.
 const LOOKS: u32 = 5;
 /// At a start where the floor goes on level from the robot, it is told after this way, metres. On that way, a ramp
@@ -40,8 +42,9 @@ struct Look {
 struct Suspicion {
     /// The floor as it was seen before.
     before: Slopes,
-    /// The first look that showed a tilt.
+    /// The first look that showed this tilt, and the stamp of the first that showed any, nanoseconds.
     first: Look,
+    began_ns: u64,
     /// It needs the way [`BEGUN_M`] to be told.
     needs_way: bool,
     /// The camera was knocked, perhaps in more than one look; else it was off from the start.
@@ -81,6 +84,7 @@ impl TiltWatch {
         let suspect = |before, needs_way, is_knock| Suspicion {
             before,
             first: look,
+            began_ns: stamp_ns,
             needs_way,
             is_knock,
             looks: 1,
@@ -107,8 +111,8 @@ impl Suspicion {
     fn held_against(self, look: &Look) -> Option<Self> {
         let is_as_first = (look.slopes.near - self.first.slopes.near).norm() <= ALIKE;
         let is_off = is_tilted(&self.before, &look.slopes);
-        if is_off && self.is_knock && !self.is_told && !is_as_first {
-            // It moves on.
+        let is_moving = self.is_knock && !self.is_told && age_ns(look.stamp_ns, self.began_ns) <= MOVES_NS;
+        if is_off && is_moving && !is_as_first {
             return Some(Self { first: *look, looks: 1, ..self });
         }
         let is_tilted = is_off && (self.is_told || is_as_first);

@@ -170,6 +170,13 @@ fn check_second(settings: &Settings) -> Result<(), String> {
     if second.source == Source::Simulated && settings.simulation.physics == PhysicsKind::Mujoco {
         return Err("lidar.second.source = \"simulated\" is of the flat world, not of physics = \"mujoco\"".to_owned());
     }
+    if second.pitch_deg > 0.0 && !settings.shield.memory.on {
+        return Err(
+            "lidar.second.pitch_deg needs shield.memory.on: its plane passes over an edge before the robot is \
+                    there"
+                .to_owned(),
+        );
+    }
     if settings.simulation.emulated.on && second.source == Source::Device {
         return Err("lidar.second.source = \"device\" is not emulated, and simulation.emulated.on".to_owned());
     }
@@ -467,6 +474,7 @@ mod tests {
             ("[lidar]\npitch_deg = 20.0\n", "lidar.pitch_deg"),
             ("[lidar.second]\nrate_hz = 2.0\n", "lidar.second.rate_hz"),
             ("[lidar.second]\nbeams = 3\n", "lidar.second.beams"),
+            ("[lidar.second]\npitch_deg = 20.0\n[shield.memory]\non = false\n", "lidar.second.pitch_deg"),
             ("[lidar.second]\nsource = \"absent\"\n", "lidar.second.source"),
             ("[lidar.second]\nrplidar = { baud = 0 }\n", "lidar.second.rplidar.baud"),
             ("[lidar.second]\n[lidar.second.second]\n", "lidar.second.second"),

@@ -165,15 +165,22 @@ impl Surroundings {
     }
 
     /// Takes in a scan of the second lidar.
-    pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32], track: &PoseTrack) {
+    pub fn take_second(
+        &mut self,
+        header: &SecondScanHeader,
+        ranges_m: &[f32],
+        track: &PoseTrack,
+        handler: &HandlerBody,
+    ) {
         let stamp_ns = header.header.stamp_ns;
         let held = track.held_at(stamp_ns);
         let tilt = held.as_ref().and_then(Held::tilt);
         self.second_usable = self.second.fill(header, ranges_m, tilt).is_ok() && held.is_some();
         if let Some(odom_from_robot) = track.at(stamp_ns) {
             self.second_repeats.take_scan(ranges_m, &odom_from_robot);
-            if let Some(memory) = self.memory.as_mut().filter(|_| self.second_usable) {
-                memory.update_second(stamp_ns, &odom_from_robot, &self.second);
+            let is_usable = self.second_usable && !self.second_repeats.is_stuck();
+            if let Some(memory) = self.memory.as_mut().filter(|_| is_usable) {
+                memory.update_second(stamp_ns, &odom_from_robot, &self.second, handler);
             }
         }
         self.second_header = Some(header.header);

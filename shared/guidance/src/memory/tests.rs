@@ -12,6 +12,7 @@ use proptest::prelude::*;
 mod edges;
 mod floor;
 mod hanging;
+mod second;
 mod steps;
 
 const MS: u64 = 1_000_000;
