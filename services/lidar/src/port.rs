@@ -13,7 +13,7 @@ pub enum ScanPort {
 }
 
 impl ScanPort {
-    /// The first lidar's port, for scans of at most so many beams.
+    /// The first lidar's port, for scans of at most `beams_max` beams.
     ///
     /// # Errors
     /// Where the topic cannot be opened.
@@ -21,7 +21,7 @@ impl ScanPort {
         io.frame_publisher(beams_max).map(Self::First)
     }
 
-    /// The second lidar's port, likewise.
+    /// The same for the second lidar, which looks down by `pitch_rad`, radians.
     ///
     /// # Errors
     /// As [`Self::first`].
@@ -29,7 +29,7 @@ impl ScanPort {
         Ok(Self::Second(io.frame_publisher(beams_max)?, pitch_rad))
     }
 
-    /// Publishes a scan of that stamp and so many beams, which `write` writes in place: ranges in metres.
+    /// Publishes a scan. `write` writes its `beams` ranges in place, metres.
     ///
     /// # Errors
     /// Where it cannot be published.

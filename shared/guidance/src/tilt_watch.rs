@@ -150,7 +150,7 @@ mod tests {
     use crate::se2::{Se2, se2};
     use messages::{DepthHeader, Pose2};
 
-    /// A camera whose pitch is off by so much, degrees.
+    /// A camera whose pitch is off by an angle, degrees.
     fn mounted(off_deg: f64) -> DepthHeader {
         let mut header = camera_160();
         header.robot_from_camera.pitch_rad += off_deg.to_radians();
@@ -161,13 +161,13 @@ mod tests {
         se2(Pose2 { x_m, ..Pose2::default() })
     }
 
-    /// Watches a robot that walks at 0.5 m/s for so many frames, five a second, on a floor of that height. From a frame
-    /// on the mount is off by so much. The frame after which the tilt is told.
+    /// Watches a robot that walks at 0.5 m/s, five frames a second, on a floor of that height. From frame `off_from` on
+    /// the mount is off by `off_deg`. Gives the frame after which the tilt is told.
     fn told_at(frames: u64, ground_m: impl Fn(f64) -> f64, off_from: u64, off_deg: f64) -> Option<u64> {
         told_with(frames, ground_m, |frame| if frame >= off_from { off_deg } else { 0.0 })
     }
 
-    /// The same where the mount is off by so much at each frame, degrees.
+    /// The same, where `off_deg` gives how far the mount is off at each frame, degrees.
     fn told_with(frames: u64, ground_m: impl Fn(f64) -> f64, off_deg: impl Fn(u64) -> f64) -> Option<u64> {
         let (mut watch, mut view) = (TiltWatch::default(), DepthView::default());
         (0..frames).find(|frame| {

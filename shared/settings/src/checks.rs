@@ -1,13 +1,15 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
+mod lidar;
+
 use messages::ServiceId;
 use messages::topic::{AgeLimit, TOPICS};
 
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LidarSettings, LinkKind,
-    LinkRow, OdometryDevice, Origin, PhysicsKind, Robot, Settings, Source, VoiceSource,
+    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow,
+    OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
 
@@ -20,9 +22,8 @@ const ATTITUDE_HZ: f64 = 30.0;
 /// # Errors
 /// Where values do not go together or are out of their bounds; the reason begins with the key.
 pub fn check(settings: &Settings) -> Result<(), String> {
-    let (lidar, depth) = (&settings.lidar, &settings.depth);
-    check_lidar(lidar, "lidar")?;
-    check_second(settings)?;
+    let depth = &settings.depth;
+    lidar::check(settings)?;
     if depth.field_of_view_deg.get() >= 170.0 {
         return Err("depth.field_of_view_deg is 170 or over".to_owned());
     }
@@ -123,64 +124,6 @@ pub fn check_floor(settings: &Settings) -> Result<(), String> {
          real robot. It would walk over an edge. To walk without that, write [shield.floor] watched = false",
         settings.locomotion.link.row().name
     ))
-}
-
-/// What no lidar is like.
-fn check_lidar(lidar: &LidarSettings, key: &str) -> Result<(), String> {
-    if lidar.beams < 8 || lidar.beams as usize > messages::MAX_BEAMS {
-        return Err(format!("{key}.beams = {} is not in 8..{}", lidar.beams, messages::MAX_BEAMS));
-    }
-    if lidar.field_of_view_deg.get() > 360.0 {
-        return Err(format!("{key}.field_of_view_deg is over 360"));
-    }
-    if lidar.range_min_m >= lidar.range_max_m {
-        return Err(format!("{key}.range_min_m is not under {key}.range_max_m"));
-    }
-    if !(0.0..=guidance::scan::SIGMA_MAX_M).contains(&lidar.sigma_m) {
-        return Err(format!("{key}.sigma_m = {} is not in 0..{}", lidar.sigma_m, guidance::scan::SIGMA_MAX_M));
-    }
-    // What lies beyond the range is not seen, and hulls reach as far as two metres and more.
-    if lidar.range_max_m.get() < 3.0 {
-        return Err(format!("{key}.range_max_m = {} is under 3", lidar.range_max_m.get()));
-    }
-    if !(-80.0..=80.0).contains(&lidar.pitch_deg) {
-        return Err(format!("{key}.pitch_deg = {} is not in -80..80", lidar.pitch_deg));
-    }
-    Ok(())
-}
-
-/// The second lidar beside the first.
-fn check_second(settings: &Settings) -> Result<(), String> {
-    let lidar = &settings.lidar;
-    if lidar.pitch_deg != 0.0 {
-        return Err("lidar.pitch_deg is not 0: only the second lidar may look down".to_owned());
-    }
-    let Some(second) = &lidar.second else { return Ok(()) };
-    check_lidar(second, "lidar.second")?;
-    if second.second.is_some() {
-        return Err("lidar.second.second: there are two lidars at most".to_owned());
-    }
-    if second.source == Source::Absent {
-        return Err("lidar.second.source is \"absent\": leave [lidar.second] out".to_owned());
-    }
-    if (lidar.source, second.source) == (Source::Device, Source::Device) && lidar.rplidar.port == second.rplidar.port {
-        let port = second.rplidar.port.display();
-        return Err(format!("lidar.second.rplidar.port = \"{port}\" is the first lidar's"));
-    }
-    if second.source == Source::Simulated && settings.simulation.physics == PhysicsKind::Mujoco {
-        return Err("lidar.second.source = \"simulated\" is of the flat world, not of physics = \"mujoco\"".to_owned());
-    }
-    if second.pitch_deg > 0.0 && !settings.shield.memory.on {
-        return Err(
-            "lidar.second.pitch_deg needs shield.memory.on: its plane passes over an edge before the robot is \
-                    there"
-                .to_owned(),
-        );
-    }
-    if settings.simulation.emulated.on && second.source == Source::Device {
-        return Err("lidar.second.source = \"device\" is not emulated, and simulation.emulated.on".to_owned());
-    }
-    (second.device.row().check)(second).map_err(|why| why.replacen("lidar.", "lidar.second.", 1))
 }
 
 /// The settings of each device and link, also where it is not in use.
@@ -465,7 +408,8 @@ fn check_ages(settings: &Settings) -> Result<(), String> {
 
 #[cfg(test)]
 mod tests {
-    use super::{PhysicsKind, Settings, check, check_floor, check_origin};
+    use super::{Settings, check, check_floor, check_origin};
+    use crate::sections::PhysicsKind;
 
     #[test]
     fn what_would_give_the_stop_away_is_refused_with_its_key() {

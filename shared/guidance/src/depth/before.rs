@@ -7,11 +7,11 @@ use super::DepthView;
 use crate::scan::{BeamKind, Beams};
 use crate::se2::Point;
 
-/// A camera that sees nothing stands before something where at least so many beams end in its view,
+/// A camera that sees nothing stands before something where at least this many beams end in its view,
 const BEFORE_BEAMS: usize = 8;
-/// and all but one in so many end nearer to it than it can see,
+/// all but one in this many end nearer to it than it can see,
 const BEFORE_OF: usize = 20;
-/// give or take so much, metres.
+/// and that distance is exact to this, metres.
 const BEFORE_M: f64 = 0.05;
 
 impl DepthView {

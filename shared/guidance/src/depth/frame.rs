@@ -4,7 +4,7 @@ use messages::DepthHeader;
 
 /// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
 const CAMERA_MIN_M: f64 = 0.1;
-/// About so many columns are looked at, but every row: a bar across the way is thin in height.
+/// About this many columns are looked at, but every row: a bar across the way is thin in height.
 const COLUMNS: usize = 160;
 /// A pixel is an obstacle where the next one to the right or below is about as near; one alone is noise.
 const AGREE_M: f64 = 0.10;

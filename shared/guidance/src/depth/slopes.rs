@@ -15,7 +15,7 @@ const HIGH_M: f64 = 0.03;
 const HIGH_PER_M: f64 = 0.12;
 /// Points farther off the fitted slope are outliers, metres.
 const OUTSIDE_M: f64 = 0.04;
-/// At least so many points, and this share of those that may be floor, must lie on it.
+/// At least this many points, and this share of those that may be floor, must lie on it.
 const POINTS_MIN: usize = 12;
 const SHARE_MIN: f64 = 0.7;
 

@@ -36,7 +36,7 @@ fn looks(view: &mut SecondView, share: f32) {
     view.fill(&header, &(0..101).map(shared).collect::<Vec<_>>(), None).expect("usable");
 }
 
-/// A memory of a robot that stands there, and of its second lidar that saw that in so many scans.
+/// The memory of a standing robot whose second lidar gave this number of such scans.
 fn saw(share: f32, scans: u64) -> Memory {
     let (mut memory, mut view) = (memory(), SecondView::default());
     for number in 1..=scans {
