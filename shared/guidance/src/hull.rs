@@ -113,21 +113,38 @@ impl Hull {
     /// Distance of a point to the boundary, metres; negative inside.
     #[must_use]
     pub fn signed_distance_m(&self, point: Point) -> f64 {
+        self.nearer_m(point, f64::INFINITY).unwrap_or(f64::INFINITY)
+    }
+
+    /// The signed distance of a point where it is less than `limit_m`: most points are farther, which shows sooner.
+    #[must_use]
+    pub fn nearer_m(&self, point: Point, limit_m: f64) -> Option<f64> {
         // The distance is the greatest over all directions u of the smallest over all discs of u.(p - c) - r. It is
         // reached where u points from a centre to the point, or is normal to a tangent.
-        let gap = |u: Vector2<f64>| {
-            let gaps = self.discs.iter().map(|disc| u.dot(&(point - disc.center)) - disc.radius_m);
-            gaps.fold(f64::INFINITY, f64::min)
-        };
         let from_centers = self.discs.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
         let normals = self.tangents.iter().flatten().map(|tangent| tangent.normal);
-        from_centers.chain(normals).map(gap).fold(f64::NEG_INFINITY, f64::max)
+        let mut greatest_m = f64::NEG_INFINITY;
+        for u in from_centers.chain(normals) {
+            let mut smallest_m = f64::INFINITY;
+            for disc in self.discs.iter() {
+                smallest_m = smallest_m.min(u.dot(&(point - disc.center)) - disc.radius_m);
+                if smallest_m <= greatest_m {
+                    // Another direction leaves more: this one no longer counts.
+                    break;
+                }
+            }
+            greatest_m = greatest_m.max(smallest_m);
+            if greatest_m >= limit_m {
+                return None;
+            }
+        }
+        Some(greatest_m)
     }
 
     /// Whether a point is strictly inside.
     #[must_use]
     pub fn contains(&self, point: Point) -> bool {
-        self.signed_distance_m(point) < 0.0
+        self.nearer_m(point, 0.0).is_some()
     }
 }
 

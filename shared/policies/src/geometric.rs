@@ -328,7 +328,7 @@ impl GeometricEngine {
             let motion = action.start_from_end();
             let after = self.team.discs(&motion, &self.team.follow(&motion, &self.robot_from_handler));
             let hull = Team::hull(&before, &after);
-            near.iter().map(|hit| hull.signed_distance_m(*hit)).fold(NEAR_M, f64::min)
+            near.iter().fold(NEAR_M, |least_m, hit| hull.nearer_m(*hit, least_m).unwrap_or(least_m))
         };
         self.table.actions().iter().map(margin_m).collect()
     }

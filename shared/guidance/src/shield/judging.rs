@@ -318,11 +318,12 @@ impl<'a> Present<'a> {
                 continue;
             }
             let swept = swept.get_or_insert_with(|| Hull::new(*discs));
-            let inside_m = swept.signed_distance_m(point) - uncertainty_m;
-            if inside_m >= 0.0 || (!cause.is_floor() && self.handler.masks(point)) {
+            let Some(away_m) = swept.nearer_m(point, uncertainty_m) else { continue };
+            if !cause.is_floor() && self.handler.masks(point) {
                 continue;
             }
-            let pressing = self.config.escape && self.hull().signed_distance_m(point) < uncertainty_m;
+            let inside_m = away_m - uncertainty_m;
+            let pressing = self.config.escape && self.hull().nearer_m(point, uncertainty_m).is_some();
             if pressing && !self.gets_closer(point, motion) {
                 continue;
             }

@@ -164,12 +164,8 @@ impl Memory {
     /// The surroundings of a place (odometry frame), with the clearance of every cell.
     pub fn window(&self, centre: Point) -> Window {
         let first = first_key(centre);
-        let mut window = Window {
-            first,
-            known: vec![Known::Unknown; SIDE * SIDE],
-            clearance_m: vec![CLEARANCE_MAX_M; SIDE * SIDE],
-            hits: Vec::new(),
-        };
+        let mut window =
+            Window { first, known: vec![Known::Unknown; SIDE * SIDE], clearance_m: Vec::new(), hits: Vec::new() };
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &self.cells[slot_of(key)];
@@ -201,18 +197,19 @@ pub struct Window {
 impl Window {
     fn measure_clearance(&mut self) {
         let reach = (CLEARANCE_MAX_M / CELL_M) as i32 + 1;
+        let mut clearance_m2 = vec![CLEARANCE_MAX_M * CLEARANCE_MAX_M; SIDE * SIDE];
         for hit in &self.hits {
             let (i, j) = key_of(*hit);
+            let columns = (i - reach).max(self.first.0)..=(i + reach).min(self.first.0 + SIDE as i32 - 1);
             for key_j in (j - reach).max(self.first.1)..=(j + reach).min(self.first.1 + SIDE as i32 - 1) {
-                for key_i in (i - reach).max(self.first.0)..=(i + reach).min(self.first.0 + SIDE as i32 - 1) {
-                    let slot = (key_j - self.first.1) as usize * SIDE + (key_i - self.first.0) as usize;
-                    let distance_m = (centre_of((key_i, key_j)) - hit).norm();
-                    if distance_m < self.clearance_m[slot] {
-                        self.clearance_m[slot] = distance_m;
-                    }
+                let row = (key_j - self.first.1) as usize * SIDE;
+                for key_i in columns.clone() {
+                    let nearest_m2 = &mut clearance_m2[row + (key_i - self.first.0) as usize];
+                    *nearest_m2 = nearest_m2.min((centre_of((key_i, key_j)) - hit).norm_squared());
                 }
             }
         }
+        self.clearance_m = clearance_m2.into_iter().map(f64::sqrt).collect();
     }
 
     /// The cell that holds the place.

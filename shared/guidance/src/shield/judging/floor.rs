@@ -37,10 +37,8 @@ impl Present<'_> {
         for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
             // Robot and handler do not tread on the margin. Half a cell is the map's resolution.
             let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
-            let away_m = swept.get_or_insert_with(|| Hull::new(*discs)).signed_distance_m(*place);
-            if away_m >= needed_m {
-                continue;
-            }
+            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
+            let Some(away_m) = swept.nearer_m(*place, needed_m) else { continue };
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
                 || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
