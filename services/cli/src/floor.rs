@@ -9,7 +9,7 @@ use image::codecs::pnm::PnmDecoder;
 use image::{DynamicImage, ImageFormat, ImageReader};
 use messages::{Attitude, DepthHeader};
 use serde_json::{Value, json};
-use settings::{DepthIntrinsics, Profile};
+use settings::{DepthIntrinsics, DepthSettings, Profile};
 
 use crate::args::floor::FloorArgs;
 use crate::exit::Failure;
@@ -29,7 +29,8 @@ const ASIDE_M: f64 = 2.5;
 pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
     let frame = || args.frame.display();
     let (pixels_mm, [width, height]) = read(&args.frame)?;
-    let header = header(args, width, height)?;
+    let settings = prepare::load(Profile::Walk, args.config.as_deref())?;
+    let header = header(args, settings.depth.clone(), [width, height])?;
     let refused = |error: &dyn std::fmt::Display| Failure::input(format!("{}: {error}", frame()));
     let attitude = if args.find {
         let found = Stance::default().attitude(&header, &pixels_mm, header.robot_from_camera.z_m);
@@ -42,7 +43,7 @@ pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
     // The camera's height is over the floor on which the body stands as it is held.
     let attitude = Attitude { stamp_ns: 1, ..attitude };
     let tilt = Tilt::of(&attitude).ok_or_else(|| refused(&"this attitude cannot be used"))?;
-    let mut view = DepthView::default();
+    let mut view = DepthView::with_steps(settings.step_max());
     view.fill_tilted(&header, &pixels_mm, Some(&tilt)).map_err(|error| refused(&error))?;
     let report = report(args, &pixels_mm, &attitude, &view);
     if as_json {
@@ -72,8 +73,7 @@ fn read(path: &Path) -> Result<(Vec<u16>, [u32; 2]), Failure> {
     }
 }
 
-fn header(args: &FloorArgs, width: u32, height: u32) -> Result<DepthHeader, Failure> {
-    let mut depth = prepare::load(Profile::Walk, args.config.as_deref())?.depth;
+fn header(args: &FloorArgs, mut depth: DepthSettings, [width, height]: [u32; 2]) -> Result<DepthHeader, Failure> {
     if args.lens.is_none() && depth.intrinsics.is_some() && (depth.width, depth.height) != (width, height) {
         let (path, of) = (args.frame.display(), (depth.width, depth.height));
         return Err(Failure::input(format!(
@@ -114,6 +114,10 @@ fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &Depth
             "to_m": seen().map(|place| place.x).max_by(f64::total_cmp),
         },
         "edges": places(view.edges()),
+        "steps": view.steps().iter().map(|step| json!({
+            "place": [step.place.x, step.place.y],
+            "rise_m": step.rise_m,
+        })).collect::<Vec<_>>(),
         "obstacles": places(view.points()),
     })
 }
@@ -130,8 +134,10 @@ fn cells() -> impl Iterator<Item = (f64, impl Iterator<Item = Point>)> {
 
 fn tell(report: &Value, view: &DepthView) {
     let is_in = |place: Point, points: &[Point]| points.iter().any(|point| (point - place).amax() <= CELL_M / 2.0);
+    let steps: Vec<Point> = view.steps().iter().map(|step| step.place).collect();
     let character = |place: Point| match () {
         () if is_in(place, view.edges()) => 'E',
+        () if is_in(place, &steps) => 's',
         () if is_in(place, view.points()) => '#',
         () if view.shows_floor(place) => '.',
         () if view.is_beyond_edge(place) => '~',
@@ -157,4 +163,16 @@ fn tell(report: &Value, view: &DepthView) {
     };
     say(format!("floor    {floor}"));
     say(format!("edges    in {} columns; obstacles in {}", count("edges"), count("obstacles")));
+    say(format!("steps    {}", steps_told(view)));
+}
+
+/// How many places show a step, and between which heights: of one step they differ by the noise of the camera.
+fn steps_told(view: &DepthView) -> String {
+    let rises_cm = || view.steps().iter().map(|step| 100.0 * step.rise_m);
+    match (rises_cm().min_by(f64::total_cmp), rises_cm().max_by(f64::total_cmp)) {
+        (Some(least), Some(most)) => {
+            format!("in {} places; the floor rises by {least:.1} to {most:.1} cm", view.steps().len())
+        }
+        _ => "none".to_owned(),
+    }
 }

@@ -216,8 +216,14 @@ impl Settings {
             handler_m: self.handler.radius_m.get(),
             overrun_m: self.robot.response.overrun_m[0],
             overrun_rad: self.robot.response.overrun_rad,
-            step_max: StepMax { down_m: self.shield.floor.step_max_m.down, up_m: self.shield.floor.step_max_m.up },
+            step_max: self.step_max(),
         })
+    }
+
+    /// How high a step in the floor may be that is taken.
+    #[must_use]
+    pub fn step_max(&self) -> StepMax {
+        StepMax { down_m: self.shield.floor.step_max_m.down, up_m: self.shield.floor.step_max_m.up }
     }
 
     /// The floor on which the camera finds edges while the body is level; none where there is no camera, or it sees

@@ -7,7 +7,7 @@ use std::time::Instant;
 use guidance::{DepthView, Stance, Tilt};
 use messages::{Attitude, DepthHeader, Pose2, Pose3};
 use serde_json::{Value, json};
-use world::{DepthConfig, DepthSensor, Prism, Scene, World};
+use world::{DepthConfig, DepthSensor, Hole, Prism, Scene, World};
 
 use super::Percentiles;
 use crate::exit::Failure;
@@ -31,11 +31,11 @@ pub(super) struct Frame {
 /// Metres that the robot goes on between two frames.
 pub(super) const STEP_M: f64 = 0.1;
 
-/// Frames of a corridor with a box in it.
-pub(super) fn frames(width: usize, height: usize) -> Result<Vec<Frame>, Failure> {
+/// Frames of a corridor with a box in it, and with these holes in its floor.
+pub(super) fn frames(width: usize, height: usize, holes: &[Hole]) -> Result<Vec<Frame>, Failure> {
     let wall = |y_m: f64| Prism::wall(vec![[-2.0, y_m].into(), [12.0, y_m].into()], [0.0, 2.6]);
     let thing = Prism::cuboid([3.0, 0.3].into(), [0.3, 0.3], 0.4, [0.0, 0.5]);
-    let world = World::new(2.6, vec![wall(1.2), wall(-1.2), thing]);
+    let world = World::new(2.6, vec![wall(1.2), wall(-1.2), thing]).with_holes(holes.to_vec());
     let robot_from_camera = Pose3 { x_m: 0.28, z_m: 0.40, ..Pose3::default() };
     let config = DepthConfig { width, height, redwood: 1.0, robot_from_camera, ..DepthConfig::default() };
     let mut camera = DepthSensor::new(config, 1, 1).map_err(Failure::of_run)?;
@@ -53,7 +53,7 @@ pub(super) fn frames(width: usize, height: usize) -> Result<Vec<Frame>, Failure>
 }
 
 fn row((width, height): (usize, usize), times: u32) -> Result<Value, Failure> {
-    let (frames, mut view, mut stance) = (frames(width, height)?, DepthView::default(), Stance::default());
+    let (frames, mut view, mut stance) = (frames(width, height, &[])?, DepthView::default(), Stance::default());
     let mut ns = [const { Vec::new() }; 3];
     for frame in frames.iter().cycle().take(times as usize) {
         let Frame { header, pixels_mm, tilt } = frame;

@@ -35,6 +35,8 @@ const AGREEING: usize = 2;
 const SAME_M: f64 = 0.025;
 /// A step may be found off by these along the camera's axis, metres.
 const OFFS_M: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
+/// These lie within so many rows of cells.
+const OFF_ROWS: usize = 5;
 /// A step that is known explains the first floor in view where that lies so much off it, at most, metres,
 const KNOWN_M: f64 = 0.03;
 /// and the step is at most so far behind the robot's middle, metres, and so far to the side of that floor, metres.
@@ -116,6 +118,8 @@ pub(super) struct Steps {
     ways: Vec<Way>,
     /// How much higher than the first floor the floor of a cell is, for the steps that can be taken before it, metres.
     levels_m: Vec<f32>,
+    /// Whether the floor is as high in all cells of its column within [`OFF_ROWS`].
+    is_even: Vec<bool>,
     steps: Vec<Step>,
     /// How much higher than under the robot the first floor of each column is, for steps that are known, metres.
     firsts_m: [f32; COLUMNS],
@@ -200,15 +204,13 @@ impl Steps {
         if self.is_level {
             return 0.0;
         }
-        let levels_m = OFFS_M.map(|off_m| self.cell_level_m(along_m + off_m, left_m));
+        let here = nearest(along_m, left_m);
+        if self.is_even[here] {
+            return f64::from(self.levels_m[here]);
+        }
+        let levels_m = OFFS_M.map(|off_m| f64::from(self.levels_m[nearest(along_m + off_m, left_m)]));
         let off_m = |level_m: &f64| (height_m - level_m).abs();
         levels_m.into_iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))).unwrap_or(0.0)
-    }
-
-    fn cell_level_m(&self, along_m: f64, left_m: f64) -> f64 {
-        let index = |metres: f64, side_m: f64, count: usize| ((metres / side_m).max(0.0) as usize).min(count - 1);
-        let (row, column) = (index(along_m, ROW_M, ROWS), index(left_m + HALF_M, COLUMN_M, COLUMNS));
-        self.levels_m.get(row * COLUMNS + column).map_or(0.0, |level_m| f64::from(*level_m))
     }
 
     /// How much higher than under the robot the first floor of a column is, metres, for a step that is known. While the
@@ -357,6 +359,19 @@ impl Steps {
                 level_m += here.filter(|step| max.allows(step.rise_m)).map(|step| step.rise_m as f32).sum::<f32>();
             }
         }
+        self.find_even();
+    }
+
+    /// Most cells are far from any step: their level is looked up once a pixel, not five times.
+    fn find_even(&mut self) {
+        self.is_even.clear();
+        for row in 0..ROWS {
+            let rows = row.saturating_sub(OFF_ROWS)..=(row + OFF_ROWS).min(ROWS - 1);
+            for column in 0..COLUMNS {
+                let level_m = |row: usize| self.levels_m[row * COLUMNS + column];
+                self.is_even.push(rows.clone().all(|near| level_m(near) == level_m(row)));
+            }
+        }
     }
 }
 
@@ -391,6 +406,12 @@ fn number(along_m: f64, left_m: f64) -> Option<usize> {
     let (row, column) = (along_m / ROW_M, (left_m + HALF_M) / COLUMN_M);
     let inside = row >= 0.0 && row < ROWS as f64 && column >= 0.0 && column < COLUMNS as f64;
     inside.then(|| row as usize * COLUMNS + column as usize)
+}
+
+/// The cell of a place, or the one nearest to it.
+fn nearest(along_m: f64, left_m: f64) -> usize {
+    let index = |metres: f64, side_m: f64, count: usize| ((metres / side_m).max(0.0) as usize).min(count - 1);
+    index(along_m, ROW_M, ROWS) * COLUMNS + index(left_m + HALF_M, COLUMN_M, COLUMNS)
 }
 
 fn left_m(column: usize) -> f64 {

@@ -8,7 +8,9 @@ use guidance::{
     ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerBody, Memory, MemoryConfig,
     Shield, StepMax,
 };
+use messages::Pose2;
 use serde_json::{Value, json};
+use world::Hole;
 
 use super::super::depth::{STEP_M, frames};
 use super::{HANDLER_RADIUS_M, Ours, PLACES, ROBOT_RADIUS_M, corridor, handlers, motion};
@@ -21,6 +23,9 @@ const PIXELS: (usize, usize) = (640, 480);
 const BEAMS: usize = 1440;
 /// How high a step may be that is taken.
 const STEP_MAX: StepMax = StepMax { down_m: 0.12, up_m: 0.06 };
+/// How far a low step is before the first frame, and by how much its floor lies lower, metres. It is in view of all
+/// frames.
+const STEP: (f64, f64) = (2.6, 0.08);
 /// Between two frames, nanoseconds.
 const FRAME_NS: u64 = 33_000_000;
 
@@ -45,7 +50,8 @@ fn memory() -> Memory {
 
 /// Takes frames in one after the other, judges all actions, and remembers. Each part is measured.
 pub(super) fn row(times: u32) -> Result<Value, Failure> {
-    let (frames, (header, ranges), handlers) = (frames(PIXELS.0, PIXELS.1)?, corridor(BEAMS), handlers());
+    let step = Hole { outline: world::floor::rectangle(Pose2::new(STEP.0, 0.0, 0.0), 6.0, 2.4), depth_m: STEP.1 };
+    let (frames, (header, ranges), handlers) = (frames(PIXELS.0, PIXELS.1, &[step])?, corridor(BEAMS), handlers());
     let ends: Vec<Se2> = ActionTable::ten().actions().iter().map(|action| action.start_from_end()).collect();
     let harness = DelayedHarness::default();
     let mut shield =
@@ -53,7 +59,7 @@ pub(super) fn row(times: u32) -> Result<Value, Failure> {
     let (mut beams, mut view, mut memory) = (Beams::default(), DepthView::with_steps(STEP_MAX), memory());
     beams.fill(&header, &ranges).map_err(Failure::of_run)?;
     let mut ns = [const { Vec::new() }; 4];
-    let mut judgements = Vec::new();
+    let (mut judgements, mut with_step) = (Vec::new(), 0);
     for i in 0..times {
         let (frame, at) = (&frames[i as usize % frames.len()], i as usize % PLACES);
         let body = HandlerBody {
@@ -74,6 +80,7 @@ pub(super) fn row(times: u32) -> Result<Value, Failure> {
         shield.judge_motions(motions, evidence, body, &mut judgements);
         let judged = Instant::now();
         black_box(&judgements);
+        with_step += u32::from(!view.steps().is_empty());
         let parts = [seen - began, remembered - seen, judged - remembered, judged - began];
         ns.iter_mut().zip(parts).for_each(|(ns, part)| ns.push(part.as_nanos() as u64));
     }
@@ -86,6 +93,7 @@ pub(super) fn row(times: u32) -> Result<Value, Failure> {
         "height": PIXELS.1,
         "beams": BEAMS,
         "actions": ends.len(),
+        "with_step": f64::from(with_step) / f64::from(times.max(1)),
         "frame_us": frame?,
         "memory_us": memory?,
         "judging_us": judging?,
@@ -99,8 +107,9 @@ pub(super) fn tell(row: &Value) {
         format!("{p50:.0} ({p99:.0})")
     };
     say(format!(
-        "with floor, a frame of {}x{} and {BEAMS} beams, microseconds, median (99 %): frame {}, memory {}, judging {}, \
-         all {}",
+        "with floor and a low step (seen in {:.0} % of the frames), a frame of {}x{} and {BEAMS} beams, microseconds, \
+         median (99 %): frame {}, memory {}, judging {}, all {}",
+        100.0 * out::number(row, "/with_step"),
         PIXELS.0,
         PIXELS.1,
         us("frame"),
