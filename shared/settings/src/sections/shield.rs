@@ -70,7 +70,7 @@ pub struct FloorSettings {
 
 /// How high a step may be, metres.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields, default)]
+#[serde(deny_unknown_fields, default, expecting = "a table { down, up }, metres")]
 pub struct StepMaxSettings {
     /// One that leads down.
     pub down: f64,
