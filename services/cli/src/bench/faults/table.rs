@@ -45,6 +45,8 @@ struct Rule {
     faults: Vec<String>,
     expect: Expect,
     limit_ms: Option<f64>,
+    #[serde(default)]
+    stays: bool,
     why: String,
 }
 
@@ -59,6 +61,8 @@ pub struct Cell {
     pub expect: Expect,
     /// For a stop: from the fault to zero at the link; else from its end to the robot walking, milliseconds.
     pub limit_ms: f64,
+    /// After its end the robot stands on, until it sees that what it was told is not so.
+    pub stays: bool,
     /// Why that, and why that limit.
     pub why: String,
 }
@@ -137,7 +141,7 @@ fn matrix(text: &str) -> Result<Vec<Cell>, Failure> {
             (Expect::Stop, None) => return Err(wrong(format!("{target}:{} has no limit_ms", fault.name()))),
             (_, None) => WALKS_AGAIN_MS,
         };
-        Ok(Cell { target, fault, expect: rule.expect, limit_ms, why: rule.why.clone() })
+        Ok(Cell { target, fault, expect: rule.expect, limit_ms, stays: rule.stays, why: rule.why.clone() })
     };
     all().map(cell).collect()
 }

@@ -85,7 +85,7 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
     let mut outcome = Outcome { struck_ns, ..Outcome::default() };
     watch(rig, cell, struck_ns, truth.distance_m, &mut outcome);
     let ended_ns = if cell.is_momentary() { struck_ns } else { mend(rig, cell) };
-    if !cell.ends_the_run() {
+    if cell.recovers() {
         outcome.recovery_ms = recover(rig, ended_ns, epoch, &outcome);
     }
     let collided = rig.seen(|seen| seen.truth.is_some_and(|now| now.collisions > truth.collisions));
@@ -100,7 +100,7 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
     if cell.needs_a_recorder() {
         rig.end_recording();
     }
-    if cell.ends_the_run() {
+    if !cell.recovers() {
         rig.end();
     }
     Ok(outcome)
@@ -138,6 +138,11 @@ impl Cell {
             }
             _ => false,
         }
+    }
+
+    /// Whether the robot is ready again once the fault is over.
+    fn recovers(&self) -> bool {
+        !self.ends_the_run() && !self.stays
     }
 
     /// Whether the stop is the brake's, which no command at the link tells of.
@@ -279,8 +284,7 @@ fn judge(cell: &Cell, outcome: &Outcome, collided: bool, faulted: bool, slack: f
     if collided {
         return Some("something was run into".to_owned());
     }
-    let recovers = !cell.ends_the_run();
-    if recovers && outcome.recovery_ms.is_none() {
+    if cell.recovers() && outcome.recovery_ms.is_none() {
         return Some(format!("not ready again within {} s", RECOVERS_WITHIN.as_secs()));
     }
     match cell.expect {
