@@ -47,6 +47,11 @@ const BEHIND_ROWS: usize = 8;
 /// A column that shows no step uses the step of the nearest column that does, at most this many columns away.
 const TAKEN_OVER: usize = 3;
 
+/// A step is measured at most so much lower than it is, metres: 0.008 down and 0.003 up in 1,500 walks of a simulated
+/// camera of 128x64 on legs. One that is measured that near to its limit counts as higher.
+const OFF_DOWN_M: f64 = 0.01;
+const OFF_UP_M: f64 = 0.003;
+
 /// How high a step may be that robot and handler take, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepMax {
@@ -57,10 +62,10 @@ pub struct StepMax {
 }
 
 impl StepMax {
-    /// Whether a step may be taken that rises so much, metres; less than 0: it leads down.
+    /// Whether a step may be taken that is measured to rise so much, metres; less than 0: it leads down.
     #[must_use]
     pub fn allows(&self, rise_m: f64) -> bool {
-        -rise_m <= self.down_m && rise_m <= self.up_m
+        -rise_m <= self.down_m - OFF_DOWN_M && rise_m <= self.up_m - OFF_UP_M
     }
 }
 

@@ -29,9 +29,10 @@ const PASSAGE_M: [f64; 2] = [1.9, 2.4];
 const PLATFORM_M: [f64; 2] = [2.1, 3.4];
 /// Beside a platform the floor lies lower for so far, metres.
 const TRACK_M: [f64; 2] = [1.0, 5.0];
-/// A low step leads down by so much; one that leads up again by less, metres.
-const LOW_DOWN_M: [f64; 2] = [0.05, 0.115];
-const LOW_UP_M: [f64; 2] = [0.05, 0.058];
+/// A low step leads down by so much; one that leads up again by less, metres. Nearer to what robot and handler take at
+/// most, the camera cannot tell.
+const LOW_DOWN_M: [f64; 2] = [0.05, 0.1];
+const LOW_UP_M: [f64; 2] = [0.05, 0.055];
 /// Between a step down and one up lies so much floor, metres.
 const SUNK_M: [f64; 2] = [1.5, 4.0];
 /// Draws until a world has room for its edge.

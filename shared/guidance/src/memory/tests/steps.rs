@@ -30,7 +30,7 @@ fn before_with(footing: Footing, ground_m: impl Fn(f64, f64) -> f64 + Copy) -> B
 
 #[test]
 fn a_low_step_forbids_until_the_handler_has_it_taken() {
-    for rise_m in [-0.11, -0.08, -0.05, 0.05] {
+    for rise_m in [-0.1, -0.08, -0.05, 0.05] {
         let mut bench = before(&step(1.3, rise_m));
         let judged = bench.judge(FORWARD);
         let cause = if rise_m < 0.0 { UnsafeCause::LowStepDown } else { UnsafeCause::LowStepUp };
@@ -57,7 +57,7 @@ fn a_low_step_forbids_until_the_handler_has_it_taken() {
 
 #[test]
 fn a_step_that_is_too_high_is_never_taken() {
-    for (rise_m, cause) in [(-0.16, UnsafeCause::DropOff), (0.1, UnsafeCause::StepUp), (0.17, UnsafeCause::StepUp)] {
+    for (rise_m, cause) in [(-0.16, UnsafeCause::DropOff), (-0.121, UnsafeCause::DropOff), (0.1, UnsafeCause::StepUp), (0.17, UnsafeCause::StepUp)] {
         let mut bench = before(&step(1.1, rise_m));
         let forward = Pose2::new(0.3, 0.0, 0.0);
         let judged = bench.judge(forward);
@@ -67,6 +67,14 @@ fn a_step_that_is_too_high_is_never_taken() {
         }
         assert!(!bench.judge(forward).safe, "{rise_m}, whatever the handler says");
     }
+}
+
+#[test]
+fn a_step_that_is_measured_a_little_below_the_limit_is_not_taken() {
+    let max = FOOTING.step_max;
+    // One of 12.1 cm was measured as 11.95 cm, taken, and a fall.
+    assert!(!max.allows(-0.1195) && max.allows(-0.105));
+    assert!(!max.allows(0.059) && max.allows(0.056));
 }
 
 #[test]
