@@ -57,7 +57,12 @@ fn a_low_step_forbids_until_the_handler_has_it_taken() {
 
 #[test]
 fn a_step_that_is_too_high_is_never_taken() {
-    for (rise_m, cause) in [(-0.16, UnsafeCause::DropOff), (-0.121, UnsafeCause::DropOff), (0.1, UnsafeCause::StepUp), (0.17, UnsafeCause::StepUp)] {
+    for (rise_m, cause) in [
+        (-0.16, UnsafeCause::DropOff),
+        (-0.121, UnsafeCause::DropOff),
+        (0.1, UnsafeCause::StepUp),
+        (0.17, UnsafeCause::StepUp),
+    ] {
         let mut bench = before(&step(1.1, rise_m));
         let forward = Pose2::new(0.3, 0.0, 0.0);
         let judged = bench.judge(forward);
