@@ -6,17 +6,18 @@ use guidedog_tests::Place;
 
 const HEIGHT_M: f64 = 0.45;
 
-/// A depth frame, as a PGM file, of a level camera over a floor that lies half a metre lower from so far on, metres.
-fn pgm(edge_m: f64) -> Vec<u8> {
-    const SIZE: [u32; 2] = [64, 48];
+/// A depth frame, as a PGM file, of a level camera over a floor that lies so much lower from so far on, metres. It has
+/// so many times 64 by 48 pixels, and as many times 32 for its focal length.
+fn pgm(edge_m: f64, drop_m: f64, times: u32) -> Vec<u8> {
+    let size = [64 * times, 48 * times];
     let depth_mm = |row: u32| {
-        let down = (f64::from(row) - 23.5) / 32.0;
-        let to_m = |drop_m: f64| (HEIGHT_M + drop_m) / down;
-        let depth_m = if to_m(0.0) < edge_m { to_m(0.0) } else { to_m(0.5) };
+        let down = (f64::from(row) - 0.5 * f64::from(size[1] - 1)) / (32.0 * f64::from(times));
+        let to_m = |lower_m: f64| (HEIGHT_M + lower_m) / down;
+        let depth_m = if to_m(0.0) < edge_m { to_m(0.0) } else { to_m(drop_m) };
         if down > 0.0 && depth_m < 10.0 { (depth_m * 1000.0) as u16 } else { 0 }
     };
-    let pixels = (0..SIZE[1]).flat_map(|row| [depth_mm(row); SIZE[0] as usize]).flat_map(u16::to_be_bytes);
-    format!("P5\n{} {}\n65535\n", SIZE[0], SIZE[1]).into_bytes().into_iter().chain(pixels).collect()
+    let pixels = (0..size[1]).flat_map(|row| vec![depth_mm(row); size[0] as usize]).flat_map(u16::to_be_bytes);
+    format!("P5\n{} {}\n65535\n", size[0], size[1]).into_bytes().into_iter().chain(pixels).collect()
 }
 
 #[test]
@@ -27,7 +28,7 @@ fn a_frame_from_outside_shows_where_the_floor_is_and_where_it_drops() {
         let args = ["floor", &file, "--json", "--lens", "32,32,31.5,23.5", "--height-m", "0.45", "--pitch-deg", "0"];
         place.json(&[&args, more].concat())
     };
-    fs::write(&file, pgm(9.0)).expect("written");
+    fs::write(&file, pgm(9.0, 0.5, 1)).expect("written");
     for more in [&[][..], &["--find"]] {
         let (report, code) = asked(more);
         let figure = |path: &str| report.pointer(path).and_then(serde_json::Value::as_f64).unwrap_or(f64::NAN);
@@ -35,7 +36,7 @@ fn a_frame_from_outside_shows_where_the_floor_is_and_where_it_drops() {
         assert!(figure("/floor/from_m") < 1.0 && figure("/floor/to_m") > 2.5, "{report:#}");
         assert!(figure("/attitude/pitch_deg").abs() < 0.5, "{report:#}");
     }
-    fs::write(&file, pgm(1.5)).expect("written");
+    fs::write(&file, pgm(1.5, 0.5, 1)).expect("written");
     let (report, _) = asked(&[]);
     let edges = report["edges"].as_array().expect("edges");
     assert!(edges.len() > 20, "{report:#}");
@@ -45,6 +46,24 @@ fn a_frame_from_outside_shows_where_the_floor_is_and_where_it_drops() {
     let output = place.guidedog(&["floor", &file, "--height-m", "0.45"]);
     let drawn = String::from_utf8(output.stderr).expect("text");
     assert!(drawn.contains("EEE") && drawn.contains("..."), "{drawn}");
+}
+
+#[test]
+fn a_frame_from_outside_shows_a_low_step_and_whether_it_can_be_taken() {
+    let place = Place::new();
+    let file = place.path().join("frame.pgm").display().to_string();
+    let lens = ["--lens", "128,128,127.5,95.5", "--height-m", "0.45", "--pitch-deg", "0"];
+    fs::write(&file, pgm(1.2, 0.08, 4)).expect("written");
+    let (report, _) = place.json(&[&["floor", &file, "--json"], &lens[..]].concat());
+    let steps = report["steps"].as_array().expect("steps");
+    assert!(steps.len() > 4, "{report:#}");
+    for step in steps {
+        let rise_m = step["rise_m"].as_f64().expect("a number");
+        assert!((-0.09..-0.07).contains(&rise_m) && step["can_be_taken"] == true, "{step:#}");
+    }
+    let output = place.guidedog(&[&["floor", &file], &lens[..]].concat());
+    let drawn = String::from_utf8(output.stderr).expect("text");
+    assert!(drawn.contains("ss") && drawn.contains("places step down by"), "{drawn}");
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use guidance::se2::Point;
-use guidance::{DepthView, Stance, Tilt};
+use guidance::{DepthView, Stance, StepMax, Tilt};
 use image::codecs::pnm::PnmDecoder;
 use image::{DynamicImage, ImageFormat, ImageReader};
 use messages::{Attitude, DepthHeader};
@@ -45,7 +45,7 @@ pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
     let tilt = Tilt::of(&attitude).ok_or_else(|| refused(&"this attitude cannot be used"))?;
     let mut view = DepthView::with_steps(settings.step_max());
     view.fill_tilted(&header, &pixels_mm, Some(&tilt)).map_err(|error| refused(&error))?;
-    let report = report(args, &pixels_mm, &attitude, &view);
+    let report = report(args, &pixels_mm, &attitude, &view, settings.step_max());
     if as_json {
         return out::json(&report);
     }
@@ -96,7 +96,7 @@ fn header(args: &FloorArgs, mut depth: DepthSettings, [width, height]: [u32; 2])
     Ok(header)
 }
 
-fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &DepthView) -> Value {
+fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &DepthView, step_max: StepMax) -> Value {
     let known = pixels_mm.iter().filter(|pixel| **pixel > 0).count();
     let places = |places: &[Point]| places.iter().map(|place| json!([place.x, place.y])).collect::<Vec<_>>();
     let seen = || cells().flat_map(|(_, row)| row).filter(|place| view.shows_floor(*place));
@@ -117,6 +117,7 @@ fn report(args: &FloorArgs, pixels_mm: &[u16], attitude: &Attitude, view: &Depth
         "steps": view.steps().iter().map(|step| json!({
             "place": [step.place.x, step.place.y],
             "rise_m": step.rise_m,
+            "can_be_taken": step_max.allows(step.rise_m),
         })).collect::<Vec<_>>(),
         "obstacles": places(view.points()),
     })
@@ -166,13 +167,13 @@ fn tell(report: &Value, view: &DepthView) {
     say(format!("steps    {}", steps_told(view)));
 }
 
-/// How many places show a step, and between which heights: of one step they differ by the noise of the camera.
+/// In how many places the floor steps down and up, and by how much: of one step they differ by the camera's noise.
 fn steps_told(view: &DepthView) -> String {
-    let rises_cm = || view.steps().iter().map(|step| 100.0 * step.rise_m);
-    match (rises_cm().min_by(f64::total_cmp), rises_cm().max_by(f64::total_cmp)) {
-        (Some(least), Some(most)) => {
-            format!("in {} places; the floor rises by {least:.1} to {most:.1} cm", view.steps().len())
-        }
-        _ => "none".to_owned(),
-    }
+    let told = |way: f64, name: &str| {
+        let steps_cm = || view.steps().iter().map(|step| 100.0 * way * step.rise_m).filter(|step_cm| *step_cm > 0.0);
+        let [least, most] = [steps_cm().min_by(f64::total_cmp)?, steps_cm().max_by(f64::total_cmp)?];
+        Some(format!("{} places step {name} by {least:.1} to {most:.1} cm", steps_cm().count()))
+    };
+    let both: Vec<String> = [told(-1.0, "down"), told(1.0, "up")].into_iter().flatten().collect();
+    if both.is_empty() { "none".to_owned() } else { both.join("; ") }
 }

@@ -242,6 +242,24 @@ mod tests {
         }
 
         #[test]
+        fn what_is_nearer_than_a_limit_has_the_distance_of_all_directions(
+            a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(),
+            x in -2.5..2.5f64, y in -2.5..2.5f64, limit in -0.5..1.5f64,
+        ) {
+            let (hull, point) = (Hull::new([a, b, c, d]), Point::new(x, y));
+            let gap = |u: Vector2<f64>| {
+                let gaps = hull.discs.iter().map(|disc| u.dot(&(point - disc.center)) - disc.radius_m);
+                gaps.fold(f64::INFINITY, f64::min)
+            };
+            let from_centers = hull.discs.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
+            let normals = hull.tangents.iter().flatten().map(|tangent| tangent.normal);
+            let distance = from_centers.chain(normals).map(gap).fold(f64::NEG_INFINITY, f64::max);
+            prop_assert_eq!(hull.signed_distance_m(point), distance);
+            prop_assert_eq!(hull.nearer_m(point, limit), Some(distance).filter(|distance| *distance < limit));
+            prop_assert_eq!(hull.nearer_m(Point::new(x, f64::NAN), limit), None);
+        }
+
+        #[test]
         fn the_threshold_is_where_a_marched_ray_leaves(
             a in any_disc(), b in any_disc(), c in any_disc(), d in any_disc(),
             x in -3.0..3.0f64, y in -3.0..3.0f64, angle in 0.0..std::f64::consts::TAU,

@@ -142,7 +142,9 @@ fn ways_over_floor_that_was_not_seen_come_last() {
     let (asked, unasked) = (senses.shares(true), senses.shares(false));
     assert!(is_unseen(best(&unasked)), "the scene tempts to no unseen floor: {unasked:?}");
     let count = judgements.len();
+    let moves_over_seen_floor = (0..count).any(|i| i != ActionTable::STOP && !is_unseen(i) && asked[i] > 0.0);
+    assert!(moves_over_seen_floor && asked[..count].iter().all(|share| *share > 0.0), "it stands: {asked:?}");
     let least_seen = (0..count).filter(|i| !is_unseen(*i)).map(|i| asked[i]).fold(f32::INFINITY, f32::min);
     let most_unseen = (0..count).filter(|i| is_unseen(*i)).map(|i| asked[i]).fold(0.0, f32::max);
-    assert!(least_seen >= most_unseen, "{asked:?}");
+    assert!(least_seen > most_unseen, "{asked:?}");
 }

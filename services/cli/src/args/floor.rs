@@ -53,6 +53,6 @@ Examples:
   guidedog floor frame.pgm --lens 518,519,325.5,253.5 --height-m 1.1 --pitch-deg 25 --find
 
 The picture is seen from above, 10 cm a character, the robot at the bottom and facing up: `.` floor that is seen,
-`E` an edge beyond which the floor drops, `~` what lies beyond it, `s` a step that can be taken or one that rises too
-high, `#` an obstacle, ` ` what the camera does not see.
+`E` an edge beyond which the floor drops, `~` what lies beyond it, `s` a step down or up,
+`#` an obstacle, ` ` what the camera does not see.
 On standard output with --json: what was found, in the robot frame, metres.";

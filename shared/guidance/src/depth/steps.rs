@@ -47,10 +47,10 @@ const BEHIND_ROWS: usize = 8;
 /// A column that shows no step uses the step of the nearest column that does, at most this many columns away.
 const TAKEN_OVER: usize = 3;
 
-/// A step is measured at most so much lower than it is, metres: 0.008 down and 0.003 up in 1,500 walks of a simulated
-/// camera of 128x64 on legs. One that is measured that near to its limit counts as higher.
+/// A step down that is measured this near to the limit counts as deeper, metres: a fall lies beyond. Of 134 steps, the
+/// deepest place that was measured was up to 8 mm too high (`guidedog evaluate --tasks drops --policy geometric --noise
+/// legged --episodes 1500 --seed 9`, a camera of 128x64). Beyond the limit up lies no fall.
 const OFF_DOWN_M: f64 = 0.01;
-const OFF_UP_M: f64 = 0.003;
 
 /// How high a step may be that robot and handler take, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,7 +65,7 @@ impl StepMax {
     /// Whether a step may be taken that is measured to rise so much, metres; less than 0: it leads down.
     #[must_use]
     pub fn allows(&self, rise_m: f64) -> bool {
-        -rise_m <= self.down_m - OFF_DOWN_M && rise_m <= self.up_m - OFF_UP_M
+        if rise_m < 0.0 { -rise_m <= self.down_m - OFF_DOWN_M } else { rise_m <= self.up_m }
     }
 }
 
@@ -210,10 +210,11 @@ impl Steps {
             return 0.0;
         }
         let here = nearest(along_m, left_m);
-        if self.is_even[here] {
-            return f64::from(self.levels_m[here]);
+        let level_m = |cell: usize| self.levels_m.get(cell).map_or(0.0, |level_m| f64::from(*level_m));
+        if self.is_even.get(here) == Some(&true) {
+            return level_m(here);
         }
-        let levels_m = OFFS_M.map(|off_m| f64::from(self.levels_m[nearest(along_m + off_m, left_m)]));
+        let levels_m = OFFS_M.map(|off_m| level_m(nearest(along_m + off_m, left_m)));
         let off_m = |level_m: &f64| (height_m - level_m).abs();
         levels_m.into_iter().min_by(|a, b| off_m(a).total_cmp(&off_m(b))).unwrap_or(0.0)
     }

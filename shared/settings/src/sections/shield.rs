@@ -64,7 +64,7 @@ pub struct FloorSettings {
     /// Whether robot and handler tread only on floor that the camera has seen. Without a camera, or a memory, they
     /// tread on any.
     pub watched: bool,
-    /// How high a step may be that robot and handler take, once the handler says so.
+    /// How high a step may be that robot and handler take, once the handler says so; see [`guidance::StepMax::allows`].
     pub step_max_m: StepMaxSettings,
 }
 

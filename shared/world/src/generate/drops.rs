@@ -29,10 +29,10 @@ const PASSAGE_M: [f64; 2] = [1.9, 2.4];
 const PLATFORM_M: [f64; 2] = [2.1, 3.4];
 /// Beside a platform the floor lies lower for so far, metres.
 const TRACK_M: [f64; 2] = [1.0, 5.0];
-/// A low step leads down by so much; one that leads up again by less, metres. Nearer to what robot and handler take at
-/// most, the camera cannot tell.
+/// A low step leads down by so much; one that leads up again by less, metres. Of deeper ones, up to what robot and
+/// handler take at most, the camera may say either that they can be taken or that they cannot.
 const LOW_DOWN_M: [f64; 2] = [0.05, 0.1];
-const LOW_UP_M: [f64; 2] = [0.05, 0.055];
+const LOW_UP_M: [f64; 2] = [0.05, 0.058];
 /// Between a step down and one up lies so much floor, metres.
 const SUNK_M: [f64; 2] = [1.5, 4.0];
 /// Draws until a world has room for its edge.
@@ -296,7 +296,7 @@ mod tests {
             let at = |line: &guidance::TravelLine, way_m: f64| Point::from(line.at(way_m).translation.vector);
             if site.drop == DropKind::Step {
                 let lowest_m = holes.iter().map(|hole| hole.depth_m).fold(0.0, f64::max);
-                assert!((0.05..=0.12).contains(&lowest_m), "seed {seed}");
+                assert!((super::LOW_DOWN_M[0]..=super::LOW_DOWN_M[1]).contains(&lowest_m), "seed {seed}");
             }
             let turns = site.course.openings.iter().filter_map(|o| Some((&o.line, o.edge_m?)));
             let edges = site.course.edge_m.map(|edge_m| (&site.course.line, edge_m)).into_iter().chain(turns);

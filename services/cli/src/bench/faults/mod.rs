@@ -189,7 +189,7 @@ impl Row {
         };
         json!({
             "target": self.cell.target.to_string(), "fault": self.cell.fault.name(),
-            "expect": self.cell.expect.name(), "n": self.outcomes.len(), "met": self.is_met(),
+            "expect": self.cell.expect.name(), "stays": self.cell.stays, "n": self.outcomes.len(), "met": self.is_met(),
             "stop_ms": self.figures(|o| o.stop_ms), "standstill_m": self.figures(|o| o.standstill_m),
             "recovery_ms": self.figures(|o| o.recovery_ms),
             "unmet": self.outcomes.iter().filter_map(why).collect::<Vec<Value>>(),

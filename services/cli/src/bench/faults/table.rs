@@ -141,6 +141,9 @@ fn matrix(text: &str) -> Result<Vec<Cell>, Failure> {
             (Expect::Stop, None) => return Err(wrong(format!("{target}:{} has no limit_ms", fault.name()))),
             (_, None) => WALKS_AGAIN_MS,
         };
+        if rule.stays && rule.expect != Expect::Stop {
+            return Err(wrong(format!("{target}:{} stays, and expects no stop", fault.name())));
+        }
         Ok(Cell { target, fault, expect: rule.expect, limit_ms, stays: rule.stays, why: rule.why.clone() })
     };
     all().map(cell).collect()
@@ -182,6 +185,8 @@ mod tests {
         for cell in all {
             assert!(cell.why.len() > 10 && cell.limit_ms > 0.0, "{cell:?}");
         }
+        let stays = MATRIX.replacen("expect = \"none\"", "expect = \"none\"\nstays = true", 1);
+        assert!(matrix(&stays).expect_err("it may not stand").message.contains("expects no stop"));
         assert!(matrix("rule = []").expect_err("it has holes").message.contains("0 rules for locomotion:kill"));
     }
 

@@ -27,6 +27,8 @@ const PATIENCE: Duration = Duration::from_secs(6);
 const STANDS_WITHIN: Duration = Duration::from_secs(2);
 /// And whatever became of it is recovered within this, or never.
 const RECOVERS_WITHIN: Duration = Duration::from_secs(20);
+/// One that is to stand on is watched for so long after the fault.
+const STAYS_FOR: Duration = Duration::from_secs(3);
 
 /// What came of a fault.
 #[derive(Debug, Clone, Default)]
@@ -39,6 +41,8 @@ pub struct Outcome {
     pub standstill_m: Option<f64>,
     /// From the end of the process, or of the fault, until the robot is ready again, milliseconds.
     pub recovery_ms: Option<f64>,
+    /// It walked again after the fault, where it was to stand on.
+    pub went_on: bool,
     /// What it was told to stand for.
     pub reasons: Vec<StopKind>,
     /// What was not as the matrix wants it, if anything.
@@ -87,6 +91,8 @@ pub fn run(rig: &mut Rig, cell: &Cell, dice: &mut Dice, slack: f64) -> Result<Ou
     let ended_ns = if cell.is_momentary() { struck_ns } else { mend(rig, cell) };
     if cell.recovers() {
         outcome.recovery_ms = recover(rig, ended_ns, epoch, &outcome);
+    } else if cell.stays {
+        outcome.went_on = goes_on(rig);
     }
     let collided = rig.seen(|seen| seen.truth.is_some_and(|now| now.collisions > truth.collisions));
     outcome.reasons = rig.seen(|seen| seen.reasons.clone());
@@ -255,6 +261,17 @@ fn mend(rig: &mut Rig, cell: &Cell) -> u64 {
     monotonic_ns()
 }
 
+/// Whether the robot walks within a while after a fault.
+fn goes_on(rig: &mut Rig) -> bool {
+    let since = Instant::now();
+    let mut walks = false;
+    while since.elapsed() < STAYS_FOR && rig.is_alive() && !walks {
+        std::thread::sleep(LOOK);
+        walks = rig.seen(Seen::walks);
+    }
+    walks
+}
+
 /// Waits until the robot is ready for a cue, or walks on: how long that took since the fault's end.
 fn recover(rig: &mut Rig, ended_ns: u64, epoch: u64, outcome: &Outcome) -> Option<f64> {
     let since = Instant::now();
@@ -286,6 +303,9 @@ fn judge(cell: &Cell, outcome: &Outcome, collided: bool, faulted: bool, slack: f
     }
     if cell.recovers() && outcome.recovery_ms.is_none() {
         return Some(format!("not ready again within {} s", RECOVERS_WITHIN.as_secs()));
+    }
+    if outcome.went_on {
+        return Some("the robot walks again, though the matrix says that it stays".to_owned());
     }
     match cell.expect {
         Expect::Stop => match outcome.stop_ms {
@@ -326,6 +346,10 @@ mod tests {
         assert!(judge(&stop, &Outcome { stop_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
         assert!(judge(&stop, &Outcome { standstill_m: None, ..stopped.clone() }, false, true, 1.0).is_some());
         assert!(judge(&stop, &Outcome { recovery_ms: None, ..stopped.clone() }, false, true, 1.0).is_some());
+        let stays = cell("depth/frame:wrong");
+        let stood = Outcome { recovery_ms: None, ..stopped.clone() };
+        assert_eq!(judge(&stays, &stood, false, true, 1.0), None);
+        assert!(judge(&stays, &Outcome { went_on: true, ..stood }, false, true, 1.0).is_some());
         let none = cell("locomotion/state:wrong");
         let walked = Outcome { recovery_ms: Some(0.0), ..Outcome::default() };
         assert_eq!(judge(&none, &walked, false, false, 1.0), None);

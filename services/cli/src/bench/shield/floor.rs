@@ -25,7 +25,7 @@ const BEAMS: usize = 1440;
 const STEP_MAX: StepMax = StepMax { down_m: 0.12, up_m: 0.06 };
 /// How far a low step is before the first frame, and by how much its floor lies lower, metres. It is in view of all
 /// frames.
-const STEP: (f64, f64) = (2.6, 0.08);
+const LOW_STEP: (f64, f64) = (2.6, 0.08);
 /// Between two frames, nanoseconds.
 const FRAME_NS: u64 = 33_000_000;
 
@@ -50,7 +50,8 @@ fn memory() -> Memory {
 
 /// Takes frames in one after the other, judges all actions, and remembers. Each part is measured.
 pub(super) fn row(times: u32) -> Result<Value, Failure> {
-    let step = Hole { outline: world::floor::rectangle(Pose2::new(STEP.0, 0.0, 0.0), 6.0, 2.4), depth_m: STEP.1 };
+    let step =
+        Hole { outline: world::floor::rectangle(Pose2::new(LOW_STEP.0, 0.0, 0.0), 6.0, 2.4), depth_m: LOW_STEP.1 };
     let (frames, (header, ranges), handlers) = (frames(PIXELS.0, PIXELS.1, &[step])?, corridor(BEAMS), handlers());
     let ends: Vec<Se2> = ActionTable::ten().actions().iter().map(|action| action.start_from_end()).collect();
     let harness = DelayedHarness::default();

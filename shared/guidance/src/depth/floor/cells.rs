@@ -27,8 +27,8 @@ const BLIND_M: f64 = 0.01;
 const BLIND_UP_M: f64 = 0.075;
 const BLIND_DOWN_M: f64 = 0.095;
 /// Floor that was seen to go on from the feet before may lie lower by so much more: a ramp down, or a step that was
-/// taken, that has come out of view, metres. It is not so low as a step that is too high, and lies within this distance
-/// of the camera: seen from farther off, a drop may have looked like floor.
+/// taken, that has come out of view, metres. It is at most so much lower in all, and lies within this distance of the
+/// camera: seen from farther off, a drop may have looked like floor.
 const SEEN_DOWN_M: f64 = 0.06;
 const SEEN_DOWN_MAX_M: f64 = 0.125;
 const SEEN_WITHIN_M: f64 = 1.2;
