@@ -31,7 +31,15 @@ ALIKES = {word for words in SOUND_ALIKES.values() for word in words}
 class Example(NamedTuple):
     label: int
     fold: int  # of the recording it comes from; -1: none that is ever kept back
-    heard: np.ndarray  # log-mel float32[172, 32], or already embedded: float32[13, 96]
+    heard: np.ndarray  # log-mel float32[172, 32]
+
+
+class Stretch(NamedTuple):
+    """A long one, to be cut so that each window is in one sequence."""
+
+    label: int
+    fold: int
+    heard: np.ndarray  # log-mel float32[frames, 32]
 
 
 @cache
@@ -67,10 +75,12 @@ def spoken(clip: Clip, rng: np.random.Generator, hard: bool) -> Example:
     return Example(label_of(clip.text), -1, scene().mel(scene().heard(placed, rng, hard=hard)))
 
 
-def synthetic(family: str, wanted: Callable[[str], bool], times: int, hard: bool = False) -> Iterator[Example]:
+def synthetic(
+    family: str, wanted: Callable[[str], bool], times: int, hard: bool = False, first: int = 0
+) -> Iterator[Example]:
     for i, clip in enumerate(clips(family)):
         if wanted(clip.text):
-            for k in range(times):
+            for k in range(first, first + times):
                 seed = seed_of("spoken", family, i, k, *(["hard"] if hard else []))
                 yield spoken(clip, np.random.default_rng(seed), hard)
 
@@ -94,9 +104,9 @@ def partial(family: str, times: int) -> Iterator[Example]:
                 yield Example(OTHER, -1, scene().mel(scene().heard(placed, rng)))
 
 
-def real(recordings: list[sounds.Recording], times: int, hard: bool = False) -> Iterator[Example]:
+def real(recordings: list[sounds.Recording], times: int, hard: bool = False, first: int = 0) -> Iterator[Example]:
     for recording in recordings:
-        for k in range(times):
+        for k in range(first, first + times):
             rng = np.random.default_rng(seed_of("real", recording.name, k, *(["hard"] if hard else [])))
             audio = scene().voice(recording.audio, rng, gentle=True) if k else recording.audio
             placed = scene().placed(audio, extent(audio)[1], rng, context=rng.random() < 0.1)
@@ -104,24 +114,19 @@ def real(recordings: list[sounds.Recording], times: int, hard: bool = False) -> 
             yield Example(label, recording.fold, scene().mel(scene().heard(placed, rng, quiet, hard)))
 
 
-def pieces(label: int, fold: int, mel: np.ndarray) -> Iterator[Example]:
-    """A long stretch, so that each window is in one sequence."""
-    embeddings = embedding().of_mel(mel)
-    for start in range(0, len(embeddings) - STEPS + 1, SHIFTS):
-        yield Example(label, fold, embeddings[start : start + STEPS])
-
-
-def streams(recordings: list[sounds.Recording], times: int, gentle: bool = True) -> Iterator[Example]:
+def streams(
+    recordings: list[sounds.Recording], times: int, gentle: bool = True, first: int = 0
+) -> Iterator[Stretch]:
     """Running speech."""
     for recording in recordings:
-        for k in range(times):
+        for k in range(first, first + times):
             rng = np.random.default_rng(seed_of("stream", recording.name, k, gentle))
             audio = scene().voice(recording.audio, rng, gentle)
             audio = scene().heard(audio, rng, quiet=rng.random() < 0.5)
             # A sentence or a prompt begins and ends in silence, if it is not cut short.
             audio = np.pad(audio, (RATE if rng.random() < 0.5 else 0, RATE // 2))
             audio += 10 ** (rng.uniform(-90, -60) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
-            yield from pieces(OTHER, recording.fold, features.log_mel(audio))
+            yield Stretch(OTHER, recording.fold, features.log_mel(audio))
 
 
 def backgrounds(count: int) -> Iterator[Example]:
@@ -139,9 +144,9 @@ def backgrounds(count: int) -> Iterator[Example]:
         yield Example(OTHER, -1, scene().mel(audio.astype(np.float32)))
 
 
-def noises(times: int) -> Iterator[Example]:
+def noises(recordings: list[sounds.Recording], times: int) -> Iterator[Stretch]:
     """Real noise that comes and goes, all of it."""
-    for recording in sounds.noise():
+    for recording in recordings:
         for k in range(times):
             rng = np.random.default_rng(seed_of("noise", recording.name, k))
             audio = equalised(recording.audio, rng, rng.uniform(0, 4))
@@ -152,10 +157,10 @@ def noises(times: int) -> Iterator[Example]:
                 at += length
             audio = audio * gain * 10 ** (rng.uniform(-40, 0) / 20) / float(np.abs(audio).max())
             audio = audio + 10 ** (rng.uniform(-90, -50) / 20) * rng.standard_normal(len(audio)).astype(np.float32)
-            yield from pieces(OTHER, recording.fold, features.log_mel(audio.astype(np.float32)))
+            yield Stretch(OTHER, recording.fold, features.log_mel(audio.astype(np.float32)))
 
 
-def robots(count: int) -> Iterator[Example]:
+def robots(count: int) -> Iterator[Stretch]:
     """Twenty seconds each of sounds by formula, a walking robot's above all, alone or over real noise."""
     for i in range(count):
         rng = np.random.default_rng(seed_of("robots", i))
@@ -164,21 +169,21 @@ def robots(count: int) -> Iterator[Example]:
             audio = audio + rng.uniform(0.1, 1.5) * scene().background(rng, len(audio))
         audio = equalised(audio, rng, rng.uniform(0, 4))
         audio = audio * 10 ** (rng.uniform(-35, 0) / 20) / float(np.abs(audio).max())
-        yield from pieces(OTHER, -1, features.log_mel(audio.astype(np.float32)))
+        yield Stretch(OTHER, -1, features.log_mel(audio.astype(np.float32)))
 
 
-def babble(count: int) -> Iterator[Example]:
+def babble(read: list[sounds.Recording], count: int) -> Iterator[Stretch]:
     """Two to five who read at once, all of one fold, in a room."""
-    read = sounds.librispeech()
-    for i in range(count):
+    folds = 1 + max((r.fold for r in read), default=0)
+    for i in range(count if read else 0):
         rng = np.random.default_rng(seed_of("babble", i))
-        fold = i % sounds.FOLDS
+        fold = i % folds
         talk = [r.audio for r in read if r.fold == fold]
         audio = np.zeros(12 * RATE, np.float32)
         for _ in range(rng.integers(2, 6)):
             gain = 10 ** (rng.uniform(-12, 0) / 20)
             audio += np.float32(gain) * sounds.unit(scene().piece(rng, talk, len(audio)))
-        yield from pieces(OTHER, fold, features.log_mel(scene().heard(audio, rng)))
+        yield Stretch(OTHER, fold, features.log_mel(scene().heard(audio, rng)))
 
 
 def speaker(cues: bool) -> list[sounds.Recording]:
@@ -190,7 +195,7 @@ def commands(cues: bool) -> list[sounds.Recording]:
     return [r for r in sounds.speech_commands() if (r.word in CUES) == cues]
 
 
-GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
+GROUPS: dict[str, Callable[[], Iterator[Example | Stretch]]] = {
     "cues_kokoro": lambda: synthetic("kokoro", is_cue, 8),
     "cues_espeak": lambda: synthetic("espeak", is_cue, 2),
     "cues_flite": lambda: synthetic("flite", is_cue, 4),
@@ -212,13 +217,13 @@ GROUPS: dict[str, Callable[[], Iterator[Example]]] = {
     "words_real_hard": lambda: real(commands(False), 20, hard=True),
     "cues_speaker": lambda: real(speaker(True), 40),
     "words_speaker": lambda: real(speaker(False), 12),
-    "babble": lambda: babble(160),
+    "babble": lambda: babble(sounds.librispeech(), 160),
     "robots": lambda: robots(150),
     "partial": lambda: partial("kokoro", 2),
     "reading": lambda: streams(sounds.librispeech(), 4),
     "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
     "prompts": lambda: streams(sounds.prompts(), 1),
-    "noise": lambda: noises(8),
+    "noise": lambda: noises(sounds.noise(), 8),
     "backgrounds": lambda: backgrounds(5000),
 }
 
@@ -238,12 +243,16 @@ def make(group: str) -> str:
             batch.clear()
 
     for example in GROUPS[group]():
+        if isinstance(example, Stretch):
+            embed()
+            embeddings = embedding().of_mel(example.heard)
+            cut = [embeddings[start : start + STEPS] for start in range(0, len(embeddings) - STEPS + 1, SHIFTS)]
+            sequences += [one[None].astype(np.float16) for one in cut]
+            labels += [example.label] * len(cut)
+            folds += [example.fold] * len(cut)
+            continue
         labels.append(example.label)
         folds.append(example.fold)
-        if example.heard.shape == (STEPS, features.EMBEDDING):
-            embed()
-            sequences.append(example.heard[None].astype(np.float16))
-            continue
         batch.append(example.heard)
         if len(batch) == 32:
             embed()
