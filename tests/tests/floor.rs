@@ -6,8 +6,8 @@ use guidedog_tests::Place;
 
 const HEIGHT_M: f64 = 0.45;
 
-/// A depth frame, as a PGM file, of a level camera over a floor that lies so much lower from so far on, metres. It has
-/// so many times 64 by 48 pixels, and as many times 32 for its focal length.
+/// A depth frame, as a PGM file, of a level camera: at `edge_m` ahead the floor drops by `drop_m`, metres. It has 64 by
+/// 48 pixels and a focal length of 32 pixels, all of them multiplied by `times`.
 fn pgm(edge_m: f64, drop_m: f64, times: u32) -> Vec<u8> {
     let size = [64 * times, 48 * times];
     let depth_mm = |row: u32| {

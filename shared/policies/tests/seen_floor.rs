@@ -2,11 +2,12 @@
 
 use guidance::se2::{Point, Se2};
 use guidance::{
-    ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerBody, Interaction,
-    Judgement, Memory, MemoryConfig, Motion, Reach, Shield, ShieldConfig, StepMax, Tilt,
+    ActionTable, Beams, DelayedHarness, DepthView, Evidence, HandlerBody, Interaction, Judgement, Memory, Motion,
+    Shield, ShieldConfig, Tilt,
 };
 use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation};
 use messages::{Attitude, CueKind, Pose2, Pose3, ScanHeader, UnsafeCause};
+use settings::Settings;
 use std::f64::consts::{PI, TAU};
 use world::{DepthConfig, DepthSensor, Scene, World};
 
@@ -14,15 +15,7 @@ const HANDLER: Point = Point::new(-0.75, -0.35);
 const STANDING_M: f64 = 0.30;
 
 fn shield() -> ShieldConfig {
-    ShieldConfig {
-        robot_radius_m: 0.30,
-        margin_m: 0.0,
-        unknown_gap_m: 0.1,
-        escape: true,
-        unseen_limit_m2: None,
-        reach: Reach::default(),
-        edges: EdgeDistance { ahead_m: 0.35, beside_m: 0.2 },
-    }
+    Settings::default().shield_config()
 }
 
 fn body() -> HandlerBody {
@@ -116,21 +109,8 @@ impl Senses {
 }
 
 fn memory() -> Memory {
-    let footing = Footing {
-        radius_m: 0.30,
-        nose_m: 0.0,
-        handler_m: 0.25,
-        overrun_m: 0.2,
-        overrun_rad: 0.0,
-        step_max: StepMax { down_m: 0.12, up_m: 0.06 },
-    };
-    Memory::new(MemoryConfig {
-        kept_ns: 2_000_000_000,
-        kept_off_plane_ns: 10_000_000_000,
-        free_ns: 500_000_000,
-        drift: 0.03,
-        footing: Some(footing),
-    })
+    let settings = Settings::default();
+    Memory::new(settings.shield.memory.config(settings.footing()))
 }
 
 #[test]

@@ -35,7 +35,7 @@ const AGREEING: usize = 2;
 const SAME_M: f64 = 0.025;
 /// A step may be found off by these along the camera's axis, metres.
 const OFFS_M: [f64; 5] = [-0.2, -0.1, 0.0, 0.1, 0.2];
-/// These lie within so many rows of cells.
+/// Rows of cells that these reach, either way.
 const OFF_ROWS: usize = 5;
 /// A step that is known explains the first floor in view where that lies so much off it, at most, metres,
 const KNOWN_M: f64 = 0.03;

@@ -323,6 +323,7 @@ impl<'a> Present<'a> {
                 continue;
             }
             let inside_m = away_m - uncertainty_m;
+            // An uncertainty that is no number excuses nothing.
             let is_near = |away_m: f64| away_m < uncertainty_m;
             let pressing = self.config.escape && self.hull().nearer_m(point, uncertainty_m).is_some_and(is_near);
             if pressing && !self.gets_closer(point, motion) {

@@ -5,11 +5,12 @@ use std::time::Instant;
 
 use guidance::se2::Se2;
 use guidance::{
-    ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerBody, Memory, MemoryConfig,
-    Shield, StepMax,
+    ActionTable, Beams, DelayedHarness, DepthView, EdgeDistance, Evidence, Footing, HandlerBody, Memory, Shield,
+    StepMax,
 };
 use messages::Pose2;
 use serde_json::{Value, json};
+use settings::Settings;
 use world::Hole;
 
 use super::super::depth::{STEP_M, frames};
@@ -23,8 +24,7 @@ const PIXELS: (usize, usize) = (640, 480);
 const BEAMS: usize = 1440;
 /// How high a step may be that is taken.
 const STEP_MAX: StepMax = StepMax { down_m: 0.12, up_m: 0.06 };
-/// How far a low step is before the first frame, and by how much its floor lies lower, metres. It is in view of all
-/// frames.
+/// How far ahead of the first frame a low step is, and by how much its floor lies lower, metres.
 const LOW_STEP: (f64, f64) = (2.6, 0.08);
 /// Between two frames, nanoseconds.
 const FRAME_NS: u64 = 33_000_000;
@@ -39,13 +39,7 @@ fn memory() -> Memory {
         overrun_rad: 0.0,
         step_max: STEP_MAX,
     };
-    Memory::new(MemoryConfig {
-        kept_ns: 2_000_000_000,
-        kept_off_plane_ns: 10_000_000_000,
-        free_ns: 500_000_000,
-        drift: 0.03,
-        footing: Some(footing),
-    })
+    Memory::new(Settings::default().shield.memory.config(Some(footing)))
 }
 
 /// Takes frames in one after the other, judges all actions, and remembers. Each part is measured.

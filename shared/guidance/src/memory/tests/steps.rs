@@ -77,11 +77,11 @@ fn a_step_that_is_too_high_is_never_taken() {
 #[test]
 fn a_step_that_is_measured_a_little_below_the_limit_is_not_taken() {
     let max = FOOTING.step_max;
-    // One of 12.1 cm was measured as 11.95 cm, taken, and a fall.
+    // One of 12.1 cm was measured as 11.95 cm; the robot took it, and fell.
     assert!(!max.allows(-0.112) && max.allows(-0.109));
     assert!(!max.allows(0.061) && max.allows(0.059));
     let never = StepMax { down_m: 0.0, ..max };
-    assert!(!never.allows(-0.001) && never.allows(0.005), "a limit down is none up");
+    assert!(!never.allows(-0.001) && never.allows(0.005), "the limit down does not limit rises");
 }
 
 #[test]
