@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use control::Status;
 
-use crate::spoken::{RATE_HZ, spoken};
+use crate::spoken::{RATE_HZ, spoken, spoken_by};
 use crate::{Live, WATCHDOG, until};
 
 /// 20 ms.
@@ -61,6 +61,11 @@ impl Mouth {
     pub fn wait_until_said(&self) {
         until("all is said", || self.said.lock().expect("nobody panics with it").is_empty());
         std::thread::sleep(Duration::from_secs(1));
+    }
+
+    /// Says a word as one of espeak-ng's voices does.
+    pub fn say_by(&self, voice: &str, word: &str) {
+        self.said.lock().expect("nobody panics with it").extend(spoken_by(voice, "150", word));
     }
 
     /// Says a word.

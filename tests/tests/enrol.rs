@@ -48,8 +48,9 @@ fn a_voice_is_learnt_and_that_can_be_taken_back() {
     let (report, code) = enrol(&place, &["-o", &text(&anna), "--from", &text(&clips)]);
     assert_eq!((code, report["clips"].as_u64()), (0, Some(12)), "{report:#}");
     assert_eq!(report["head"], text(&manifest).as_str());
-    let heard = &report["heard_right"];
-    assert!(heard["held_out"].as_u64() >= heard["before"].as_u64(), "{report:#}");
+    let heard = &report["own"]["cues_heard"];
+    assert!(heard["after"].as_u64() >= heard["before"].as_u64() && heard["of"] == 12, "{report:#}");
+    assert!(report["other_voices"]["others_taken"]["of"].as_u64() > Some(1000), "{report:#}");
     let (after, shipped) = (recall(&place, &clips, &manifest), recall(&place, &clips, &before));
     assert!(after > 0.9 && after >= shipped, "{after}, {shipped} before");
     assert_eq!(fs::read_dir(anna.join("clips").join("left")).expect("they are kept").count(), 3);

@@ -1,6 +1,7 @@
 //! What the handler says steers the robot: a synthetic voice into a pipe that stands for a microphone.
 
 use std::fs::OpenOptions;
+use std::io::Write;
 use std::path::Path;
 use std::process::Command;
 use std::time::Instant;
@@ -71,6 +72,8 @@ fn without_its_tone_a_spoken_cue_does_not_start_the_robot_unless_that_is_wanted(
         let place = Place::new();
         let (mut run, mouth) = hearing(&place, config);
         let is_told = |status: &Status| told(status, "is not given: the tone before it");
+        let missing = run.status().no_start_by_voice.unwrap_or_default();
+        assert_eq!(missing.contains("no-such-player, which is missing"), !starts, "{config}: {missing}");
         mouth.say_until(&mut run, "forward", |status| is_told(status) || spoken_cue(status, CueKind::Forward));
         let status = run.status();
         assert_eq!((is_told(&status), status.mode.class == ModeClass::Run), (!starts, starts), "{config}: {status:#?}");
@@ -81,13 +84,69 @@ fn without_its_tone_a_spoken_cue_does_not_start_the_robot_unless_that_is_wanted(
 }
 
 #[test]
-fn without_its_files_a_voice_is_told_what_to_run_and_the_other_cues_go_on() {
+fn a_word_that_is_said_twice_starts_the_robot_where_that_is_wanted_in_place_of_the_tone() {
+    if !can_hear() {
+        return;
+    }
+    let place = Place::new();
+    let config = "[speak]\nplayer = [\"no-such-player\"]\n[cue.voice]\nrepeat = true\n";
+    let (mut run, mouth) = hearing(&place, config);
+    assert_eq!(run.status().no_start_by_voice, None);
+    mouth.say("forward");
+    mouth.wait(3.0);
+    mouth.wait_until_said();
+    assert!(run.status().mode.cue.is_none(), "once is not enough: {:#?}", run.status());
+    mouth.say_until(&mut run, "forward, forward", |status| spoken_cue(status, CueKind::Forward));
+    let _ = run.end();
+    drop(mouth);
+    place.assert_empty();
+}
+
+/// A Linux input device's event: a key goes down, or up.
+fn key_event(key: u16, is_down: bool) -> Vec<u8> {
+    let mut bytes = vec![0; 16];
+    bytes.extend(1_u16.to_le_bytes());
+    bytes.extend(key.to_le_bytes());
+    bytes.extend(i32::from(is_down).to_le_bytes());
+    bytes
+}
+
+#[test]
+fn with_a_key_to_speak_a_direction_counts_only_while_it_is_held_and_stop_always() {
+    if !can_hear() {
+        return;
+    }
+    let place = Place::new();
+    let key = place.path().join("key");
+    assert!(Command::new("mkfifo").arg(&key).status().is_ok_and(|made| made.success()), "a pipe");
+    let mut presses = OpenOptions::new().read(true).write(true).open(&key).expect("opened");
+    let config = format!(
+        "[speak]\nfile = \"said.wav\"\n[cue.voice]\ntone = false\ntalk = {{ device = \"{}\", key = 57 }}\n",
+        key.display()
+    );
+    let (mut run, mouth) = hearing(&place, &config);
+    mouth.say("forward");
+    mouth.wait_until_said();
+    assert!(run.status().mode.cue.is_none(), "nobody holds it: {:#?}", run.status());
+    presses.write_all(&key_event(57, true)).expect("written");
+    mouth.say_until(&mut run, "forward", |status| spoken_cue(status, CueKind::Forward));
+    let _ = run.wait_walking();
+    presses.write_all(&key_event(57, false)).expect("written");
+    mouth.say_until(&mut run, "stop", |status| status.mode.cue.is_none());
+    let _ = run.end();
+    drop((mouth, presses));
+    std::fs::remove_file(&key).expect("removed");
+    place.assert_empty();
+}
+
+#[test]
+fn without_its_files_a_voice_is_told_what_is_missing_and_the_other_cues_go_on() {
     let place = Place::new();
     let config = place.path().join("voice.toml");
     let text = "[cue.voice]\ntone = false\nsource = \"stream\"\nstream = \"none\"\nembedding = \"missing.onnx\"\n";
     std::fs::write(&config, text).expect("written");
     let mut run = Live::up(&place, "voice", &["--config", &config.to_string_lossy()]);
-    run.wait("it is told", |status| told(status, "scripts/cue-embedding"));
+    run.wait("it is told", |status| told(status, "missing.onnx is missing: it is shipped with cues.toml"));
     run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     let _ = place.guidedog(&["cue", "forward", "--run", "voice"]);
     run.wait_walking();

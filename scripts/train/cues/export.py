@@ -1,6 +1,6 @@
 """Writes the head as ONNX and its manifest; reads a head back.
 
-The graph has one input `embeddings` float32[1, 8, 96] and one output `probabilities` float32[1, 5], and nothing but
+The graph has one input `embeddings` float32[1, 8, 96] and one output `probabilities` float32[1, 6], and nothing but
 Sub, Div, Clip, Transpose, Conv, Relu, Flatten, Gemm and Softmax. Its weights are initializers inside the file under the
 names of network.SHAPES, raw little-endian: enrolment finds dense1 and dense2 by name and puts new ones in their place.
 """
@@ -18,7 +18,7 @@ from onnx import TensorProto, helper, numpy_helper
 import network
 from features import EMBEDDING, WINDOWS
 from network import Weights
-from rules import Rules
+from rules import DIRECTIONS, STARTS, Rules
 from words import LABELS
 
 OPSET, IR_VERSION = 13, 8
@@ -87,15 +87,14 @@ def duration(seconds: float) -> str:
 
 
 def rules_table(rules: Rules) -> dict[str, Any]:
-    forward, left, right = rules.directions
     return {
-        "stop": {"threshold": rules.stop, "windows": rules.stop_windows},
+        "stop": {"threshold": rules.stop, "steps": rules.stop_steps},
         "direction": {
-            "threshold": {"forward": forward, "left": left, "right": right},
-            "windows": rules.direction_windows,
+            "threshold": dict(zip(DIRECTIONS, rules.directions)),
+            "steps": rules.direction_steps,
             "isolated": rules.isolated,
         },
-        "forward_after_stop": {"threshold": rules.forward_after_stop, "windows": rules.direction_windows},
+        "start": dict(zip(STARTS, rules.starts)),
         "refractory": duration(rules.refractory_s),
         "isolation": {
             "quiet": duration(rules.quiet_s),

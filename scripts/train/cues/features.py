@@ -11,8 +11,10 @@ Samples x are 16 kHz mono in [-1, 1].
 * Level in decibels D[i] = max(10 log10(max(sum_b M[b, i] P[b], 1e-10)), -85.7). The floor is fixed, where the network
   that this comes from takes 80 dB below the loudest of whatever was handed to it at once.
 * Log-mel = D / 10 + 2.
-* Embedding m is what the network makes of frames 8 m to 8 m + 75: one each 80 ms, the first after 12,512 samples.
-* The head sees embeddings m - 7 to m, oldest first: 1.342 s, the first after 21,472 samples.
+* Embedding m of lane l is what the network makes of frames 2 l + 8 m to 2 l + 8 m + 75: one each 80 ms. There are four
+  lanes, l = 0..3, 20 ms apart: what is decided then hardly depends on when a word falls into the 80 ms.
+* The head sees embeddings m - 7 to m of one lane, oldest first: 1.342 s. Step s = 4 (m - 7) + l is the first one's, lane
+  0, after 21,472 samples, and one each 20 ms.
 
 Beside them, of each frame, how periodic the sound is, as a voice is and a clatter or rushing water is not: x goes from
 rest through a band-pass of 80 to 900 Hz (Butterworth, two sections: BAND_PASS), every fourth sample of it, from the
@@ -23,8 +25,6 @@ periodicity max over lags 8 to 58 (500 to 69 Hz) of sum_j s[j] s[j + lag] / sqrt
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 from scipy.signal import sosfilt
 
@@ -33,6 +33,8 @@ FFT, WINDOW, HOP = 512, 400, 160
 BANDS, BAND_LOW_HZ, BAND_HIGH_HZ = 32, 60.0, 3800.0
 POWER_MIN, FLOOR_DB = 1e-10, -85.7
 FRAMES, STEP_FRAMES, EMBEDDING = 76, 8, 96
+LANES = 4
+LANE_FRAMES = STEP_FRAMES // LANES
 WINDOWS = 8
 STEP = STEP_FRAMES * HOP
 EMBEDDING_SPAN = (FRAMES - 1) * HOP + FFT
@@ -44,9 +46,6 @@ BAND_PASS = [
     [0.021000375, 0.042000751, 0.021000375, 1.0, -1.573444971, 0.662020574],
     [1.0, -2.0, 1.0, 1.0, -1.956966607, 0.958092054],
 ]
-
-EMBEDDING_PATH = Path(__file__).parents[3] / "config/cues/embedding.onnx"
-
 
 def window() -> np.ndarray:
     """float64[512]: a periodic Hann of 400 samples in the middle."""
@@ -108,35 +107,15 @@ def periodicity(samples: np.ndarray) -> np.ndarray:
 
 
 class Embedding:
-    """The frozen network (Google's speech embedding, 96 numbers for 76 frames).
+    """A network of `trunk.whole`: over a longer stretch it gives, in one go, the embeddings that a step each gives."""
 
-    It has no padding in time and its pooling makes 8 frames one: over a longer stretch it gives, in one go, the very
-    embeddings that 76 frames at a time give, each 8 frames, for a sixth of the work.
-    """
-
-    def __init__(self, path: Path = EMBEDDING_PATH, threads: int = 1) -> None:
-        import onnx
+    def __init__(self, model: bytes, threads: int = 1) -> None:
         import onnxruntime
 
-        model = onnx.load(path)
-        first, *between, last = model.graph.node
-        assert first.op_type == last.op_type == "Reshape"
-        between[0].input[0] = "mel"
-        between[-1].output[0] = "embeddings"
-        shaped = onnx.helper.make_tensor_value_info
-        graph = onnx.helper.make_graph(
-            between,
-            "embeddings",
-            [shaped("mel", onnx.TensorProto.FLOAT, ["clips", 1, "frames", BANDS])],
-            [shaped("embeddings", onnx.TensorProto.FLOAT, ["clips", EMBEDDING, "steps", 1])],
-            model.graph.initializer,
-        )
-        streaming = onnx.helper.make_model(graph, opset_imports=model.opset_import, ir_version=model.ir_version)
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = 3
-        data = streaming.SerializeToString()
-        self.session = onnxruntime.InferenceSession(data, options, providers=["CPUExecutionProvider"])
+        self.session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
 
     def of_mel(self, mel: np.ndarray) -> np.ndarray:
         """float32[..., steps, 96] of log-mel float32[..., frames, 32]."""
@@ -147,11 +126,7 @@ class Embedding:
         made = self.session.run(None, {"mel": clips})[0]
         return made[..., 0].transpose(0, 2, 1).reshape(*mel.shape[:-2], steps, EMBEDDING)
 
-    def of_samples(self, samples: np.ndarray) -> np.ndarray:
-        """float32[steps, 96] of samples: step m ends at sample 12,512 + 1,280 m."""
-        mel = log_mel(samples)
-        # A minute at a time: the network keeps all that lies between its layers.
-        parts = []
-        for start in range(0, max(1, len(mel) - FRAMES + 1), 4000):
-            parts.append(self.of_mel(mel[start : start + 4000 + FRAMES - STEP_FRAMES]))
-        return np.concatenate(parts)
+    def of_stretch(self, mel: np.ndarray) -> np.ndarray:
+        """float32[steps, 96] of log-mel float32[frames, 32]: half a minute at a time, for what lies between its layers."""
+        starts = range(0, max(1, len(mel) - FRAMES + 1), 4000)
+        return np.concatenate([self.of_mel(mel[start : start + 4000 + FRAMES - STEP_FRAMES]) for start in starts])

@@ -10,7 +10,7 @@ import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
-from typing import Callable, Iterator
+from typing import Callable, Iterator, NamedTuple
 
 import numpy as np
 
@@ -20,11 +20,17 @@ import strangers
 import windows
 from augment import SHIFTS, STEPS
 from synthesise import BUILD
-from windows import ALIKES, Example, Group, Stretch, is_cue
+from windows import ALIKES, Example, Stretch, is_cue
 from words import CUES
 
 # Frames of a sequence.
 FRAMES = features.FRAMES + (STEPS - 1) * features.STEP_FRAMES
+
+class Group(NamedTuple):
+    sequences: np.ndarray  # float16[n, 172, 32]
+    labels: np.ndarray  # int8[n]
+    folds: np.ndarray  # int8[n]
+
 
 Part = Callable[[], Iterator[Example | Stretch]]
 
@@ -78,6 +84,7 @@ STREAMS: dict[str, tuple[float, int, Callable[[int], Iterator[Example | Stretch]
     "noise": (0.04, 1, lambda part: windows.noises(strangers.noise(), 8)),
     "babble": (0.02, 1, lambda part: windows.babble(strangers.reading(), 160)),
     "robots": (0.03, 1, lambda part: windows.robots(150)),
+    "television": (0.10, 4, lambda part: windows.television(150, first=150 * part)),
     "backgrounds": (0.05, 1, lambda part: windows.backgrounds(3000)),
 }
 

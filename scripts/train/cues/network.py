@@ -2,7 +2,7 @@
 
 x float32[n, 8, 96] -> (x - mean) / deviation, clamped to +-6
   -> conv1 (96 to 64, 3 wide) -> relu [n, 6, 64] -> conv2 (64 to 64, 3 wide) -> relu [n, 4, 64]
-  -> flattened, channel by channel: index 4 c + t [n, 256] -> dense1 (64) -> relu -> dense2 (5) -> softmax
+  -> flattened, channel by channel: index 4 c + t [n, 256] -> dense1 (64) -> relu -> dense2 (6) -> softmax
 """
 
 from __future__ import annotations
@@ -79,13 +79,13 @@ def softmax(logits: np.ndarray) -> np.ndarray:
 
 
 def classified(weights: Weights, flat: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Hidden float32[n, 64] and probabilities float32[n, 5] of float32[n, 256]."""
+    """Hidden float32[n, 64] and probabilities float32[n, 6] of float32[n, 256]."""
     hidden = np.maximum(flat @ weights["dense1.weight"].T + weights["dense1.bias"], 0)
     return hidden, softmax(hidden @ weights["dense2.weight"].T + weights["dense2.bias"])
 
 
 def probabilities(weights: Weights, x: np.ndarray) -> np.ndarray:
-    """float32[n, 5] of embeddings float32[n, 8, 96], a few thousand at a time."""
+    """float32[n, 6] of embeddings float32[n, 8, 96], a few thousand at a time."""
     if not len(x):
         return np.zeros((0, len(LABELS)), np.float32)
     parts = (x[i : i + 4096] for i in range(0, len(x), 4096))
@@ -97,7 +97,7 @@ def dense_gradients(
 ) -> tuple[Weights, np.ndarray, float]:
     """Gradients of the dense layers and of `flat`, and the loss: the mean cross-entropy, windows weighed by scale[n].
 
-    target float32[n, 5] may be smoothed.
+    target float32[n, 6] may be smoothed.
     """
     hidden, p = classified(weights, flat)
     loss = float(-(scale * (target * np.log(np.maximum(p, 1e-9))).sum(axis=1)).mean())
@@ -110,28 +110,6 @@ def dense_gradients(
         "dense1.bias": below.sum(axis=0),
     }
     return gradients, below @ weights["dense1.weight"], loss
-
-
-def gradients(
-    weights: Weights, z: np.ndarray, target: np.ndarray, scale: np.ndarray, kept: np.ndarray | None = None
-) -> tuple[Weights, float]:
-    """Of all layers, for normalised z float32[n, 8, 96]; kept[n, 256] is a dropout mask, already scaled."""
-    seen1, made1, seen2, flat = convolved(weights, z)
-    found, to_flat, loss = dense_gradients(weights, flat if kept is None else flat * kept, target, scale)
-    if kept is not None:
-        to_flat = to_flat * kept
-    to_made2 = (to_flat * (flat > 0)).reshape(len(z), CHANNELS, STEPS_2).transpose(0, 2, 1)
-    to_seen2 = to_made2 @ matrix(weights["conv2.weight"]).T
-    to_made1 = np.zeros_like(made1)
-    for k in range(KERNEL):
-        to_made1[:, k : k + STEPS_2] += to_seen2[:, :, k * CHANNELS : (k + 1) * CHANNELS]
-    to_made1 *= made1 > 0
-    for name, seen, to_made in (("conv2", seen2, to_made2), ("conv1", seen1, to_made1)):
-        width = seen.shape[2]
-        flat_gradient = seen.reshape(-1, width).T @ to_made.reshape(-1, CHANNELS)
-        found[f"{name}.weight"] = flat_gradient.reshape(KERNEL, width // KERNEL, CHANNELS).transpose(2, 1, 0)
-        found[f"{name}.bias"] = to_made.sum(axis=(0, 1))
-    return found, loss
 
 
 @dataclass

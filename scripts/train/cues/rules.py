@@ -1,6 +1,6 @@
 """From probabilities to cues: the rules that the robot follows, pure and without a clock.
 
-Time goes in steps of 80 ms. A step has the head's probabilities, and levels and periodicities of its eight newest
+Time goes in steps of 20 ms. A step has the head's probabilities, and levels and periodicities of its two newest
 frames of 10 ms.
 
 Level. A frame's level in decibels is the mean over bands 4 to 27 (of 0 to 31) of its log-mel, less 2, times 10.
@@ -8,13 +8,14 @@ Level. A frame's level in decibels is the mean over bands 4 to 27 (of 0 to 31) o
 Floor. The level of what is always there. It begins at the first frame's level. A frame below the floor draws it down by
 `floor_fall` of the distance; any other raises it by `floor_rise` decibels, but never above the frame.
 
-stop. P(stop) >= threshold in `windows` steps in a row (one). It is reported at once, ends what is waiting, and is not
+stop. P(stop) >= threshold in `stop_steps` steps in a row. It is reported at once, ends what is waiting, and is not
 reported again within `refractory`.
 
-Directions. P(word) >= threshold and above all others in `windows` steps in a row, and a voice is heard: a candidate,
-unless a direction was reported within `refractory` or the same word is waiting already; another word's candidate takes
-the waiting one's place. It is reported once it is isolated, in the step that made it a candidate or a later one. `forward` after a stop
-needs `forward_after_stop` until a direction was reported.
+Directions. P(word) >= threshold and above all others in `direction_steps` steps in a row, and a voice is heard: a
+candidate, unless a direction was reported within `refractory` or the same word is waiting already; another word's
+candidate takes the waiting one's place. It is reported once it is isolated, in the step that made it a candidate or a
+later one. *go* is reported as *forward*. After a stop, both need the threshold of `starts` until a direction was
+reported.
 
 Voice. Of the frames of the last `reach`, those of the step too, at least `voiced` have a periodicity of at least
 `periodicity`, and the highest level is above `floor` + `above_floor`.
@@ -40,19 +41,23 @@ import numpy as np
 
 from words import LABELS
 
-STEP_S, FRAME_S, FRAMES = 0.08, 0.01, 8
+STEP_S, FRAME_S, FRAMES = 0.02, 0.01, 2
 MEMORY = 256  # frames: no less than reach, wait_max (to the end of a step) and segment_max together
-DIRECTIONS = LABELS[:3]
+DIRECTIONS = ("forward", "left", "right", "go")
+STARTS = ("forward", "go")
+# The cue of a word.
+MEANT = {"go": "forward"}
 STOP = LABELS.index("stop")
+OTHER = LABELS.index("other")
 
 
 @dataclass(frozen=True)
 class Rules:
     stop: float = 0.7
-    stop_windows: int = 1
-    directions: tuple[float, float, float] = (0.7, 0.7, 0.7)  # forward, left, right
-    direction_windows: int = 2
-    forward_after_stop: float = 0.85
+    stop_steps: int = 3
+    directions: tuple[float, ...] = (0.7, 0.7, 0.7, 0.7)  # in the order of DIRECTIONS
+    direction_steps: int = 5
+    starts: tuple[float, ...] = (0.85, 0.85)  # in the order of STARTS
     isolated: bool = True
     refractory_s: float = 1.0
     quiet_s: float = 0.18
@@ -111,28 +116,29 @@ class Recogniser:
         self.silent_until = {"stop": 0, "direction": 0}
 
     def hear(self, probabilities: np.ndarray, levels: np.ndarray, periodicities: np.ndarray) -> list[Detection]:
-        """What a step of float[5] makes known, with level float[8] and periodicity float[8] of its frames."""
+        """What a step of float[6] makes known, with level float[2] and periodicity float[2] of its frames."""
         self.step += 1
         for level in levels:
             self.hear_level(float(level))
         self.periodicities.extend(map(float, periodicities))
         self.count(probabilities)
         refractory = steps(self.rules.refractory_s)
-        if self.streak[STOP] >= self.rules.stop_windows:
+        if self.streak[STOP] >= self.rules.stop_steps:
             self.waiting, self.stopped = None, True
             if self.step < self.silent_until["stop"]:
                 return []
             self.silent_until["stop"] = self.step + refractory
             return [Detection("stop", self.step, self.step, self.lowest[STOP])]
-        for word in range(len(DIRECTIONS)):
-            if self.streak[word] >= self.rules.direction_windows and self.step >= self.silent_until["direction"]:
+        for word in map(LABELS.index, DIRECTIONS):
+            if self.streak[word] >= self.rules.direction_steps and self.step >= self.silent_until["direction"]:
                 if (self.waiting is None or self.waiting.word != word) and self.is_voice():
                     self.waiting = Candidate(word, self.step, self.lowest[word], self.loud_db())
         if self.waiting is None or not self.isolated():
             return []
         made, self.waiting, self.stopped = self.waiting, None, False
         self.silent_until["direction"] = self.step + refractory
-        return [Detection(LABELS[made.word], self.step, made.step, made.score)]
+        word = LABELS[made.word]
+        return [Detection(MEANT.get(word, word), self.step, made.step, made.score)]
 
     def hear_level(self, level: float) -> None:
         if self.floor is None:
@@ -145,7 +151,7 @@ class Recogniser:
 
     def count(self, probabilities: np.ndarray) -> None:
         best = int(np.argmax(probabilities))
-        for word in range(len(LABELS) - 1):
+        for word in range(OTHER):
             p = float(probabilities[word])
             if p >= self.threshold(word) and (word == STOP or word == best):
                 self.lowest[word] = min(p, self.lowest[word]) if self.streak[word] else p
@@ -156,9 +162,10 @@ class Recogniser:
     def threshold(self, word: int) -> float:
         if word == STOP:
             return self.rules.stop
-        if word == 0 and self.stopped:
-            return max(self.rules.directions[0], self.rules.forward_after_stop)
-        return self.rules.directions[word]
+        least = self.rules.directions[DIRECTIONS.index(LABELS[word])]
+        if self.stopped and LABELS[word] in STARTS:
+            return max(least, self.rules.starts[STARTS.index(LABELS[word])])
+        return least
 
     def peak_db(self) -> float:
         reach = min(len(self.levels), frames(self.rules.reach_s))
@@ -204,7 +211,7 @@ class Recogniser:
 def detect(
     rules: Rules, probabilities: np.ndarray, levels: np.ndarray, periodicities: np.ndarray, stopped: bool = False
 ) -> list[Detection]:
-    """All detections of a stream: probabilities float[steps, 5], levels and periodicities float[steps, 8].
+    """All detections of a stream: probabilities float[steps, 6], levels and periodicities float[steps, 2].
 
     Stopped: the robot stands by a stop as it begins.
     """

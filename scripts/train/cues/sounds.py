@@ -1,13 +1,8 @@
-"""Recordings: real clips and what part of each set is kept from training, and noises made by formula.
-
-Every real set is dealt into four folds, by speaker where speakers are known, else by file. Fold TEST_FOLD trains
-nothing; thresholds are chosen on the others, each judged by a head that has not heard it.
-"""
+"""Recordings, and noises made by formula."""
 
 from __future__ import annotations
 
 import os
-from collections import Counter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -15,18 +10,15 @@ import numpy as np
 import soundfile
 from scipy.signal import lfilter
 
-from synthesise import CUES, RATE, at_16_khz
+from synthesise import RATE, at_16_khz
+from words import SYNTHETIC_CUES
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("GUIDEDOG_SPEECH", ROOT / "../shared/data/speech"))
 PROMPTS = Path("/usr/share/asterisk/sounds")
 PROMPTS_MAX = 300  # of each language
-FORWARD = Path("/usr/share/pocketsphinx/test/data/goforward.raw")
-
+# Files of reading and noise are dealt so; the background of other training sounds has none of the first.
 FOLDS, TEST_FOLD = 4, 0
-SPEAKER_FOLD = FOLDS  # all that the one speaker says, as far as training goes
-# Of the 25 clips of each word of the one speaker, in the order of recording; the rest tests.
-ENROLMENT, VALIDATION = 5, 10
 
 
 class Recording(NamedTuple):
@@ -37,37 +29,14 @@ class Recording(NamedTuple):
 
 
 def read(path: Path) -> np.ndarray:
-    if path.suffix == ".raw":
-        return np.fromfile(path, "<i2").astype(np.float32) / 32768
     audio, rate = soundfile.read(path, dtype="float32", always_2d=True)
     return at_16_khz(audio.mean(axis=1), rate).astype(np.float32)
 
 
-def speech_commands() -> list[Recording]:
-    """Folds by speaker, the file name's first part: who has most clips first, each to the smallest fold.
-
-    Among equals fold 3 comes first and the test fold after it: so most of the few real cues are left to train.
-    """
-    paths = sorted((DATA / "speech_commands").glob("*/*.wav"))
-    clips = Counter(path.name.split("_")[0] for path in paths)
-    sizes, fold_of = [0] * FOLDS, {}
-    for speaker, count in sorted(clips.items(), key=lambda item: (-item[1], item[0])):
-        smallest = min((3, 0, 1, 2), key=lambda fold: sizes[fold])
-        fold_of[speaker] = smallest
-        sizes[smallest] += count
-    return [
-        Recording(f"speech_commands/{p.parent.name}/{p.name}", p.parent.name, fold_of[p.name.split("_")[0]], read(p))
-        for p in paths
-    ]
-
-
 def one_speaker() -> list[Recording]:
-    """The fold is the clip's number within its word: below ENROLMENT, below ENROLMENT + VALIDATION, or test."""
-    made = []
-    for folder in sorted((DATA / "one_speaker").iterdir()):
-        for i, path in enumerate(sorted(folder.glob("*.wav"))):
-            made.append(Recording(f"one_speaker/{folder.name}/{path.name}", folder.name, i, read(path)))
-    return made
+    """A private person's voice, which trains nothing."""
+    paths = sorted((DATA / "one_speaker").glob("*/*.wav"))
+    return [Recording(f"one_speaker/{p.parent.name}/{p.name}", p.parent.name, 0, read(p)) for p in paths]
 
 
 def librispeech() -> list[Recording]:
@@ -85,7 +54,7 @@ def prompts() -> list[Recording]:
     """Telephone prompts in five languages, a speaker each (Debian's asterisk-core-sounds-*-wav), for training alone."""
     made = []
     for folder in sorted(PROMPTS.glob("*_*")):
-        paths = [p for p in sorted(folder.rglob("*.wav")) if not any(cue in p.name for cue in CUES)]
+        paths = [p for p in sorted(folder.rglob("*.wav")) if not any(cue in p.name for cue in SYNTHETIC_CUES)]
         for p in paths[:: -(-len(paths) // PROMPTS_MAX)]:
             made.append(Recording(f"prompts/{folder.name}/{p.name}", "", -1, read(p)))
     return [r for r in made if len(r.audio) > RATE // 2]
@@ -180,6 +149,23 @@ def bursts(rng: np.random.Generator, n: int) -> np.ndarray:
         gate = np.interp(np.linspace(0, points - 1, n), np.arange(points), rng.random(points) ** rng.uniform(1, 8))
         audio += unit(band) * gate
     return unit(audio)
+
+
+def music(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Chords with harmonics, a bass and a drum, to a beat."""
+    beat = int(RATE * 60 / rng.uniform(70, 150))
+    t = np.arange(4 * beat) / RATE
+    root, fall, decay_s = rng.uniform(110, 330), rng.uniform(0.8, 2.5), rng.uniform(0.2, 3)
+    drum, audio = rng.uniform(0, 1.5), np.zeros(n + 5 * beat)
+    for start in range(0, n, 4 * beat):
+        steps = int(rng.choice([0, 5, 7, 9, -3])) + np.array([-12, 0, rng.choice([3, 4]), 7, 12])
+        for hz in root * 2 ** (steps / 12):
+            tone = sum(np.sin(2 * np.pi * k * hz * t + rng.uniform(0, 6)) / k**fall for k in range(1, 9))
+            audio[start : start + len(t)] += tone * np.exp(-(t % (rng.choice([1, 2, 4]) * beat / RATE)) / decay_s)
+        for k in range(4):
+            hit = thud(rng, 80 if k % 2 == 0 else 180, 0.03, 0.3 if k % 2 == 0 else 2.0)
+            audio[start + k * beat : start + k * beat + len(hit)] += drum * hit
+    return unit(audio[:n])
 
 
 FORMULAS = (coloured, robot, motors, footsteps, chirps, bursts)

@@ -1,7 +1,7 @@
 """The real recordings in five folds of speakers, for a network that is trained end to end.
 
-A network of fold k has not heard the speakers of fold k. The one of fold 0 may be shipped: 30 speakers have not trained
-it. The one speaker trains none of them.
+A network of fold k has not heard the speakers of fold k. The one of fold 0 is shipped: 30 speakers have not trained it.
+The one speaker trains none of them.
 """
 
 from __future__ import annotations

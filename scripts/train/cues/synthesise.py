@@ -21,7 +21,10 @@ import numpy as np
 import soundfile
 from scipy.signal import resample_poly
 
-from words import ACCENTED, CUES, OTHER_WORDS, PRONUNCIATIONS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
+from words import (
+    ACCENTED, BROADCASTS, COMMON, OTHER_WORDS, PRONUNCIATIONS, SENTENCES, SOUND_ALIKES, STOP_PHRASES, SYNTHETIC_CUES,
+    TEST_ALIKES,
+)  # fmt: skip
 
 BUILD = Path(__file__).parent / "build"
 RATE = 16_000
@@ -63,11 +66,11 @@ ESPEAK_HELD_OUT = ("m7", "f5", "Nguyen", "anika", "boris", "grandpa", "klatt4", 
 
 def held_out(family: str, voice: str) -> bool:
     """Whether a voice is kept from training, for validation and test."""
-    if family == "kokoro":
+    if family in ("kokoro", "talk"):
         return any(part in KOKORO_HELD_OUT for part in voice.split("+"))
     if family in ("espeak", "accents"):
         return voice.split("+")[1] in ESPEAK_HELD_OUT
-    return family == "festival" or voice == "awb"
+    return family in ("festival", "unheard") or voice == "awb"
 
 
 class Clip(NamedTuple):
@@ -109,7 +112,7 @@ def alikes() -> list[str]:
 
 def texts(per_cue: int, per_alike: int, per_word: int, per_sentence: int) -> Iterator[tuple[str, int]]:
     """Every text with the number of a repetition: another voice, speed and pronunciation each."""
-    for cue in CUES:
+    for cue in SYNTHETIC_CUES:
         yield from ((cue, i) for i in range(per_cue))
     for phrase in STOP_PHRASES:
         yield from ((phrase, i) for i in range(per_cue // 8))
@@ -134,14 +137,14 @@ def said_by_espeak(voice: str, text: str, rng: np.random.Generator) -> np.ndarra
 def espeak(made: int) -> Iterator[Clip]:
     for text, i in islice(texts(per_cue=600, per_alike=10, per_word=5, per_sentence=2), made, None):
         rng = np.random.default_rng(seed_of("espeak", text, i))
-        variant = ESPEAK_VARIANTS[i % len(ESPEAK_VARIANTS)] if text in CUES else rng.choice(ESPEAK_VARIANTS)
+        variant = ESPEAK_VARIANTS[i % len(ESPEAK_VARIANTS)] if text in SYNTHETIC_CUES else rng.choice(ESPEAK_VARIANTS)
         voice = f"{rng.choice(ESPEAK_LANGUAGES)}+{variant}"
         yield Clip(text, "espeak", voice, said_by_espeak(voice, text, rng))
 
 
 def accents(made: int) -> Iterator[Clip]:
     """English words by voices of other languages, which say them with the sounds of their own."""
-    wanted = ((text, i) for text in ACCENTED for i in range(200 if text in CUES else 15))
+    wanted = ((text, i) for text in ACCENTED for i in range(200 if text in SYNTHETIC_CUES else 15))
     for text, i in islice(wanted, made, None):
         rng = np.random.default_rng(seed_of("accents", text, i))
         voice = f"{ACCENT_LANGUAGES[i % len(ACCENT_LANGUAGES)]}+{rng.choice(ESPEAK_VARIANTS)}"
@@ -153,7 +156,7 @@ def flite(made: int) -> Iterator[Clip]:
     with tempfile.TemporaryDirectory() as folder:
         for text, i in islice(texts(per_cue=60, per_alike=2, per_word=1, per_sentence=1), made, None):
             rng = np.random.default_rng(seed_of("flite", text, i))
-            voice = FLITE_VOICES[i % 4] if text in CUES else str(rng.choice(FLITE_VOICES[:3]))
+            voice = FLITE_VOICES[i % 4] if text in SYNTHETIC_CUES else str(rng.choice(FLITE_VOICES[:3]))
             wav = f"{folder}/clip.wav"
             stretch, pitch = rng.uniform(0.8, 1.35), rng.uniform(85, 135) * (1.6 if voice == "slt" else 1)
             command = ["flite", "-voice", voice, "--setf", f"duration_stretch={stretch:.2f}"]
@@ -164,7 +167,7 @@ def flite(made: int) -> Iterator[Clip]:
 
 def festival(made: int) -> Iterator[Clip]:
     """For tests alone: three voices of another synthesiser say the cues and some other words."""
-    wanted = [(v, t, s) for v in FESTIVAL_VOICES for t in (*CUES, *OTHER_WORDS[:27]) for s in FESTIVAL_STRETCHES]
+    wanted = [(v, t, s) for v in FESTIVAL_VOICES for t in (*SYNTHETIC_CUES, *OTHER_WORDS[:27]) for s in FESTIVAL_STRETCHES]
     with tempfile.TemporaryDirectory() as folder:
         for voice, text, stretch in wanted[made:]:
             wav = f"{folder}/clip.wav"
@@ -259,20 +262,20 @@ def kokoro(made: int) -> Iterator[Clip]:
         texts(per_cue=160, per_alike=3, per_word=1, per_sentence=1),
         # The commonest other words by more voices, and more of the cues.
         ((word, 1000 + i) for word in OTHER_WORDS[:40] for i in range(6)),
-        ((cue, 1000 + i) for cue in CUES for i in range(60)),
+        ((cue, 1000 + i) for cue in SYNTHETIC_CUES for i in range(60)),
         # And more again, by voices that train, of the cues and of what sounds like them.
-        ((cue, i) for cue in CUES for i in range(2000, 2112) if i % 8 != 7),
+        ((cue, i) for cue in SYNTHETIC_CUES for i in range(2000, 2112) if i % 8 != 7),
         ((word, 2000 + i) for word in alikes() for i in range(2)),
     )
     for text, i in islice(wanted, made, None):
         rng = np.random.default_rng(seed_of("kokoro", text, i))
         # Every eighth repetition of a cue is a held-out voice; a mix of two voices is a third one.
-        if text in CUES and i % 8 == 7:
+        if text in SYNTHETIC_CUES and i % 8 == 7:
             voice = KOKORO_HELD_OUT[(i // 8) % len(KOKORO_HELD_OUT)]
         elif rng.random() < 0.5:
             voice = "+".join(sorted(rng.choice(training, 2, replace=False)))
         else:
-            voice = str(training[i % len(training)] if text in CUES else rng.choice(training))
+            voice = str(training[i % len(training)] if text in SYNTHETIC_CUES else rng.choice(training))
         parts = voice.split("+")
         weight = rng.uniform(0.3, 0.7) if len(parts) == 2 else 1.0
         style = model.styles[parts[0]] * weight + (model.styles[parts[1]] * (1 - weight) if len(parts) == 2 else 0)
@@ -285,8 +288,40 @@ def kokoro(made: int) -> Iterator[Clip]:
         yield Clip(text, "kokoro", voice, model.say(phonemes + mark, style, rng.uniform(0.75, 1.3)))
 
 
+def babbled(rng: np.random.Generator) -> str:
+    """Words in any order, to be said in one breath; one in four sounds like a cue."""
+    alike, other = alikes(), (*COMMON, *OTHER_WORDS)
+    said = [alike if rng.random() < 0.25 else other for _ in range(rng.integers(5, 10))]
+    return " ".join(str(rng.choice(words)) for words in said)
+
+
+def talk(made: int) -> Iterator[Clip]:
+    """Talk that means nothing, by Kokoro's voices that train."""
+    model = Kokoro()
+    training = [name for name in sorted(model.styles) if name not in KOKORO_HELD_OUT]
+    for i in range(made, 400):
+        rng = np.random.default_rng(seed_of("talk", i))
+        voice, text = training[i % len(training)], babbled(rng)
+        phonemes = ipa(text, "en-gb" if voice.startswith("b") else "en-us")
+        yield Clip(text, "talk", voice, model.say(phonemes, model.styles[voice], rng.uniform(0.85, 1.35)))
+
+
+def unheard(made: int) -> Iterator[Clip]:
+    """For tests alone: Kokoro's voices that never train say words that sound like cues, and what a television says."""
+    model = Kokoro()
+    wanted = [(text, voice) for text in TEST_ALIKES for voice in KOKORO_HELD_OUT]
+    wanted += [(text, KOKORO_HELD_OUT[(i + k) % 10]) for i, text in enumerate(BROADCASTS) for k in range(0, 10, 3)]
+    for text, voice in wanted[made:]:
+        rng = np.random.default_rng(seed_of("unheard", text, voice))
+        phonemes = ipa(text, "en-gb" if voice.startswith("b") else "en-us")
+        yield Clip(text, "unheard", voice, model.say(phonemes, model.styles[voice], rng.uniform(0.85, 1.2)))
+
+
 # Each yields its clips in a fixed order, from a number on.
-FAMILIES = {"espeak": espeak, "accents": accents, "flite": flite, "festival": festival, "kokoro": kokoro}
+FAMILIES = {
+    "espeak": espeak, "accents": accents, "flite": flite, "festival": festival, "kokoro": kokoro,
+    "talk": talk, "unheard": unheard,
+}  # fmt: skip
 
 
 def stored(family: str) -> Path:

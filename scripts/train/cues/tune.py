@@ -1,12 +1,11 @@
-"""Fits the whole network, embedding and heads, to the training windows, end to end, in torch.
+"""Fits the whole network, embedding and head, to the training windows, end to end, in torch.
 
-The embedding starts as Google's (`features.Embedding`) and is changed like everything else. Two heads look at eight
-successive embeddings: one for all labels, one for *stop* alone. For each fold of speakers there is a network that has
-not heard it.
+The embedding starts as Google's and is changed like everything else; the head looks at eight successive embeddings.
+For each fold of speakers there is a network that has not heard it.
 
-    .venv/bin/python mels.py                     # the windows
-    .venv/bin/python tune.py --out folds         # five networks: minutes each on a GPU, hours on a CPU
-    .venv/bin/python tune.py --out folds --judge # the table: each clip by the network that has not heard its speaker
+    .venv/bin/python mels.py          # the windows
+    .venv/bin/python tune.py          # five networks: minutes each on a GPU, hours on a CPU
+    .venv/bin/python tune.py --heads  # new heads on the embeddings that are there: half an hour on a CPU
 """
 
 from __future__ import annotations
@@ -14,29 +13,28 @@ from __future__ import annotations
 import argparse
 import sys
 import time
-from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
 import torch
 from torch import nn
 
-import evaluate
 import features
 import mels
 import strangers
-from augment import SHIFTS
-from features import BANDS, EMBEDDING, EMBEDDING_PATH, FRAMES, STEP_FRAMES, WINDOWS
-from sounds import SPEAKER_FOLD, Recording
-from synthesise import seed_of
+import trunk
+from augment import SHIFTS, STEPS
+from features import BANDS, EMBEDDING, FRAMES, STEP_FRAMES, WINDOWS
+from synthesise import BUILD
 from windows import OTHER
-from words import CUES, LABELS
+from words import LABELS
 
 # What the rates of the head and of the embedding begin with.
 HEAD_RATE, TRUNK_RATE = 2e-3, 5e-4
 FOLDS_PATH = Path(__file__).parent / "folds"
+# Fetched by `setup`.
+GOOGLES = BUILD / "google/embedding.onnx"
 
-STOP = LABELS.index("stop")
 # Frames that eight embeddings see.
 SEEN = FRAMES + (WINDOWS - 1) * STEP_FRAMES
 
@@ -44,36 +42,31 @@ SEEN = FRAMES + (WINDOWS - 1) * STEP_FRAMES
 class Trunk(nn.Module):
     """The embedding: log-mel [n, 1, frames, 32] to [n, steps, 96], a step each 8 frames from the 76th on."""
 
-    def __init__(self, path: Path = EMBEDDING_PATH) -> None:
+    def __init__(self) -> None:
         super().__init__()
+        layers: list[nn.Module] = []
+        channels = 1
+        for layer in trunk.LAYERS:
+            if isinstance(layer, trunk.Pool):
+                layers.append(nn.MaxPool2d((layer.time, layer.bands)))
+                continue
+            size, sides = (layer.time, layer.bands), (0, layer.bands // 2)
+            layers.append(nn.Conv2d(channels, layer.channels, size, padding=sides, bias=not layer.last))
+            if not layer.last:
+                layers += [nn.LeakyReLU(trunk.SLOPE), AtLeast(trunk.LEAST)]
+            channels = layer.channels
+        self.layers = nn.Sequential(*layers)
+
+    def begin_as(self, path: Path) -> None:
+        """With the weights of Google's file, which has them in the same order."""
         import onnx
 
         model = onnx.load(path)
-        weights = {w.name: onnx.numpy_helper.to_array(w) for w in model.graph.initializer}
-        layers: list[nn.Module] = []
-        for node in model.graph.node:
-            attributes = {a.name: onnx.helper.get_attribute_value(a) for a in node.attribute}
-            if node.op_type == "Conv":
-                weight = torch.tensor(weights[node.input[1]].copy())
-                pads = attributes.get("pads", [0, 0, 0, 0])
-                layer = nn.Conv2d(
-                    weight.shape[1], weight.shape[0], tuple(weight.shape[2:]), padding=tuple(pads[:2]),
-                    bias=len(node.input) > 2,
-                )  # fmt: skip
-                layer.weight.data = weight
-                if len(node.input) > 2:
-                    layer.bias.data = torch.tensor(weights[node.input[2]].copy())
-                layers.append(layer)
-            elif node.op_type == "LeakyRelu":
-                # What follows takes the greater of this and a number.
-                layers.append(nn.LeakyReLU(attributes["alpha"]))
-            elif node.op_type == "Max":
-                layers.append(AtLeast(float(weights[node.input[1]].item())))
-            elif node.op_type == "MaxPool":
-                layers.append(nn.MaxPool2d(tuple(attributes["kernel_shape"]), tuple(attributes["strides"])))
-            else:
-                assert node.op_type == "Reshape"
-        self.layers = nn.Sequential(*layers)
+        stored = {w.name: onnx.numpy_helper.to_array(w) for w in model.graph.initializer}
+        convolutions = [node for node in model.graph.node if node.op_type == "Conv"]
+        for layer, node in zip((x for x in self.layers if isinstance(x, nn.Conv2d)), convolutions, strict=True):
+            for parameter, name in zip((layer.weight, layer.bias), node.input[1:]):
+                parameter.data = torch.tensor(stored[name].copy())
 
     def forward(self, mel: torch.Tensor) -> torch.Tensor:
         return self.layers(mel)[..., 0].transpose(1, 2)
@@ -103,21 +96,20 @@ class Head(nn.Module):
 
 
 class Ears(nn.Module):
-    """Log-mel [n, 1, 132, 32] to logits of all labels [n, 5] and of other and stop [n, 2]."""
+    """Log-mel [n, 1, 132, 32] to logits of all labels [n, 6]."""
 
     def __init__(self) -> None:
         super().__init__()
         self.trunk = Trunk()
         self.register_buffer("mean", torch.zeros(EMBEDDING))
         self.register_buffer("deviation", torch.ones(EMBEDDING))
-        self.cues, self.stop = Head(len(LABELS)), Head(2)
+        self.head = Head(len(LABELS))
 
-    def normalised(self, mel: torch.Tensor) -> torch.Tensor:
-        return torch.clamp((self.trunk(mel) - self.mean) / self.deviation, -6, 6)
+    def normalised(self, embeddings: torch.Tensor) -> torch.Tensor:
+        return torch.clamp((embeddings - self.mean) / self.deviation, -6, 6)
 
-    def forward(self, mel: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        seen = self.normalised(mel)
-        return self.cues(seen), self.stop(seen)
+    def forward(self, mel: torch.Tensor) -> torch.Tensor:
+        return self.head(self.normalised(self.trunk(mel)))
 
 
 class Pool:
@@ -132,13 +124,14 @@ class Pool:
         self.group = np.concatenate([np.full(len(part.labels), name) for name, part in zip(names, parts)])
 
     def chances(self, kept_back: set[int]) -> np.ndarray:
-        """Within a group each label is drawn as often. What is kept back is not drawn."""
+        """Within a group each label is drawn as often, but for those that few sequences have. What is kept back is not."""
         labels, usable = self.labels.cpu().numpy(), ~np.isin(self.folds, sorted(kept_back))
         chances = np.zeros(len(labels))
         for name in np.unique(self.group):
             of_group = usable & (self.group == name)
             counts = np.bincount(labels[of_group], minlength=len(LABELS))
-            chances[of_group] = mels.share_of(name) / counts[labels[of_group]] / np.count_nonzero(counts)
+            often = np.minimum(1, 20 * counts / counts.max()) / np.maximum(counts, 1)
+            chances[of_group] = mels.share_of(name) * often[labels[of_group]] / often[labels[of_group]].sum()
         return chances / chances.sum()
 
     def windows(self, at: torch.Tensor, shift: torch.Tensor) -> torch.Tensor:
@@ -172,14 +165,14 @@ def fit(
     weigh = lambda chance: torch.from_numpy(chance.astype(np.float64)).to(device)
     base = drawn = weigh(chances)
     ears = Ears().to(device)
+    ears.trunk.begin_as(GOOGLES)
     with torch.no_grad():
         at = torch.multinomial(base, 2048, replacement=True, generator=generator)
         seen = ears.trunk(data.windows(at, torch.zeros_like(at))).reshape(-1, EMBEDDING)
         ears.mean.copy_(seen.mean(dim=0))
         ears.deviation.copy_(seen.std(dim=0) + 1e-3)
-    heads = [p for head in (ears.cues, ears.stop) for p in head.parameters()]
     optimiser = torch.optim.AdamW(
-        [{"params": ears.trunk.parameters(), "lr": trunk_rate}, {"params": heads, "lr": HEAD_RATE}], weight_decay=0.02
+        [{"params": ears.trunk.parameters(), "lr": trunk_rate}, {"params": ears.head.parameters(), "lr": HEAD_RATE}], weight_decay=0.02
     )
     began = time.monotonic()
     progress = lambda step: min(1.0, max(step / steps, (time.monotonic() - began) / budget_s))
@@ -199,8 +192,7 @@ def fit(
         shift = torch.randint(0, (SHIFTS - 1) * STEP_FRAMES + 1, (batch,), device=device, generator=generator)
         mel, labels = masked(data.windows(at, shift), generator), data.labels[at]
         with torch.autocast(device.type, torch.bfloat16, enabled=device.type == "cuda"):
-            cues, stop = ears(mel)
-        loss = loss_of(cues.float(), labels) + loss_of(stop.float(), (labels == STOP).long())
+            loss = loss_of(ears(mel).float(), labels)
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
         nn.utils.clip_grad_norm_(ears.parameters(), 5.0)
@@ -214,31 +206,92 @@ def fit(
 
 
 @torch.no_grad()
-def mined(ears: Ears, data: Pool, base: torch.Tensor, boost: float = 8.0) -> torch.Tensor:
-    """Chances after a look at what is wrong: hard sequences are drawn up to 1 + boost times as often."""
+def mined(ears: Ears, data: Pool, base: torch.Tensor) -> torch.Tensor:
+    """Chances after a look at what is wrong: see `boosted`."""
     ears.eval()
     wrong = torch.zeros(len(data.labels), device=base.device)
     for at in torch.arange(len(wrong), device=base.device).split(4096):
         shift = torch.randint(0, (SHIFTS - 1) * STEP_FRAMES + 1, (len(at),), device=base.device)
-        cues = ears(data.windows(at, shift))[0].float().softmax(dim=1)
+        cues = ears(data.windows(at, shift)).float().softmax(dim=1)
         wrong[at] = 1 - cues[torch.arange(len(at), device=base.device), data.labels[at]]
+    return boosted(wrong, data.labels, base)
+
+
+def boosted(wrong: torch.Tensor, labels: torch.Tensor, base: torch.Tensor, boost: float = 8.0) -> torch.Tensor:
+    """What is wrong by much is drawn more often; cues and all else together as often as before."""
     chances = base * (1 + boost * wrong)
     for cue in (True, False):
-        of_kind = (data.labels != OTHER) == cue
+        of_kind = (labels != OTHER) == cue
         chances[of_kind] *= base[of_kind].sum() / chances[of_kind].sum()
     return chances / chances.sum()
 
 
+# --- Heads alone
+
+
+def trunk_weights(ears: Ears) -> trunk.Weights:
+    return {name: value.cpu().numpy() for name, value in ears.trunk.state_dict().items()}
+
+
+def embedded(ears: Ears, data: Pool, at: np.ndarray) -> torch.Tensor:
+    """What its embedding makes of sequences: normalised, half precision [n, 13, 96]. ONNX Runtime is faster here."""
+    embedding = features.Embedding(trunk.whole(trunk_weights(ears)).SerializeToString())
+    made = torch.empty(len(at), STEPS, EMBEDDING, dtype=torch.half)
+    for start in range(0, len(at), 64):
+        mel = data.sequences[at[start : start + 64]].float().numpy()
+        made[start : start + 64] = ears.normalised(torch.from_numpy(embedding.of_mel(mel))).half()
+    return made
+
+
+def refit(ears: Ears, data: Pool, kept_back: set[int], seed: int, steps: int, batch: int, most: int) -> Ears:
+    """A new head on an embedding that stays: at most so many sequences, which are seen at every step, not at every frame."""
+    torch.manual_seed(seed)
+    dice, chances = np.random.default_rng(seed), data.chances(kept_back)
+    at = np.sort(dice.choice(len(chances), min(most, np.count_nonzero(chances)), replace=False, p=chances))
+    seen, labels = embedded(ears, data, at), data.labels[torch.from_numpy(at)]
+    # What is left has its group's and label's whole part.
+    base = torch.from_numpy(spread(chances, data, at))
+    ears.head, drawn = Head(len(LABELS)), base
+    optimiser = torch.optim.AdamW(ears.head.parameters(), lr=HEAD_RATE, weight_decay=0.02)
+    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, HEAD_RATE * 0.02)
+    mean = torch.optim.swa_utils.AveragedModel(ears.head, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999))
+    loss_of = nn.CrossEntropyLoss(label_smoothing=0.05)
+    ears.head.train()
+    for step in range(steps):
+        if step and step % (steps // 6) == 0:
+            drawn = mined_again(mean.module, seen, labels, base)
+        chosen = torch.multinomial(drawn, batch, replacement=True)
+        shift = torch.randint(0, SHIFTS, (batch,))
+        windows = seen[chosen[:, None], shift[:, None] + torch.arange(WINDOWS)].float()
+        loss = loss_of(ears.head(windows + 0.1 * torch.randn(windows.shape)), labels[chosen])
+        optimiser.zero_grad(set_to_none=True)
+        loss.backward()
+        optimiser.step()
+        schedule.step()
+        mean.update_parameters(ears.head)
+    ears.head = mean.module
+    print(f"without {sorted(kept_back)}: {len(at)} sequences, loss {float(loss.detach()):.3f}", file=sys.stderr, flush=True)
+    return ears.eval()
+
+
+def spread(chances: np.ndarray, data: Pool, at: np.ndarray) -> np.ndarray:
+    """Chances of some sequences, where each group and label is drawn as often as of all."""
+    labels = data.labels.numpy()
+    kind = np.array([f"{group} {label}" for group, label in zip(data.group, labels)])
+    names, number = np.unique(kind, return_inverse=True)
+    whole = np.bincount(number, chances, len(names))
+    left = np.bincount(number[at], minlength=len(names))
+    made = whole[number[at]] / left[number[at]]
+    return made / made.sum()
+
+
 @torch.no_grad()
-def heard(ears: Ears, mel: np.ndarray) -> np.ndarray:
-    """float32[steps, 7] of log-mel float32[frames, 32]: probabilities of all labels, and of other and stop."""
-    device = next(ears.parameters()).device
-    seen = ears.normalised(torch.from_numpy(mel)[None, None].to(device))[0]
-    if len(seen) < WINDOWS:
-        return np.zeros((0, len(LABELS) + 2), np.float32)
-    windows = seen.unfold(0, WINDOWS, 1).transpose(1, 2)
-    both = [head(windows).softmax(dim=1) for head in (ears.cues, ears.stop)]
-    return torch.cat(both, dim=1).cpu().numpy()
+def mined_again(head: Head, seen: torch.Tensor, labels: torch.Tensor, base: torch.Tensor) -> torch.Tensor:
+    """As `mined`, of embeddings."""
+    head.eval()
+    parts = torch.arange(len(labels)).split(4096)
+    first = [head(seen[part, :WINDOWS].float()).softmax(dim=1)[torch.arange(len(part)), labels[part]] for part in parts]
+    return boosted(1 - torch.cat(first), labels, base)
 
 
 # --- Files
@@ -253,68 +306,13 @@ def save(path: Path, ears: Ears) -> None:
 def load(path: Path, device: str = "cpu") -> Ears:
     ears = Ears()
     with np.load(path) as file:
-        ears.load_state_dict({name: torch.from_numpy(file[name].astype(np.float32)) for name in file.files})
+        stored = {name: torch.from_numpy(file[name].astype(np.float32)) for name in file.files}
+    ears.load_state_dict(stored)
     return ears.to(device).eval()
 
 
 def path_of(out: Path, fold: int) -> Path:
     return out / f"fold-{fold}.npz"
-
-
-# --- Judging
-
-PHASES = STEP_FRAMES
-THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9)
-
-
-def mel_of(recording: Recording) -> np.ndarray:
-    """As `evaluate.streams` has it, clean."""
-    rng = np.random.default_rng(seed_of("evaluate", "clean", recording.name))
-    noise = 10 ** (-70 / 20) * rng.standard_normal(len(recording.audio) + 2 * evaluate.SILENCE)
-    return features.log_mel((np.pad(recording.audio, evaluate.SILENCE) + noise).astype(np.float32))
-
-
-def surest(probabilities: np.ndarray, column: int, windows: int) -> float:
-    """The greatest probability that so many successive windows have."""
-    of = probabilities[:, column]
-    if len(of) < windows:
-        return 0.0
-    return float(np.lib.stride_tricks.sliding_window_view(of, windows).min(axis=1).max())
-
-
-def alarms(probabilities: np.ndarray, column: int, windows: int, threshold: float, rest: int = 12) -> int:
-    """How often that many windows reach a threshold. After each, so many steps do not count."""
-    of = np.lib.stride_tricks.sliding_window_view(probabilities[:, column], windows).min(axis=1) >= threshold
-    count, last = 0, -rest - 1
-    for step in np.flatnonzero(of):
-        count += step - last > rest
-        last = step
-    return count
-
-
-def judge(out: Path, device: str) -> None:
-    """Each real clip at every phase of a step, by the network that has not heard its speaker; reading likewise."""
-    networks = {fold: load(path_of(out, fold), device) for fold in range(strangers.FOLDS)}
-    said: dict[str, list[np.ndarray]] = defaultdict(list)
-    for recording in strangers.words():
-        mel = mel_of(recording)
-        said[recording.word] += [heard(networks[recording.fold], mel[phase:]) for phase in range(PHASES)]
-    read = [heard(networks[r.fold], mel_of(r)) for r in strangers.reading()]
-    hours = sum(len(r.audio) for r in strangers.reading()) / features.RATE / 3600
-    print("recall and false accepts: means over all phases; false alarms an hour of reading")
-    for name, column, windows in (("stop, its own head", 6, 1), *((cue, LABELS.index(cue), 2) for cue in CUES)):
-        word = name.split(",")[0]
-        right = np.array([surest(p, column, windows) for p in said[word]])
-        wrong = {w: np.array([surest(p, column, windows) for p in said[w]]) for w in said if w != word}
-        print(f"{name}: {len(right) // PHASES} clips, {sum(map(len, wrong.values())) // PHASES} others")
-        for threshold in THRESHOLDS:
-            accepts = np.concatenate(list(wrong.values())) >= threshold
-            often = sorted(((float((p >= threshold).mean()), w) for w, p in wrong.items()), reverse=True)[:3]
-            count = sum(alarms(p, column, windows, threshold) for p in read)
-            print(
-                f"  {threshold}: {np.mean(right >= threshold):.3f}, {accepts.mean():.4f}, {count / hours:.1f};"
-                f" most often {', '.join(f'{w} {share:.2f}' for share, w in often)}"
-            )
 
 
 def main() -> None:
@@ -327,16 +325,20 @@ def main() -> None:
     parser.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
     parser.add_argument("--budget-s", type=float, default=float("inf"), help="of each network; its rate falls in time")
     parser.add_argument("--out", type=Path, default=FOLDS_PATH)
-    parser.add_argument("--judge", action="store_true", help="train nothing, print the table")
+    parser.add_argument("--heads", action="store_true", help="leave the embeddings of --out, fit new heads")
+    parser.add_argument("--most", type=int, default=60_000, help="sequences that new heads see")
     arguments = parser.parse_args()
-    if arguments.judge:
-        return judge(arguments.out, arguments.device)
     torch.backends.cuda.matmul.allow_tf32 = torch.backends.cudnn.allow_tf32 = True
     arguments.out.mkdir(parents=True, exist_ok=True)
     data = Pool(arguments.device)
     trunk_rate = 0.0 if arguments.frozen else TRUNK_RATE
     for fold in arguments.folds:
-        kept_back = {fold, SPEAKER_FOLD}
+        kept_back = {fold}
+        if arguments.heads:
+            before = load(path_of(arguments.out, fold))
+            ears = refit(before, data, kept_back, arguments.seed, arguments.steps, arguments.batch, arguments.most)
+            save(path_of(arguments.out, fold), ears)
+            continue
         ears = fit(data, kept_back, arguments.seed, arguments.steps, arguments.batch, trunk_rate, arguments.budget_s)
         save(path_of(arguments.out, fold), ears)
 

@@ -1,27 +1,18 @@
-"""Makes the training windows: clips, put into scenes, as sequences of embeddings in build/windows.
-
-A sequence is float16[13, 96]: six windows of eight embeddings, 80 ms apart, all with the same label. A group is one
-kind of sound; training says how often each is drawn.
-"""
+"""Training windows: clips, put into scenes, as log-mel."""
 
 from __future__ import annotations
 
-import argparse
-import sys
-import time
-from concurrent.futures import ProcessPoolExecutor
 from functools import cache
-from pathlib import Path
 from typing import Callable, Iterator, NamedTuple
 
 import numpy as np
 
 import features
 import sounds
-from augment import SHIFTS, SPAN, STEPS, Scene, equalised, extent
+from augment import SHIFTS, SPAN, STEPS, Scene, clipped, equalised, extent, power
 from features import RATE
 from sounds import TEST_FOLD
-from synthesise import BUILD, Clip, held_out, load, seed_of
+from synthesise import Clip, held_out, load, seed_of
 from words import CUES, LABELS, SENTENCES, SOUND_ALIKES, STOP_PHRASES
 
 OTHER = LABELS.index("other")
@@ -47,11 +38,6 @@ def scene() -> Scene:
     noises = [r.audio for r in sounds.noise() if r.fold != TEST_FOLD]
     talk = [r.audio for r in sounds.librispeech() if r.fold != TEST_FOLD] + [r.audio for r in sounds.prompts()]
     return Scene(noises, talk)
-
-
-@cache
-def embedding() -> features.Embedding:
-    return features.Embedding()
 
 
 @cache
@@ -186,111 +172,23 @@ def babble(read: list[sounds.Recording], count: int) -> Iterator[Stretch]:
         yield Stretch(OTHER, fold, features.log_mel(scene().heard(audio, rng)))
 
 
-def speaker(cues: bool) -> list[sounds.Recording]:
-    """The one speaker's clips. Only the head that is shipped hears them: those that are judged have not heard him."""
-    return [r._replace(fold=sounds.SPEAKER_FOLD) for r in sounds.one_speaker() if (r.word in CUES) == cues]
+def television(count: int, first: int = 0) -> Iterator[Stretch]:
+    """Twenty seconds each of many voices that speak in turn, mostly over music, out of a box that compresses them."""
+    families = [[clip for clip in clips(f) if clip.text in SENTENCES or f == "talk"] for f in ("talk", "kokoro", "espeak")]
+    for i in range(first, first + count if all(families) else first):
+        rng = np.random.default_rng(seed_of("television", i))
+        audio, at = np.zeros(20 * RATE, np.float32), int(rng.uniform(0, 1) * RATE)
+        while at < len(audio):
+            sentences = families[rng.choice(3, p=[0.7, 0.2, 0.1])]
+            said = scene().voice(sentences[rng.integers(len(sentences))].audio, rng, gentle=True)[: len(audio) - at]
+            audio[at : at + len(said)] += np.float32(10 ** (rng.uniform(-8, 0) / 20)) * said
+            at += len(said) + int(rng.exponential(0.3) * RATE)
+        yield Stretch(OTHER, -1, features.log_mel(broadcast(audio, rng)))
 
 
-def commands(cues: bool) -> list[sounds.Recording]:
-    return [r for r in sounds.speech_commands() if (r.word in CUES) == cues]
-
-
-GROUPS: dict[str, Callable[[], Iterator[Example | Stretch]]] = {
-    "cues_kokoro": lambda: synthetic("kokoro", is_cue, 8),
-    "cues_espeak": lambda: synthetic("espeak", is_cue, 2),
-    "cues_flite": lambda: synthetic("flite", is_cue, 4),
-    "cues_accents": lambda: synthetic("accents", is_cue, 3),
-    "cues_real": lambda: real(commands(True), 200),
-    "alikes_kokoro": lambda: synthetic("kokoro", lambda text: text in ALIKES, 4),
-    "alikes_espeak": lambda: synthetic("espeak", lambda text: text in ALIKES, 2),
-    "alikes_flite": lambda: synthetic("flite", lambda text: text in ALIKES, 1),
-    "alikes_accents": lambda: synthetic("accents", lambda text: not is_cue(text), 3),
-    "words_kokoro": lambda: synthetic("kokoro", lambda text: not is_cue(text) and text not in ALIKES, 3),
-    "words_espeak": lambda: synthetic("espeak", lambda text: not is_cue(text) and text not in ALIKES, 1),
-    "words_flite": lambda: synthetic("flite", lambda text: not is_cue(text) and text not in ALIKES, 1),
-    "words_real": lambda: real(commands(False), 40),
-    "cues_kokoro_hard": lambda: synthetic("kokoro", is_cue, 4, hard=True),
-    "cues_espeak_hard": lambda: synthetic("espeak", is_cue, 1, hard=True),
-    "cues_accents_hard": lambda: synthetic("accents", is_cue, 2, hard=True),
-    "cues_real_hard": lambda: real(commands(True), 100, hard=True),
-    "words_kokoro_hard": lambda: synthetic("kokoro", lambda text: not is_cue(text), 2, hard=True),
-    "words_real_hard": lambda: real(commands(False), 20, hard=True),
-    "cues_speaker": lambda: real(speaker(True), 40),
-    "words_speaker": lambda: real(speaker(False), 12),
-    "babble": lambda: babble(sounds.librispeech(), 160),
-    "robots": lambda: robots(150),
-    "partial": lambda: partial("kokoro", 2),
-    "reading": lambda: streams(sounds.librispeech(), 4),
-    "reading_others": lambda: streams(sounds.librispeech(), 4, gentle=False),
-    "prompts": lambda: streams(sounds.prompts(), 1),
-    "noise": lambda: noises(sounds.noise(), 8),
-    "backgrounds": lambda: backgrounds(5000),
-}
-
-
-def path_of(group: str) -> Path:
-    return BUILD / "windows" / f"{group}.npz"
-
-
-def make(group: str) -> str:
-    """Writes a group's sequences: embeddings float16[n, 13, 96], labels int8[n], folds int8[n]."""
-    began = time.monotonic()
-    sequences, labels, folds, batch = [], [], [], []
-
-    def embed() -> None:
-        if batch:
-            sequences.append(embedding().of_mel(np.stack(batch)).astype(np.float16))
-            batch.clear()
-
-    for example in GROUPS[group]():
-        if isinstance(example, Stretch):
-            embed()
-            embeddings = embedding().of_mel(example.heard)
-            cut = [embeddings[start : start + STEPS] for start in range(0, len(embeddings) - STEPS + 1, SHIFTS)]
-            sequences += [one[None].astype(np.float16) for one in cut]
-            labels += [example.label] * len(cut)
-            folds += [example.fold] * len(cut)
-            continue
-        labels.append(example.label)
-        folds.append(example.fold)
-        batch.append(example.heard)
-        if len(batch) == 32:
-            embed()
-    embed()
-    if not sequences:
-        return f"{group}: none, its sounds are missing"
-    path_of(group).parent.mkdir(parents=True, exist_ok=True)
-    fresh = path_of(group).with_suffix(".new.npz")
-    np.savez(
-        fresh, sequences=np.concatenate(sequences), labels=np.array(labels, np.int8), folds=np.array(folds, np.int8)
-    )
-    fresh.replace(path_of(group))
-    return f"{group}: {len(labels)} sequences, {time.monotonic() - began:.0f} s"
-
-
-class Group(NamedTuple):
-    sequences: np.ndarray  # float16[n, 13, 96]
-    labels: np.ndarray  # int8[n]
-    folds: np.ndarray  # int8[n]
-
-
-def group(name: str) -> Group | None:
-    if not path_of(name).exists():
-        return None
-    with np.load(path_of(name)) as file:
-        return Group(file["sequences"], file["labels"], file["folds"])
-
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("groups", nargs="*", default=list(GROUPS))
-    parser.add_argument("--processes", type=int, default=2)
-    arguments = parser.parse_args()
-    missing = [name for name in arguments.groups if not path_of(name).exists()]
-    with ProcessPoolExecutor(arguments.processes) as pool:
-        for line in pool.map(make, missing):
-            print(line, file=sys.stderr)
-
-
-if __name__ == "__main__":
-    main()
+def broadcast(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """What speech sounds like from a television in a room."""
+    if rng.random() < 0.7:
+        under_db = rng.uniform(-20, 0)
+        audio = audio + np.float32(10 ** (under_db / 20) * np.sqrt(power(audio))) * sounds.music(rng, len(audio))
+    return scene().heard(clipped(audio, rng.uniform(1, 4)), rng, quiet=True)

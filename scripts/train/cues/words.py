@@ -1,7 +1,9 @@
 """What is said: the cues in several pronunciations, words that sound like them, other words, sentences."""
 
-LABELS = ("forward", "left", "right", "stop", "other")
-CUES = LABELS[:4]
+LABELS = ("forward", "left", "right", "stop", "go", "other")
+CUES = LABELS[:5]
+# Of *go* there are 232 real clips: synthetic voices say it no more often than other words.
+SYNTHETIC_CUES = CUES[:4]
 
 # Pronunciations in IPA for voices that read phonemes. The first are the dictionary's, American and British; the
 # others are what speakers of other first languages make of them: a dropped or unvoiced end, a flat vowel, a rolled r.
@@ -95,7 +97,7 @@ SOUND_ALIKES: dict[str, tuple[str, ...]] = {
 
 # Everyday words, digits and letters of the alphabet, other commands and names.
 OTHER_WORDS: tuple[str, ...] = tuple(
-    "bed bird cat dog down eight five four go happy house marvin nine no off on one seven sheila six three tree two up "
+    "bed bird cat dog down eight five four happy house marvin nine no off on one seven sheila six three tree two up "
     "wow yes zero back front none ten eleven twelve twenty thirty hundred thousand backward behind ahead straight turn "
     "halt wait pause slow fast quick walk come here there away near far home kitchen table chair window wall stairs "
     "elevator lift station train bus taxi street corner crossing bridge park shop market office doctor nurse water "
@@ -204,6 +206,73 @@ SENTENCES: tuple[str, ...] = (
     "this is the fourth word on the board",
     "people from all over the world came to watch",
     "he laughed and lifted the leather bag",
+)
+
+# Of these, of the sound-alikes and of the other words is talk made that means nothing: a television that never repeats itself.
+COMMON: tuple[str, ...] = tuple(
+    "the a an of to in for on with at by from about into over after under between through during before without "
+    "against until since is are was were has have had will would can could should may might must do does did not "
+    "he she it we they you I his her our their your my this that these those there here some any all both each few "
+    "more most other such only own same than too very just now again once also even still already almost perhaps "
+    "people man woman child family house home school city country state government president minister party law court "
+    "police officer army soldier war peace attack victim prison crime report news story newspaper programme film actor "
+    "music song concert album band show ticket stage audience winner prize award medal champion team player coach match "
+    "goal score season league stadium race record company business market bank price cost profit loss budget tax pound "
+    "dollar euro share stock office factory worker job boss union contract project product customer service quality "
+    "science scientist study research university professor student discovery species planet rocket engine machine "
+    "computer network software phone data energy oil gas coal power climate weather temperature forecast storm frost "
+    "flood fire smoke earthquake accident hospital doctor nurse patient drug medicine vaccine disease heart blood "
+    "kitchen recipe pot pan oven butter onion garlic tomato sauce soft cloth coffee chocolate bottle glass plate spoon "
+    "knife table sofa carpet curtain garden roof wall window door lock clock box bag coat shoe sock cotton colour "
+    "strong weak heavy light dark bright broad narrow wide deep shallow early late quick slow cheap expensive modern "
+    "ancient famous popular common rare simple difficult important serious dangerous healthy honest polite proud brave "
+    "said told asked answered announced reported explained promised refused agreed decided started finished opened "
+    "closed continued changed increased rose fell dropped lifted crossed followed arrived returned escaped survived "
+    "bought sold paid spent saved lost won found caught brought taught thought fought wrote spoke broke chose drove "
+    "rising prices rights higher fire wires tired island silent violent private pilot tribal widely writing exciting "
+    "across along around behind beside beyond toward towards upward afterward straightforward forwarded leftover "
+    "stopped stopping stopover bystander steps studio stomach stocking stockholm costly crops topics options copies "
+    "probably possible problemprofit economic electronic politics policy comic tropical octopus october hospital "
+    "fourteen fortune fortnight formal former forgot forgotten forever performance important sport report support "
+    "lift lifts lifting laughing laughter leftist cleverly elephant elegant relevant level leaves leading legal "
+    "going goes gold golden goal goat ghost coast boat road load broke alone ago echo hotel Tokyo Mexico".split()
+)
+
+# What a handler's cues are most easily taken for; each is judged by itself.
+TEST_ALIKES: tuple[str, ...] = tuple("start lift drop dog follow place shop top fort write laugh step no low".split())
+
+# What a television says where it is judged: none of it trains, and no word of it is a cue.
+BROADCASTS: tuple[str, ...] = (
+    "the government has announced new measures against rising prices",
+    "and now over to our reporter in the capital",
+    "more than two thousand people took part in the march",
+    "the match ended in a draw after extra time",
+    "tonight we expect heavy showers along the western coast",
+    "temperatures will reach nineteen degrees in the afternoon",
+    "call now and save fifty percent on your first order",
+    "the new model is faster, lighter and more comfortable",
+    "police are looking for witnesses of the accident",
+    "scientists have discovered a new kind of frog in the rainforest",
+    "our next guest needs no introduction",
+    "the talks between both countries will continue on Thursday",
+    "he was taken to hospital with minor injuries",
+    "shares closed four percent lower in Frankfurt",
+    "add the onions and cook them until they are soft",
+    "this programme was brought to you by our sponsors",
+    "she won the gold medal in the hundred metres",
+    "the film opens in cinemas next weekend",
+    "you are watching the evening news",
+    "I told you that he would never come home",
+    "what have you done with the money, Laura",
+    "the suspect drove off in a dark blue car",
+    "nobody leaves this room until we know the truth",
+    "after the break we will be talking to the coach",
+    "the river rose by almost three metres overnight",
+    "drop by our shop in the town centre",
+    "a fourth of the crop was lost to the frost",
+    "they lifted the wreck from the bottom of the lake",
+    "start your day with a bowl of golden flakes",
+    "follow the story on our website",
 )
 
 # Said in one breath as a handler might: a cue all the same. The word that counts stands at the end.

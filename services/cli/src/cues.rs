@@ -1,9 +1,11 @@
 //! `guidedog cue`; `guidedog evaluate-cues`: recorded speech through the very code that hears on the robot.
 
 mod conditions;
+mod decode;
 mod enrol;
 mod figures;
 mod files;
+mod pairs;
 
 use std::path::{Path, PathBuf};
 
@@ -11,7 +13,7 @@ use hearing::{Ears, ModelFiles, RATE_HZ, Recogniser, SpeechError};
 use messages::CueKind;
 use rayon::prelude::*;
 use rustix::time::{ClockId, clock_gettime};
-use serde_json::json;
+use serde_json::{Value, json};
 use settings::VoiceSource;
 
 use crate::args::cues::{CueVerb, EvaluateCuesArgs};
@@ -26,16 +28,36 @@ use files::{Recorded, What};
 /// What came of one file under one condition.
 #[derive(Debug, Clone)]
 pub struct Outcome {
+    /// The file.
+    pub path: PathBuf,
     /// What was in it.
     pub what: What,
     /// What was heard: the cue, and when it was reported after the end of what was said, seconds.
     pub heard: Vec<(CueKind, f64)>,
-    /// Of *forward*: whether it is the first that is heard where the robot stands by a stop, too.
+    /// Of a cue that starts the robot: whether it is the first that is heard where the robot stands by a stop, too.
     pub from_standing: Option<bool>,
     /// How long it was, seconds.
     pub length_s: f64,
     /// CPU time that the recogniser took, seconds.
     pub taken_s: f64,
+}
+
+impl Outcome {
+    /// Whether the robot does what was said: a cue is the first that is heard, and nothing else is a cue.
+    pub fn is_right(&self) -> bool {
+        match self.what.cue() {
+            Some(cue) => self.heard.first().is_some_and(|(kind, _)| *kind == cue),
+            None => self.heard.is_empty(),
+        }
+    }
+
+    fn report(&self) -> Value {
+        let heard = self.heard.iter().map(|(kind, after_s)| json!({ "cue": kind.name(), "after_s": after_s }));
+        json!({
+            "file": self.path, "word": self.what.word(), "right": self.is_right(),
+            "heard": heard.collect::<Vec<Value>>(), "from_standing": self.from_standing,
+        })
+    }
 }
 
 /// `guidedog cue`.
@@ -60,22 +82,32 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
     let model = model_files(args.config.as_deref())?;
     // What does not fit is told before anything is read.
     let manifest = Recogniser::load(&model).map_err(Failure::of_input)?.manifest().clone();
-    let recorded = files::find(&args.what)?;
+    let other = args.against.as_deref().map(|manifest| against(&model, manifest)).transpose()?;
+    let found = files::find(&args.what)?;
     let noises = Noises::read(&args.noise)?;
     let pool = rayon::ThreadPoolBuilder::new()
-        .num_threads(args.workers.map_or(0, |n| usize::from(n).min(recorded.len())))
+        .num_threads(args.workers.map_or(0, |n| usize::from(n).min(found.recorded.len())))
         .build()
         .map_err(Failure::of_run)?;
     let mut reports = serde_json::Map::new();
     for condition in conditions::named(&args.conditions) {
-        say(format!("{}: {} files", condition.name(), recorded.len()));
-        let outcomes = pool.install(|| play(&recorded, &model, condition, &noises, args.seed))?;
-        reports.insert(condition.name().to_owned(), Counts::of(&outcomes).report());
+        say(format!("{}: {} files", condition.name(), found.recorded.len()));
+        let played = |model: &ModelFiles| pool.install(|| play(&found.recorded, model, condition, &noises, args.seed));
+        let outcomes = played(&model)?;
+        let mut report = Counts::of(&outcomes).report();
+        if let Some(other) = &other {
+            report["against"] = pairs::report(&outcomes, &played(other)?);
+        }
+        report["clips"] = outcomes.iter().map(Outcome::report).collect();
+        reports.insert(condition.name().to_owned(), report);
     }
+    let left_out = found.left_out.iter().map(|(path, why)| json!({ "file": path, "why": why }));
     let report = json!({
         "model": { "path": model.manifest, "sha256": manifest.sha256, "embedding_sha256": manifest.embedding_sha256 },
+        "against": other.map(|other| other.manifest),
         "engine": model.onnx_runtime.as_ref().map_or_else(|| "tract".to_owned(), |path| path.display().to_string()),
-        "files": recorded.len(),
+        "files": found.recorded.len(),
+        "left_out": left_out.collect::<Vec<Value>>(),
         "seed": args.seed,
         "conditions": reports,
     });
@@ -84,6 +116,16 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
     }
     say(figures::text(&report));
     Ok(())
+}
+
+/// The other model: its embedding lies beside it, or is the same.
+fn against(model: &ModelFiles, manifest: &Path) -> Result<ModelFiles, Failure> {
+    let manifest = prepare::absolute(manifest)?;
+    let beside = manifest.with_file_name("embedding.onnx");
+    let embedding = if beside.is_file() { beside } else { model.embedding.clone() };
+    let other = ModelFiles { manifest, embedding, ..model.clone() };
+    Recogniser::load(&other).map_err(Failure::of_input)?;
+    Ok(other)
 }
 
 /// Where the configuration has them, or where they lie by default.
@@ -144,9 +186,10 @@ fn listen(
         }
     })?;
     let (length_s, taken_s) = (samples.len() as f64 / f64::from(RATE_HZ), cpu_s() - begun_s);
-    let is_forward = recorded.what == What::Cue(CueKind::Forward);
-    let from_standing = if is_forward { Some(starts(recogniser, samples)?) } else { None };
-    Ok(Outcome { what: recorded.what.clone(), heard, from_standing, length_s, taken_s })
+    let is_start = recorded.what.cue() == Some(CueKind::Forward);
+    let from_standing = if is_start { Some(starts(recogniser, samples)?) } else { None };
+    let (path, what) = (recorded.path.clone(), recorded.what.clone());
+    Ok(Outcome { path, what, heard, from_standing, length_s, taken_s })
 }
 
 /// Whether this sound would start a robot that stands by a stop.

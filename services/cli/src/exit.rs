@@ -4,7 +4,8 @@ use std::error::Error;
 
 /// All is well; a walk reached its goal, a replay came to its end.
 pub const EXIT_OK: u8 = 0;
-/// A walk ended without reaching its goal, a replay before its end, or a bench found what must not be.
+/// A walk ended without reaching its goal, a replay before its end, a bench found what must not be, or an enrolment
+/// would have done more harm than good.
 pub const EXIT_NOT_REACHED: u8 = 1;
 /// Arguments, the configuration or an input file cannot be used; nothing was started.
 pub const EXIT_BAD_INPUT: u8 = 2;
@@ -25,7 +26,8 @@ pub const EXIT_NOT_PERMITTED: u8 = 8;
 pub const EXIT_CODES_HELP: &str = "\
 Exit codes:
   0  all is well; a walk reached its goal, a replay came to its end
-  1  a walk ended without reaching its goal, a replay before its end, or a bench found what must not be
+  1  a walk ended without reaching its goal, a replay before its end, a bench found what must not be, or an enrolment
+     would have done more harm than good
   2  arguments, configuration or an input file cannot be used; nothing was started
   3  the run failed (a service could not start, the supervisor died), or the machine lacks something (doctor)
   4  no such run is alive, or several are and none is named with --run
@@ -54,6 +56,11 @@ impl Failure {
     /// The run is at fault.
     pub fn run(message: impl Into<String>) -> Self {
         Self { code: EXIT_RUN_FAILED, message: message.into(), told: false }
+    }
+
+    /// All went well, and came to nothing.
+    pub fn not_reached(message: impl Into<String>) -> Self {
+        Self { code: EXIT_NOT_REACHED, message: message.into(), told: false }
     }
 
     /// There is no such run.

@@ -186,6 +186,7 @@ fn status_lines(status: &Status) -> Vec<String> {
     if status.floor.is_some() {
         lines.push("floor    not watched: the robot would walk over an edge".to_owned());
     }
+    lines.extend(status.no_start_by_voice.iter().map(|why| format!("voice    {why}")));
     lines.push(String::new());
     let rows: Vec<Vec<String>> = status.services.iter().map(service_row).collect();
     lines.extend(table(&["service", "state", "pid", "life", "restarts", "critical"], &rows));

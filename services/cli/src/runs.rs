@@ -20,6 +20,7 @@ pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
         Err(failure) => return failure,
     };
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("run"));
+    settings::no_start_by_voice(&settings).iter().for_each(say);
     say(format!("run {name} starts as process {}; `guidedog status --run {name}`, Ctrl-C ends it", std::process::id()));
     Launch { settings: &settings, name, speed: args.pace.speed }.exec(as_json)
 }
@@ -32,6 +33,7 @@ pub fn walk(args: &WalkArgs, as_json: bool) -> Result<u8, Failure> {
     let prepared = prepare::walk(args)?;
     let pace = &args.world.pace;
     let name = pace.name.clone().unwrap_or_else(|| free_name("walk"));
+    settings::no_start_by_voice(&prepared.settings).iter().for_each(say);
     let running = Launch { settings: &prepared.settings, name, speed: pace.speed }.spawn()?;
     let map = MapView::new(&prepared.world, &prepared.scenario);
     let mut live = (!as_json).then(|| Live::new(running.name(), Some(map)));

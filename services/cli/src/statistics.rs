@@ -33,6 +33,23 @@ pub fn ratio(hits: impl Iterator<Item = bool>) -> Value {
     json!({ "mean": p, "lo": lo.clamp(0.0, p), "hi": hi.clamp(p, 1.0), "n": hits.len() })
 }
 
+/// How much more often the first of each pair is true, with its interval (Agresti and Min 2005).
+pub fn difference(pairs: &[(bool, bool)]) -> Value {
+    if pairs.is_empty() {
+        return Value::Null;
+    }
+    let count = |wanted: (bool, bool)| pairs.iter().filter(|pair| **pair == wanted).count();
+    let (first, second) = (count((true, false)), count((false, true)));
+    // Half a pair more of each kind.
+    let (n, more, less) = (pairs.len() as f64 + 2.0, first as f64 + 0.5, second as f64 + 0.5);
+    let center = (more - less) / n;
+    let half = Z * (more + less - (more - less).powi(2) / n).sqrt() / n;
+    json!({
+        "mean": (first as f64 - second as f64) / pairs.len() as f64, "lo": center - half, "hi": center + half,
+        "n": pairs.len(), "this_alone": first, "other_alone": second,
+    })
+}
+
 /// Events an hour, with their interval: of rare events, by Byar's approximation of Poisson's.
 pub fn an_hour(count: usize, hours: f64) -> Value {
     rate(count, hours, "hours")
@@ -56,7 +73,7 @@ fn rate(count: usize, all: f64, unit: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::{an_hour, mean, ratio};
+    use super::{an_hour, difference, mean, ratio};
     use serde_json::Value;
 
     fn near(report: &Value, key: &str, expected: f64) {
@@ -73,6 +90,13 @@ mod tests {
         let four = mean([1.0, 2.0, 3.0, 4.0].into_iter());
         near(&four, "hi", 2.5 + 1.96 * 0.6455);
         assert!(mean(std::iter::empty()).is_null() && ratio(std::iter::empty()).is_null());
+        // 15 pairs of 100 in which the first alone is true, 5 in which the second is.
+        let pairs: Vec<(bool, bool)> = (0..100).map(|i| (i < 15, (15..20).contains(&i))).collect();
+        let more = difference(&pairs);
+        near(&more, "mean", 0.10);
+        near(&more, "lo", 0.0118);
+        near(&more, "hi", 0.1843);
+        assert!(difference(&[]).is_null());
         // Poisson's exact intervals: of 0 events 0 to 3.69, of 5 events 1.62 to 11.67.
         near(&an_hour(0, 1.0), "hi", 3.69);
         near(&an_hour(5, 1.0), "lo", 1.62);

@@ -4,7 +4,9 @@
 //! what is missing; no walk's safety depends on it.
 
 mod confirmation;
+mod repeated;
 mod stream;
+mod talk;
 
 use std::path::{Path, PathBuf};
 
@@ -13,14 +15,17 @@ use grabber::{Grab, Grabbed, Grabber, Trouble};
 use hearing::{Ears, ModelFiles, RATE_HZ, Recogniser, STEP_NS, Step};
 use messages::{CueHeard, CueKind, MicrophoneState, NS_PER_S, SpeechPhase, SpeechSaid, Urgency};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
-use settings::{Settings, VoiceSettings, VoiceSource};
+use settings::{Attention, Settings, VoiceSettings, VoiceSource};
 use transport::{FromChild, Io, Publisher, Subscriber, TransportError, monotonic_ns};
 
 use confirmation::{Confirmation, Confirmed};
+use repeated::Repeated;
 use stream::Stream;
+use talk::Talk;
 
 /// Of [`Io::watch`].
 const TOKEN_VOICE: u64 = 0;
+const TOKEN_TALK: u64 = 1;
 /// So many pieces of sound are heard at a waking: who catches up has beats to give as well, every 20 ms. A microphone
 /// gives one in 20 ms, a file or pipe one of 80 ms.
 const PIECES_MAX: usize = 3;
@@ -61,6 +66,10 @@ pub struct Voice {
     /// Asks for the tone; none where none is wanted.
     asks: Option<Publisher<CueHeard>>,
     confirmation: Confirmation,
+    /// A word that starts the robot has to be said twice.
+    repeated: Option<Repeated>,
+    /// The key that is held to speak.
+    talk: Option<Talk>,
     is_open: bool,
     /// A network cannot be run: nothing is heard any more.
     is_deaf: bool,
@@ -91,21 +100,24 @@ impl Voice {
             onnx_runtime: settings.policy.onnx_runtime.clone().map(Into::into),
         };
         let recogniser = match Recogniser::load(&files) {
-            Ok(recogniser) => recogniser,
+            Ok(recogniser) => recogniser.wanting_go(voice.attention == Attention::Go),
             Err(error) => {
                 io.tell(&FromChild::Note { text: format!("{UNHEARD}{error}") });
                 return Ok(None);
             }
         };
         let begun_ns = begun_ns(&io.domain.dir.path().join("voice.begun"));
+        let asks = voice.tone && !voice.repeat;
         let grabber = Grabber::start(opener(voice, begun_ns)).map_err(TransportError::service)?;
         io.watch(&grabber, TOKEN_VOICE)?;
         let mut voice = Self {
             grabber,
             recogniser,
             robot: io.subscriber()?,
-            asks: if voice.tone { Some(io.publisher()?) } else { None },
+            asks: if asks { Some(io.publisher()?) } else { None },
             confirmation: Confirmation::default(),
+            repeated: voice.repeat.then(Repeated::default),
+            talk: voice.talk.as_ref().map(|talk| Talk::new(talk, TOKEN_TALK)),
             is_open: false,
             is_deaf: false,
             is_muted: false,
@@ -161,6 +173,7 @@ impl Voice {
     pub fn interrupt(&mut self) {
         self.recogniser.forget();
         self.confirmation.forget();
+        self.repeated.iter_mut().for_each(Repeated::forget);
     }
 
     /// Run time at which a tone is over, if one is waited for.
@@ -193,6 +206,9 @@ impl Voice {
     /// Where a port fails. What fails to hear is told, and costs nobody else his cues.
     pub fn listen(&mut self, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
         self.mute()?;
+        if let Some(Err(why)) = self.talk.as_mut().map(|talk| talk.take(io)) {
+            self.tell(io, format!("no direction is heard: {why} (cue.voice.talk)"));
+        }
         for _ in 0..PIECES_MAX {
             let Some(grabbed) = self.grabber.take() else { break };
             match grabbed {
@@ -218,8 +234,17 @@ impl Voice {
         self.confirm(io, said)
     }
 
-    /// What would start the robot waits for its tone; whatever else is said ends that.
+    /// What would start the robot waits for its tone, or to be said again; whatever else is said ends that.
     fn confirm(&mut self, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
+        if let Some(repeated) = &mut self.repeated {
+            said.retain(|said| {
+                let starts = said.after_stop && said.kind.is_moving();
+                if !starts {
+                    repeated.forget();
+                }
+                !starts || repeated.take(said)
+            });
+        }
         if let Some(asks) = &mut self.asks {
             let (confirmation, now_ns) = (&mut self.confirmation, io.now_ns());
             for said in said.iter() {
@@ -253,12 +278,13 @@ impl Voice {
         }
         let taken_ns = io.domain.clock.of_monotonic_ns(sound.taken_ns);
         // What the robot says as it stands may have "stop" in it; as it walks, nothing has.
-        let ears = match taken_ns < self.muted_until_ns {
-            false => Ears::Open,
+        self.is_muted = taken_ns < self.muted_until_ns;
+        let may_direct = self.talk.as_ref().is_none_or(|talk| talk.counts(taken_ns));
+        let ears = match self.is_muted {
+            false if may_direct => Ears::Open,
             true if self.stands => Ears::Shut,
-            true => Ears::ForStop,
+            _ => Ears::ForStop,
         };
-        self.is_muted = ears != Ears::Open;
         let steps = &mut self.steps;
         if let Err(error) = self.recogniser.push(&sound.samples, ears, |step| steps.push(step)) {
             self.is_deaf = true;

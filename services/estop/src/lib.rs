@@ -4,18 +4,15 @@
 //! locks the run until the operator resumes. It never replaces the power cut or the robot's own hand remote.
 
 mod heartbeat;
-mod input;
-mod keys;
 
-use std::os::fd::BorrowedFd;
+use std::os::fd::{AsFd, BorrowedFd};
 
+use buttons::InputDevice;
 use messages::{EmergencyStop, StopInput};
 use settings::EstopSource;
 use transport::{FromChild, Io, Publisher, Rhythm, Service, TransportError};
 
 pub use heartbeat::{Heartbeat, SerialBox};
-pub use input::InputDevice;
-pub use keys::{EVENT_LEN, Keys};
 
 /// Words a second, besides every change.
 const RATE_HZ: f64 = 50.0;
@@ -42,6 +39,16 @@ pub trait Input {
     /// Why its last word was that it is lost, where it knows.
     fn why_lost(&self) -> Option<String> {
         None
+    }
+}
+
+impl Input for InputDevice {
+    fn fd(&self) -> BorrowedFd<'_> {
+        self.as_fd()
+    }
+
+    fn read(&mut self, _now_ns: u64) -> Result<StopInput, String> {
+        Self::read(self)
     }
 }
 

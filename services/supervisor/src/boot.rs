@@ -175,6 +175,7 @@ impl Supervisor {
             physics: settings.simulation.physics,
             attitude: settings.odometry.attitude,
             watches_floor: settings.watches_floor(),
+            no_start_by_voice: settings::no_start_by_voice(settings),
             server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
             ending: Ending::No,

@@ -73,6 +73,8 @@ pub struct Supervisor {
     attitude: AttitudeSource,
     /// Something watches the floor.
     watches_floor: bool,
+    /// Why no spoken cue starts the robot, if so.
+    no_start_by_voice: Option<String>,
     server: ControlServer,
     figures: Figures,
     janitor: Janitor,

@@ -125,6 +125,7 @@ impl Supervisor {
             world: self.last_truth.as_ref().map(world_status),
             attitude: (self.attitude != AttitudeSource::Told).then(|| self.attitude.name().to_owned()),
             floor: (!self.watches_floor).then(|| "not_watched".to_owned()),
+            no_start_by_voice: self.no_start_by_voice.clone(),
             locomotion: self.last_locomotion.as_ref().map(locomotion_status),
             said: self.last_said.as_ref().map(report::said_status),
             microphone: self.figures.microphone().map(report::microphone_status),

@@ -34,6 +34,9 @@ pub struct Status {
     /// `not_watched` where nothing watches the floor. Not there otherwise.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub floor: Option<String>,
+    /// Why no spoken cue starts a robot that stands by a stop, and what to do; absent where one does, or none is heard.
+    #[serde(skip_serializing_if = "Option::is_none", default)]
+    pub no_start_by_voice: Option<String>,
     /// What locomotion commands the robot; none before its first word.
     pub locomotion: Option<LocomotionStatus>,
     /// The sentence that the robot said last.

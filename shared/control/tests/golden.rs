@@ -131,6 +131,7 @@ fn a_whole_status_is_told_to_the_byte() {
         stream_age_ms: [("lidar/scan".to_owned(), 20.0)].into(),
         published: [("lidar/scan".to_owned(), 3)].into(),
         floor: None,
+        no_start_by_voice: None,
         world: Some(WorldStatus {
             robot: [1.0, -2.5, f64::NAN],
             handler: [0.25, 0.0],

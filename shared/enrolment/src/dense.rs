@@ -6,7 +6,7 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 /// Steps of training; the rate falls to nothing in a line.
-const STEPS: usize = 400;
+const STEPS: usize = 1200;
 const RATE: f32 = 1e-3;
 /// Of each batch, windows of the user's and of the rehearsal.
 const BATCH: (usize, usize) = (64, 192);
@@ -67,6 +67,11 @@ impl Features {
         self.flat
     }
 
+    /// What was said in each.
+    pub(crate) fn labels(&self) -> &[usize] {
+        &self.labels
+    }
+
     /// A window a column.
     fn matrix(&self) -> DMatrix<f32> {
         DMatrix::from_column_slice(self.flat, self.len(), &self.numbers)
@@ -118,6 +123,13 @@ impl Dense {
             moments.update(&mut dense, &found, RATE * (1.0 - step as f32 / STEPS as f32));
         }
         dense
+    }
+
+    /// The cue that each window is taken for, if it is as probable as it has to be, and more than all else.
+    pub(crate) fn sure(&self, features: &Features, least: &dyn Fn(usize) -> f32) -> Vec<Option<usize>> {
+        let (p, _) = self.probabilities(&features.matrix());
+        let best = p.column_iter().map(|column| (column.imax(), column.max()));
+        best.map(|(word, p)| (word < LABELS.len() - 1 && p >= least(word)).then_some(word)).collect()
     }
 
     /// Probabilities of the labels, and the hidden numbers, of windows in columns.
@@ -212,7 +224,7 @@ mod tests {
     }
 
     fn small() -> Dense {
-        Dense { w1: some(24, 8, 0.1), b1: some(24, 1, 0.2), w2: some(5, 24, 0.3), b2: some(5, 1, 0.4) }
+        Dense { w1: some(24, 8, 0.1), b1: some(24, 1, 0.2), w2: some(6, 24, 0.3), b2: some(6, 1, 0.4) }
     }
 
     #[test]

@@ -1,11 +1,10 @@
-//! Enrolment: a handler says each cue a few times, and the recogniser's dense layers are fitted to that voice, on the
-//! robot's own computer.
+//! Enrolment: a handler says each cue a few times, and some other words, and the recogniser's dense layers are fitted
+//! to that voice, on the robot's own computer.
 //!
 //! The clips are put into many scenes ([`scenes`]); of each scene the head's convolutions, which stay as they are, make
 //! features; by these and by a rehearsal of the training data ([`Rehearsal`]) the dense layers are trained further
 //! ([`Dense`]). Without the rehearsal the head forgets all other voices, and takes the handler's other words for cues.
-//! `scripts/train/cues/enrol.py` is the same, and where it was tried. [`Takes`] cuts the clips out of a microphone's
-//! sound. Pure, but for reading its files.
+//! [`Takes`] cuts the clips out of a microphone's sound. Pure, but for reading its files.
 
 mod dense;
 mod head;
@@ -15,9 +14,7 @@ mod takes;
 
 use std::path::PathBuf;
 
-use hearing::{
-    Ears, FRAMES, FRAMES_A_STEP, Head, LABELS, LogMel, ModelFiles, Network, Networks, Recogniser, SpeechError, WINDOWS,
-};
+use hearing::{Ears, Head, LABELS, LogMel, ModelFiles, Network, Networks, Recogniser, SpeechError, WINDOWS, cue_of};
 use messages::CueKind;
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -48,12 +45,52 @@ pub enum EnrolError {
 /// What a handler said once.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Clip {
-    /// The cue.
-    pub cue: CueKind,
-    /// Which of the cue's clips, from 0.
+    /// The word: one of the cues', or another, which is to be none.
+    pub word: String,
+    /// Which of the word's clips, from 0.
     pub take: usize,
     /// In [-1, 1], at [`hearing::RATE_HZ`].
     pub samples: Vec<f32>,
+}
+
+impl Clip {
+    /// The cue that it is.
+    #[must_use]
+    pub fn cue(&self) -> Option<CueKind> {
+        cue_of(&self.word)
+    }
+
+    fn label(&self) -> usize {
+        LABELS.iter().position(|label| *label == self.word).unwrap_or(LABELS.len() - 1)
+    }
+}
+
+/// How many recordings a head takes for what they are, or for what they are not, before it was fitted and after.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Change {
+    /// By the head before.
+    pub before: usize,
+    /// By the fitted one: of the handler's clips each by a head that it has not trained.
+    pub after: usize,
+    /// How many there are.
+    pub of: usize,
+}
+
+impl Change {
+    /// By how much the share has grown; 0 where there are none.
+    #[must_use]
+    pub fn growth(self) -> f64 {
+        (self.after as f64 - self.before as f64) / self.of.max(1) as f64
+    }
+}
+
+/// What was heard of cues, and of what is none.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Changes {
+    /// Cues that are heard as what they are.
+    pub cues: Change,
+    /// Other words that are taken for a cue.
+    pub others: Change,
 }
 
 /// What enrolment came to.
@@ -63,10 +100,20 @@ pub struct Enrolled {
     pub head: Head,
     /// What the head before hears in each clip, if anything.
     pub heard_before: Vec<Option<CueKind>>,
-    /// Of all clips, how many the head before hears right.
-    pub before: usize,
-    /// How many are heard right by a head that was not trained on them: each take by one that the others trained.
-    pub held_out: usize,
+    /// Of the handler's clips.
+    pub own: Changes,
+    /// Of the rehearsal's windows: other voices.
+    pub rehearsed: Changes,
+}
+
+impl Enrolled {
+    /// How much more is won than lost: cues that are heard, less other words that are taken for cues, the handler's and
+    /// the rehearsal's, as shares.
+    #[must_use]
+    pub fn gain(&self) -> f64 {
+        let of = |changes: Changes| changes.cues.growth() - changes.others.growth();
+        of(self.own) + of(self.rehearsed)
+    }
 }
 
 /// Fits the head to these clips. The same seed gives the same.
@@ -83,25 +130,54 @@ pub fn enrol(files: &ModelFiles, rehearsal: &Rehearsal, clips: &[Clip], seed: u6
         Err(error) => Err(EnrolError::Content { path: file.path(), what: error.to_string() }),
     });
     let known = known.collect::<Result<Vec<Features>, EnrolError>>()?;
-    let trained = |left_out: Option<usize>| {
+    let fitted = |left_out: Option<usize>| {
         let kept = clips.iter().zip(&known).filter(|(clip, _)| Some(clip.take) != left_out);
         let user = Features::joined(file.flat(), kept.map(|(_, features)| features));
-        file.with(&file.dense().fitted(&user, rehearsal.features(), seed))
+        file.dense().fitted(&user, rehearsal.features(), seed)
     };
     let takes = clips.iter().map(|clip| clip.take).max().map_or(0, |last| last + 1);
     let held_out = (0..takes).into_par_iter().map(|take| {
         let left_out: Vec<&Clip> = clips.iter().filter(|clip| clip.take == take).collect();
-        heard(&trained(Some(take)), files, &left_out).map(|heard| right(&left_out, &heard))
+        heard(&file.with(&fitted(Some(take))), files, &left_out).map(|heard| counted(&left_out, &heard))
     });
-    let held_out = held_out.collect::<Result<Vec<usize>, EnrolError>>()?.into_iter().sum();
+    let held_out = held_out.collect::<Result<Vec<Heard>, EnrolError>>()?.into_iter().fold(Heard::default(), Heard::and);
     let all: Vec<&Clip> = clips.iter().collect();
     let heard_before = heard(file.head(), files, &all)?;
-    Ok(Enrolled { head: trained(None), before: right(&all, &heard_before), heard_before, held_out })
+    let (dense, before) = (fitted(None), counted(&all, &heard_before));
+    let rehearsed = rehearsal.changes(file.dense(), &dense, &file.head().manifest.rules);
+    Ok(Enrolled { head: file.with(&dense), own: before.to(held_out), heard_before, rehearsed })
 }
 
-/// How many clips are heard as what they are.
-fn right(clips: &[&Clip], heard: &[Option<CueKind>]) -> usize {
-    clips.iter().zip(heard).filter(|(clip, heard)| **heard == Some(clip.cue)).count()
+/// Cues that were heard right, and other words that were taken for a cue; and how many there are of each.
+#[derive(Debug, Clone, Copy, Default)]
+struct Heard {
+    cues: (usize, usize),
+    others: (usize, usize),
+}
+
+impl Heard {
+    fn and(self, other: Self) -> Self {
+        let sum = |a: (usize, usize), b: (usize, usize)| (a.0 + b.0, a.1 + b.1);
+        Self { cues: sum(self.cues, other.cues), others: sum(self.others, other.others) }
+    }
+
+    fn to(self, after: Self) -> Changes {
+        let change =
+            |before: (usize, usize), after: (usize, usize)| Change { before: before.0, after: after.0, of: before.1 };
+        Changes { cues: change(self.cues, after.cues), others: change(self.others, after.others) }
+    }
+}
+
+fn counted(clips: &[&Clip], heard: &[Option<CueKind>]) -> Heard {
+    let mut counted = Heard::default();
+    for (clip, heard) in clips.iter().zip(heard) {
+        let (count, is_counted) = match clip.cue() {
+            Some(cue) => (&mut counted.cues, *heard == Some(cue)),
+            None => (&mut counted.others, heard.is_some()),
+        };
+        *count = (count.0 + usize::from(is_counted), count.1 + 1);
+    }
+    counted
 }
 
 /// The networks whose numbers training needs.
@@ -123,15 +199,13 @@ impl Engines {
 
     /// What the convolutions make of the windows of a clip's scenes.
     fn features(&mut self, clip: &Clip, seed: u64) -> Result<Features, EnrolError> {
-        let label = LABELS.iter().position(|label| *label == clip.cue.name()).unwrap_or(LABELS.len() - 1);
         let mut features = Features::new(self.flat);
         for scene in scenes(&clip.samples, &mut ChaCha8Rng::seed_from_u64(seed)) {
             let mut frames = Vec::new();
             LogMel::default().push(&scene, |frame| frames.push(frame));
-            let steps = frames.windows(FRAMES).step_by(FRAMES_A_STEP).take(WINDOWS + SHIFTS - 1);
-            let embeddings = steps.map(|frames| self.networks.embed(frames)).collect::<Result<Vec<_>, _>>()?;
-            for window in embeddings.windows(WINDOWS) {
-                features.push(label, &self.convolutions.run(&head::FED, window.as_flattened())?);
+            let embeddings = self.networks.embed(&frames)?;
+            for window in embeddings.windows(WINDOWS).take(SHIFTS) {
+                features.push(clip.label(), &self.convolutions.run(&head::FED, window.as_flattened())?);
             }
         }
         Ok(features)

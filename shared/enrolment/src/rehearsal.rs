@@ -1,16 +1,16 @@
 //! The rehearsal set: windows of the training data as the head's convolutions see them.
 //!
-//! Its file, little-endian: `GDRH`; u32 version, 1; u32 windows *n*; u32 features *f*; f32 scale; u8 label\[n\];
+//! Its file, little-endian: `GDRH`; u32 version, 2; u32 windows *n*; u32 features *f*; f32 scale; u8 label\[n\];
 //! u8 feature\[n\]\[f\]. Feature times scale is the value.
 
 use std::path::Path;
 
-use hearing::{Head, LABELS, digest, read};
+use hearing::{Head, LABELS, Rules, digest, read};
 
-use crate::{EnrolError, Features, HeadFile};
+use crate::{Changes, Dense, EnrolError, Features, HeadFile};
 
 const MAGIC: &[u8] = b"GDRH";
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 const HEADER: usize = 20;
 
 /// The rehearsal set of a head.
@@ -68,6 +68,23 @@ impl Rehearsal {
         &self.features
     }
 
+    /// What other layers than these make of it: of each window alone, by the rules' thresholds.
+    pub(crate) fn changes(&self, before: &Dense, after: &Dense, rules: &Rules) -> Changes {
+        let mut changes = Changes::default();
+        let sure = [before, after].map(|dense| dense.sure(&self.features, &|word| rules.least(word) as f32));
+        for (window, label) in self.features.labels().iter().enumerate() {
+            let heard = [sure[0][window], sure[1][window]];
+            let is_cue = *label < LABELS.len() - 1;
+            let change = if is_cue { &mut changes.cues } else { &mut changes.others };
+            let counts =
+                |heard: Option<usize>| usize::from(if is_cue { heard == Some(*label) } else { heard.is_some() });
+            change.before += counts(heard[0]);
+            change.after += counts(heard[1]);
+            change.of += 1;
+        }
+        changes
+    }
+
     /// Whether it is of such a head's convolutions.
     pub(crate) fn fits(&self, file: &HeadFile) -> Result<(), EnrolError> {
         if self.features.flat() == file.flat() {
@@ -85,15 +102,15 @@ mod tests {
     #[test]
     fn a_set_is_read_and_one_that_is_none_is_not() {
         let mut bytes = b"GDRH".to_vec();
-        for word in [1_u32, 2, 3] {
+        for word in [2_u32, 2, 3] {
             bytes.extend(word.to_le_bytes());
         }
         bytes.extend(0.5_f32.to_le_bytes());
-        bytes.extend([4, 1, 0, 2, 4, 6, 8, 10]);
+        bytes.extend([5, 1, 0, 2, 4, 6, 8, 10]);
         let set = Rehearsal::parse(&bytes).expect("it is one");
         assert_eq!((set.features().len(), set.features().flat()), (2, 3));
         assert_eq!(Rehearsal::parse(&bytes[..bytes.len() - 1]), None, "it was cut off");
-        bytes[20] = 5;
+        bytes[20] = 6;
         assert_eq!(Rehearsal::parse(&bytes), None, "there is no such label");
         assert_eq!(Rehearsal::parse(b"GDRH"), None);
     }

@@ -1,13 +1,15 @@
 //! What a microphone may make of the same word: at other speeds and levels, coloured, over noise.
 
-use hearing::{HOP, STEP_SAMPLES, faster, mean_square, peak, speech_power, word_end};
+use hearing::{FRAMES_AN_EMBEDDING, HOP, faster, mean_square, peak, speech_power, word_end};
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 /// Scenes of each clip.
 const SCENES: usize = 24;
-/// Windows of each scene, a step apart: the word is in all of them.
+/// From one embedding to the next, samples.
+const STEP_SAMPLES: usize = FRAMES_AN_EMBEDDING * HOP;
+/// Windows of each scene, an embedding apart: the word is in all of them.
 pub const SHIFTS: usize = 6;
 /// Samples of a scene: what the head sees of its last window, and the steps before.
 const SPAN: usize = (hearing::FRAMES - 1) * HOP + hearing::FRAME + (hearing::WINDOWS - 1 + SHIFTS - 1) * STEP_SAMPLES;
@@ -19,7 +21,8 @@ const SNR_DB: std::ops::Range<f32> = 5.0..35.0;
 const PEAK_DB: std::ops::Range<f32> = -30.0..0.0;
 /// Near-silence before and after a clip that is judged, samples. The first frame whose level counts is the clip's own:
 /// what is always there is then its noise, not ours, beside which all of it would be loud.
-pub const SILENCE: usize = (hearing::FRAMES + (hearing::WINDOWS - 2) * hearing::FRAMES_A_STEP - 1) * HOP;
+pub const SILENCE: usize =
+    (hearing::FRAMES + (hearing::WINDOWS - 1) * FRAMES_AN_EMBEDDING - hearing::FRAMES_A_STEP - 1) * HOP;
 /// How loud near-silence is, of full scale.
 pub const HISS: f32 = 3.2e-4;
 
@@ -36,7 +39,7 @@ pub fn amid_silence(clip: &[f32], dice: &mut ChaCha8Rng) -> Vec<f32> {
     heard
 }
 
-/// Scenes of a clip, the first as it was recorded. The word ends up to a step before the first window does.
+/// Scenes of a clip, the first as it was recorded. The word ends up to 80 ms before the first window does.
 #[must_use]
 pub fn scenes(clip: &[f32], dice: &mut ChaCha8Rng) -> Vec<Vec<f32>> {
     (0..SCENES).map(|number| scene(clip, number == 0, dice)).collect()
@@ -71,8 +74,7 @@ fn tilted(samples: &[f32], a: f32) -> Vec<f32> {
 
 #[cfg(test)]
 mod tests {
-    use super::{SCENES, SHIFTS, SPAN, scenes};
-    use hearing::STEP_SAMPLES;
+    use super::{SCENES, SHIFTS, SPAN, STEP_SAMPLES, scenes};
     use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
 

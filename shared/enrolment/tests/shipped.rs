@@ -32,7 +32,7 @@ fn a_head_without_its_dense_layers_gives_what_they_take_and_with_the_same_ones_s
     assert_eq!(run(&same.bytes, &seen), run(&head.bytes, &seen));
     let mut other = file.dense().clone();
     other.w2.fill(0.0);
-    other.b2.copy_from_slice(&[0.0, 0.0, 0.0, 9.0, 0.0]);
+    other.b2.copy_from_slice(&[0.0, 0.0, 0.0, 9.0, 0.0, 0.0]);
     let other = file.with(&other);
     assert!(run(&other.bytes, &seen)[3] > 0.99, "its new layers are asked");
     assert_ne!(other.manifest.sha256, head.manifest.sha256);

@@ -1,5 +1,5 @@
-//! The files that hearing needs: the embedding, which is brought by a script, and the head with its manifest, which say
-//! what they are for. What is verified is what is used.
+//! The files that hearing needs: the embedding, the head, and the manifest, which names both by their digests. What is
+//! verified is what is used.
 
 use std::fs::File;
 use std::io::{self, Read};
@@ -14,9 +14,13 @@ use crate::rules::Rules;
 use crate::{LABELS, Probabilities};
 
 /// What the head is fed with, and its version.
-const FEATURES: &str = "speech-embedding-96/1";
+const FEATURES: &str = "speech-embedding-96/2";
 /// Frames that one embedding is of.
 pub const FRAMES: usize = 76;
+/// Frames from one embedding to the next.
+pub const FRAMES_AN_EMBEDDING: usize = 8;
+/// Numbers that the embedding hands from one step to the next: the last two rows that each of its layers saw.
+const MEMORY: usize = 9472;
 /// Numbers of an embedding.
 pub const EMBEDDING: usize = 96;
 /// Embeddings that the head looks at.
@@ -36,7 +40,7 @@ pub enum SpeechError {
         source: io::Error,
     },
     /// The embedding is not there.
-    #[error("{} is missing: run scripts/cue-embedding, which brings it", path.display())]
+    #[error("{} is missing: it is shipped with cues.toml, in config/cues", path.display())]
     NoEmbedding {
         /// Where it is looked for.
         path: PathBuf,
@@ -187,7 +191,7 @@ impl Head {
     }
 }
 
-/// A network of one input and one output.
+/// A network by its name, and what it gives.
 pub struct Network {
     session: Session,
     name: &'static str,
@@ -208,7 +212,7 @@ impl Network {
         Ok(Self { session: inference::session(bytes, onnx_runtime).map_err(wrong)?, name })
     }
 
-    /// Runs it: numbers of this shape in, finite numbers out.
+    /// Runs a network of one input and one output: numbers of this shape in, finite numbers out.
     ///
     /// # Errors
     /// Where it cannot be run.
@@ -218,18 +222,68 @@ impl Network {
         let input = TensorRef::from_array_view((shape.to_vec(), numbers)).map_err(failed)?;
         let outputs = self.session.run(inference::inputs![input]).map_err(failed)?;
         let (_, found) = outputs[0].try_extract_tensor::<f32>().map_err(failed)?;
-        if found.iter().all(|number| number.is_finite()) {
-            return Ok(found.to_vec());
-        }
-        Err(SpeechError::Run { network, what: "its output is not finite".to_owned() })
+        all_finite(network, found).map(<[f32]>::to_vec)
     }
 
     /// As [`Network::run`], where so many numbers have to come.
     fn run_for<const N: usize>(&mut self, shape: &[usize], numbers: &[f32]) -> Result<[f32; N], SpeechError> {
-        let network = self.name;
         let found = self.run(shape, numbers)?;
-        let wrong = |found: Vec<f32>| format!("it gives {} numbers, not {N}", found.len());
-        found.try_into().map_err(|found| SpeechError::Run { network, what: wrong(found) })
+        exactly(self.name, &found)
+    }
+
+    /// A step of a network that remembers: `frames` and `memory` in, `embedding` and `memory_after` out.
+    fn step(&mut self, frames: &[Mel], memory: &mut [f32]) -> Result<[f32; EMBEDDING], SpeechError> {
+        let network = self.name;
+        let failed = |error: inference::Error| SpeechError::Run { network, what: error.to_string() };
+        let frames = TensorRef::from_array_view((vec![1, frames.len(), BANDS], frames.as_flattened()));
+        let before = TensorRef::from_array_view((vec![1, memory.len()], &*memory));
+        let inputs = inference::inputs!["frames" => frames.map_err(failed)?, "memory" => before.map_err(failed)?];
+        let outputs = self.session.run(inputs).map_err(failed)?;
+        let numbers = |name: &str| outputs[name].try_extract_tensor::<f32>().map_err(failed);
+        let (embedding, after) = (numbers("embedding")?.1, numbers("memory_after")?.1);
+        let embedding = exactly(network, all_finite(network, embedding)?)?;
+        let after = all_finite(network, after)?;
+        if after.len() != memory.len() {
+            let what = format!("it remembers {} numbers, not {}", after.len(), memory.len());
+            return Err(SpeechError::Run { network, what });
+        }
+        memory.copy_from_slice(after);
+        Ok(embedding)
+    }
+}
+
+fn all_finite<'a>(network: &'static str, numbers: &'a [f32]) -> Result<&'a [f32], SpeechError> {
+    if numbers.iter().all(|number| number.is_finite()) {
+        return Ok(numbers);
+    }
+    Err(SpeechError::Run { network, what: "its output is not finite".to_owned() })
+}
+
+fn exactly<const N: usize>(network: &'static str, found: &[f32]) -> Result<[f32; N], SpeechError> {
+    let what = || format!("it gives {} numbers, not {N}", found.len());
+    found.try_into().map_err(|_| SpeechError::Run { network, what: what() })
+}
+
+/// What the embedding remembers of the frames so far; of none, zeros.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Embedder {
+    memory: Vec<f32>,
+}
+
+impl Default for Embedder {
+    fn default() -> Self {
+        Self { memory: vec![0.0; MEMORY] }
+    }
+}
+
+impl Embedder {
+    /// Takes the next [`FRAMES_AN_EMBEDDING`] frames: the embedding of the last [`FRAMES`]. Before there were as many,
+    /// it is of nothing.
+    ///
+    /// # Errors
+    /// Where the network cannot be run.
+    pub fn push(&mut self, frames: &[Mel], networks: &mut Networks) -> Result<[f32; EMBEDDING], SpeechError> {
+        networks.embedding.step(frames, &mut self.memory)
     }
 }
 
@@ -258,17 +312,24 @@ impl Networks {
         // One of another shape is found out now.
         let shape =
             |path: &Path, error: SpeechError| SpeechError::Content { path: path.to_owned(), what: error.to_string() };
-        networks.embed(&[[0.0; BANDS]; FRAMES]).map_err(|error| shape(&files.embedding, error))?;
+        let frames = [[0.0; BANDS]; FRAMES_AN_EMBEDDING];
+        Embedder::default().push(&frames, &mut networks).map_err(|error| shape(&files.embedding, error))?;
         networks.judge(&[[0.0; EMBEDDING]; WINDOWS]).map_err(|error| shape(&head.path, error))?;
         Ok(networks)
     }
 
-    /// The embedding of [`FRAMES`] frames.
+    /// Embeddings of a stretch: one each [`FRAMES_AN_EMBEDDING`] frames, the first of the first [`FRAMES`].
     ///
     /// # Errors
-    /// Where it cannot be run.
-    pub fn embed(&mut self, frames: &[Mel]) -> Result<[f32; EMBEDDING], SpeechError> {
-        self.embedding.run_for(&[1, FRAMES, BANDS, 1], frames.as_flattened())
+    /// Where the network cannot be run.
+    pub fn embed(&mut self, frames: &[Mel]) -> Result<Vec<[f32; EMBEDDING]>, SpeechError> {
+        // So many that the first embedding ends with a whole step.
+        let unseen = FRAMES.next_multiple_of(FRAMES_AN_EMBEDDING) - FRAMES;
+        let padded: Vec<Mel> = std::iter::repeat_n([0.0; BANDS], unseen).chain(frames.iter().copied()).collect();
+        let mut embedder = Embedder::default();
+        let (steps, _) = padded.as_chunks::<FRAMES_AN_EMBEDDING>();
+        let made = steps.iter().map(|step| embedder.push(step, self)).collect::<Result<Vec<_>, _>>()?;
+        Ok(made.into_iter().skip(FRAMES / FRAMES_AN_EMBEDDING).collect())
     }
 
     /// How probable each word is after [`WINDOWS`] embeddings.

@@ -12,12 +12,16 @@ use crate::mel::RATE_HZ;
 const CHUNK_HEAD: usize = 8;
 /// `RIFF`, a length, `WAVE`.
 const FILE_HEAD: usize = 12;
-/// What is needed of the chunk `fmt `.
+/// What is needed of the chunk `fmt `, and where its format stands in an extension.
 const FORMAT: usize = 16;
-/// Chunks before the samples are no longer than this, bytes.
-const CHUNK_MAX: u32 = 1 << 20;
+const FORMAT_EXTENDED: usize = 26;
+/// Where the extension has the format code.
+const SUB_FORMAT: usize = 24;
+/// Chunks before the samples are no longer than this, bytes: a cover picture may be among them.
+const CHUNK_MAX: u32 = 16 << 20;
 /// The format code of plain samples, and of those whose format stands in the chunk's extension.
-const PLAIN: [u16; 2] = [1, 0xfffe];
+const PLAIN: u16 = 1;
+const EXTENDED: u16 = 0xfffe;
 
 /// Why a stream is no sound for us.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -143,7 +147,7 @@ impl PcmStream {
                     return Ok(Some(CHUNK_HEAD));
                 }
                 if len > CHUNK_MAX {
-                    return Err(PcmError::Broken("a chunk of over a megabyte before the samples"));
+                    return Err(PcmError::Broken("a chunk of over 16 MiB before the samples"));
                 }
                 if !bytes.starts_with(b"fmt ") {
                     self.at = At::Skip { left: len + len % 2, format_known };
@@ -152,10 +156,11 @@ impl PcmStream {
                 if (len as usize) < FORMAT {
                     return Err(PcmError::Broken("a format that is too short"));
                 }
-                let Some(format) = bytes.get(CHUNK_HEAD..CHUNK_HEAD + FORMAT) else { return Ok(None) };
+                let known = FORMAT_EXTENDED.min(len as usize);
+                let Some(format) = bytes.get(CHUNK_HEAD..CHUNK_HEAD + known) else { return Ok(None) };
                 check(format)?;
-                self.at = At::Skip { left: len + len % 2 - FORMAT as u32, format_known: true };
-                Ok(Some(CHUNK_HEAD + FORMAT))
+                self.at = At::Skip { left: len + len % 2 - known as u32, format_known: true };
+                Ok(Some(CHUNK_HEAD + known))
             }
             At::Skip { left: 0, format_known } => {
                 self.at = At::Chunk { format_known };
@@ -197,11 +202,12 @@ fn sample(bytes: &[u8]) -> f32 {
     f32::from(i16::from_le_bytes([bytes[0], bytes[1]])) / 32768.0
 }
 
-fn check(format: &[u8]) -> Result<(), PcmError> {
-    let short = |at: usize| u16::from_le_bytes([format[at], format[at + 1]]);
+fn check(chunk: &[u8]) -> Result<(), PcmError> {
+    let short = |at: usize| u16::from_le_bytes([chunk[at], chunk[at + 1]]);
     let rate_hz = u32::from(short(4)) | u32::from(short(6)) << 16;
     let (format, channels, bits) = (short(0), short(2), short(14));
-    if PLAIN.contains(&format) && channels == 1 && bits == 16 && rate_hz == RATE_HZ {
+    let format = if format == EXTENDED && chunk.len() >= FORMAT_EXTENDED { short(SUB_FORMAT) } else { format };
+    if format == PLAIN && channels == 1 && bits == 16 && rate_hz == RATE_HZ {
         return Ok(());
     }
     Err(PcmError::Format { format, channels, rate_hz, bits })
@@ -275,6 +281,20 @@ mod tests {
         assert_eq!(read(&wav(1, 16_000, 900, &SAMPLES), 5).map(|(_, missing)| missing), Ok(Some("it was cut off")));
         assert_eq!(read(&wav(1, 16_000, 900, &SAMPLES)[..40], 5), Ok((Vec::new(), Some("no samples came"))));
         assert_eq!(read(&[], 5), Ok((Vec::new(), Some("it is empty"))));
+    }
+
+    #[test]
+    fn a_format_in_an_extension_is_looked_at() {
+        let extended = |sub_format: u8| {
+            let mut bytes = b"RIFF\0\0\0\0WAVEfmt \x28\0\0\0\xfe\xff\x01\0\x80\x3e\0\0\0\0\0\0\x02\0\x10\0".to_vec();
+            bytes.extend([22, 0, 16, 0, 4, 0, 0, 0, sub_format, 0]);
+            bytes.extend([0; 14]);
+            bytes.extend(b"data\x04\0\0\0\0\x40\0\x80");
+            read(&bytes, 7).map(|(samples, _)| samples)
+        };
+        assert_eq!(extended(1), Ok(vec![0.5, -1.0]));
+        let mu_law = extended(7).expect_err("mu-law").to_string();
+        assert!(mu_law.contains("(format 7)"), "{mu_law}");
     }
 
     #[test]

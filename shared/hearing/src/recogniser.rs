@@ -3,22 +3,24 @@
 use std::collections::VecDeque;
 
 use crate::levels::{Sound, level_db};
-use crate::mel::{HOP, LogMel, Mel, RATE_HZ};
-use crate::model::{EMBEDDING, FRAMES, Head, Networks, SpeechError, WINDOWS};
+use crate::mel::{BANDS, HOP, LogMel, Mel, RATE_HZ};
+use crate::model::{EMBEDDING, Embedder, FRAMES, FRAMES_AN_EMBEDDING, Head, Networks, SpeechError, WINDOWS};
 use crate::periodicity::Periodicity;
 use crate::rules::{CueRules, Heard};
 use crate::signal::{Quality, Signal, Trouble};
 use crate::{Manifest, ModelFiles, Probabilities};
 
+/// Lanes of embeddings: each has one in 80 ms, they take turns.
+const LANES: usize = 4;
 /// Frames of a step.
-pub const FRAMES_A_STEP: usize = 8;
+pub const FRAMES_A_STEP: usize = FRAMES_AN_EMBEDDING / LANES;
 /// Samples of a step.
-pub const STEP_SAMPLES: usize = FRAMES_A_STEP * HOP;
+const STEP_SAMPLES: usize = FRAMES_A_STEP * HOP;
 /// From one step to the next, nanoseconds.
 pub const STEP_NS: u64 = STEP_SAMPLES as u64 * messages::NS_PER_S / RATE_HZ as u64;
 
-/// Steps that the head can still see of something: its own, and those of the first embedding.
-const ASIDE_STEPS: usize = WINDOWS + FRAMES.div_ceil(FRAMES_A_STEP);
+/// Steps that the head can still see of something: those of its embeddings, and those of the first one's frames.
+const ASIDE_STEPS: usize = (WINDOWS * FRAMES_AN_EMBEDDING + FRAMES).div_ceil(FRAMES_A_STEP);
 
 /// What a step came to.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,17 +46,53 @@ pub enum Ears {
     Shut,
 }
 
-/// From samples to what the head looks at.
+/// One embedding in 80 ms, and what the head makes of eight.
+#[derive(Clone)]
+struct Lane {
+    embedder: Embedder,
+    /// The newest embeddings, the oldest first.
+    embeddings: VecDeque<[f32; EMBEDDING]>,
+}
+
+impl Lane {
+    fn new() -> Self {
+        Self { embedder: Embedder::default(), embeddings: VecDeque::with_capacity(WINDOWS) }
+    }
+
+    /// Takes the newest frames. The embedding counts where all that it is of was heard.
+    fn push(
+        &mut self,
+        frames: &[Mel],
+        is_whole: bool,
+        networks: &mut Networks,
+    ) -> Result<Option<Probabilities>, SpeechError> {
+        let embedding = self.embedder.push(frames, networks)?;
+        if !is_whole {
+            return Ok(None);
+        }
+        if self.embeddings.len() == WINDOWS {
+            self.embeddings.pop_front();
+        }
+        self.embeddings.push_back(embedding);
+        if self.embeddings.len() < WINDOWS {
+            return Ok(None);
+        }
+        networks.judge(self.embeddings.make_contiguous()).map(Some)
+    }
+}
+
+/// From samples to how probable each word is.
 #[derive(Clone)]
 struct Path {
     mel: LogMel,
     periodicity: Periodicity,
-    /// The newest frames, the oldest first.
+    /// The newest frames, the oldest first; silence before the first.
     frames: VecDeque<Mel>,
-    /// Of the frames since the last step.
-    sounds: Vec<Sound>,
-    /// The newest embeddings, the oldest first.
-    embeddings: VecDeque<[f32; EMBEDDING]>,
+    /// What each of the newest frames sounds like.
+    sounds: [Sound; FRAMES_A_STEP],
+    lanes: [Lane; LANES],
+    /// Frames so far.
+    count: usize,
 }
 
 impl Path {
@@ -62,9 +100,10 @@ impl Path {
         Self {
             mel: LogMel::default(),
             periodicity: Periodicity::default(),
-            frames: VecDeque::with_capacity(FRAMES + 1),
-            sounds: Vec::with_capacity(FRAMES),
-            embeddings: VecDeque::with_capacity(WINDOWS + 1),
+            frames: VecDeque::from([[0.0; BANDS]; FRAMES_AN_EMBEDDING]),
+            sounds: [Sound::default(); FRAMES_A_STEP],
+            lanes: std::array::from_fn(|_| Lane::new()),
+            count: 0,
         }
     }
 
@@ -78,28 +117,24 @@ impl Path {
         self.mel.push(samples, |frame| made.0 = Some(frame));
         self.periodicity.push(samples, |periodicity| made.1 = Some(periodicity));
         let (Some(frame), Some(periodicity)) = made else { return Ok(None) };
+        self.frames.pop_front();
         self.frames.push_back(frame);
-        self.sounds.push(Sound { level_db: level_db(&frame), periodicity });
-        if self.frames.len() > FRAMES {
-            self.frames.pop_front();
-        }
-        let is_step = self.frames.len() == FRAMES && self.sounds.len() >= FRAMES_A_STEP;
-        if !is_step {
+        self.sounds.rotate_left(1);
+        self.sounds[FRAMES_A_STEP - 1] = Sound { level_db: level_db(&frame), periodicity };
+        self.count += 1;
+        if !self.count.is_multiple_of(FRAMES_A_STEP) {
             return Ok(None);
         }
-        // Of the first step there are more: the embedding looks at 76 frames.
-        let first = self.sounds.len() - FRAMES_A_STEP;
-        let newest = std::array::from_fn(|i| self.sounds[first + i]);
-        self.sounds.clear();
-        if self.embeddings.len() == WINDOWS {
-            self.embeddings.pop_front();
-        }
-        self.embeddings.push_back(networks.embed(self.frames.make_contiguous())?);
-        if self.embeddings.len() < WINDOWS {
-            return Ok(None);
-        }
-        let probabilities = networks.judge(self.embeddings.make_contiguous())?;
-        Ok(Some((probabilities, newest)))
+        // Lane 0 has its first embedding with the first frames that make one.
+        let turn = (self.count + FRAMES_AN_EMBEDDING - FRAMES % FRAMES_AN_EMBEDDING) / FRAMES_A_STEP;
+        let is_whole = self.count >= FRAMES;
+        let judged = self.lanes[turn % LANES].push(self.frames.make_contiguous(), is_whole, networks)?;
+        Ok(judged.map(|probabilities| (probabilities, self.sounds)))
+    }
+
+    /// Whether enough was heard to tell words.
+    fn is_warm(&self) -> bool {
+        self.lanes[0].embeddings.len() == WINDOWS
     }
 }
 
@@ -111,6 +146,7 @@ pub struct Recogniser {
     /// What sounds while the robot speaks, where that is silence in the other; and the steps that it is kept for after.
     aside: Option<(Path, usize)>,
     rules: CueRules,
+    wants_go: bool,
     signal: Signal,
     taken: u64,
 }
@@ -134,11 +170,20 @@ impl Recogniser {
             networks: Networks::new(head, files)?,
             path: Path::new(),
             aside: None,
-            rules: CueRules::new(manifest.rules),
+            rules: CueRules::new(manifest.rules, false),
+            wants_go: false,
             signal: Signal::default(),
             taken: 0,
             manifest,
         })
+    }
+
+    /// The same, by which directions count only after *go*; see [`CueRules::new`].
+    #[must_use]
+    pub fn wanting_go(mut self, wants_go: bool) -> Self {
+        self.wants_go = wants_go;
+        self.clear();
+        self
     }
 
     /// What stands beside the head.
@@ -162,7 +207,7 @@ impl Recogniser {
     /// Whether enough was heard to tell words.
     #[must_use]
     pub fn is_warm(&self) -> bool {
-        self.path.embeddings.len() == WINDOWS
+        self.path.is_warm()
     }
 
     /// Whether the robot stands by somebody's stop; see [`CueRules::stands`].
@@ -184,7 +229,7 @@ impl Recogniser {
     /// Begins anew: what comes next is not what came after the last sample.
     pub fn clear(&mut self) {
         (self.path, self.aside) = (Path::new(), None);
-        self.rules = CueRules::new(self.manifest.rules);
+        self.rules = CueRules::new(self.manifest.rules, self.wants_go);
         self.signal = Signal::default();
         self.taken = 0;
     }
@@ -235,9 +280,8 @@ impl Recogniser {
     fn turn_aside(&mut self, ears: Ears) {
         match ears {
             Ears::ForStop => {
-                let (path, left) = self.aside.get_or_insert_with(|| (self.path.clone(), 0));
-                debug_assert!(path.frames.len() <= FRAMES, "it goes on as the other");
-                *left = ASIDE_STEPS;
+                // It goes on as the other.
+                self.aside.get_or_insert_with(|| (self.path.clone(), 0)).1 = ASIDE_STEPS;
             }
             Ears::Shut => self.aside = None,
             Ears::Open => {}

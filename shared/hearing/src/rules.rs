@@ -1,8 +1,9 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a single step, whatever goes on. A direction has to be the surest word in steps in a row, in a
+//! *stop* counts in a step or two, whatever goes on. A direction has to be the surest word in steps in a row, in a
 //! voice that stands out from what is always there, and to stand alone: it is given only once the sound that it is in
-//! has ended, and that was no longer than a word. *forward* after a stop has to be surer. `scripts/train/cues/rules.py`
+//! has ended, and that was no longer than a word. *forward*, and *go*, which means the
+//! same, have to be surer after a stop. `scripts/train/cues/rules.py`
 //! is the same, step by step.
 
 use messages::CueKind;
@@ -17,22 +18,33 @@ use crate::{LABELS, Probabilities};
 const FRAME_NS: u64 = STEP_NS / FRAMES_A_STEP as u64;
 /// A cue is accepted within a second; its sound's end is waited for, and a tone (0.2 s, and what a player takes).
 const WAIT_MAX_S: f64 = 0.7;
-/// Beyond these no word would ever be a cue: one is seen whole in some six steps.
+/// Beyond these no word would ever be a cue: one is seen whole for some 0.4 s.
 const STOP_THRESHOLD_MAX: f64 = 0.95;
-const STOP_WINDOWS_MAX: u32 = 3;
-const DIRECTION_WINDOWS_MAX: u32 = 5;
+const STOP_STEPS_MAX: u32 = 12;
+const DIRECTION_STEPS_MAX: u32 = 20;
 const PERIODICITY_MAX: f64 = 0.9;
 const VOICED_MAX_S: f64 = 0.1;
 const ABOVE_FLOOR_MAX_DB: f64 = 15.0;
+/// A direction follows its attention word within this.
+const ATTENTION_NS: u64 = 2 * messages::NS_PER_S;
 /// Who has to say "stop" again says so within this.
 const REFRACTORY_MAX_S: f64 = 2.0;
+/// Places in [`LABELS`].
 const FORWARD: usize = 0;
-const DIRECTIONS: usize = 3;
 const STOP: usize = 3;
+const GO: usize = 4;
+/// Words that are cues.
+const WORDS: usize = LABELS.len() - 1;
+/// Those that are directions.
+const DIRECTIONS: [usize; 4] = [FORWARD, 1, 2, GO];
 
-/// The cue of a label.
-fn kind(word: usize) -> CueKind {
-    CueKind::from_name(LABELS[word]).unwrap_or(CueKind::Stop)
+/// The cue that a word is, if it is one: *go* means *forward*.
+#[must_use]
+pub fn cue_of(word: &str) -> Option<CueKind> {
+    match word {
+        "go" => Some(CueKind::Forward),
+        word => LABELS[..WORDS].iter().find(|label| **label == word).and_then(|label| CueKind::from_name(label)),
+    }
 }
 
 /// Thresholds and times: they stand beside the head that they were chosen for.
@@ -43,8 +55,8 @@ pub struct Rules {
     pub stop: Stop,
     /// When a direction does.
     pub direction: Direction,
-    /// When *forward* does after a stop.
-    pub forward_after_stop: Stop,
+    /// How sure a word has to be that is to start the robot after a stop.
+    pub start: Starts,
     /// After a cue no further one for so long; *stop* and the directions apart.
     pub refractory: Millis,
     /// When a direction stands alone.
@@ -60,7 +72,7 @@ pub struct Stop {
     /// The least probability.
     pub threshold: Share,
     /// Steps in a row.
-    pub windows: u32,
+    pub steps: u32,
 }
 
 /// The same of the directions.
@@ -70,7 +82,7 @@ pub struct Direction {
     /// The least probability of each.
     pub threshold: Thresholds,
     /// Steps in a row.
-    pub windows: u32,
+    pub steps: u32,
     /// Whether it has to stand alone.
     pub isolated: bool,
 }
@@ -85,6 +97,18 @@ pub struct Thresholds {
     pub left: Share,
     /// Of *right*.
     pub right: Share,
+    /// Of *go*.
+    pub go: Share,
+}
+
+/// The least probability of what starts the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Starts {
+    /// Of *forward*.
+    pub forward: Share,
+    /// Of *go*.
+    pub go: Share,
 }
 
 /// When a direction stands alone; see [`Isolation`].
@@ -159,30 +183,33 @@ impl IsolationRules {
 }
 
 impl Rules {
+    /// The least probability of a word that is a cue, by its place in [`LABELS`], while the robot walks.
+    #[must_use]
+    pub fn least(&self, word: usize) -> f64 {
+        let Thresholds { forward, left, right, go } = self.direction.threshold;
+        [forward, left, right, self.stop.threshold, go].get(word).map_or(1.0, |least| least.get())
+    }
+
     /// Whether they can be followed.
     ///
     /// # Errors
     /// Names the rule that cannot.
     pub(crate) fn check(&self) -> Result<(), String> {
-        let Thresholds { forward, left, right } = self.direction.threshold;
-        if [self.stop.threshold, forward, left, right, self.forward_after_stop.threshold].iter().any(|p| p.get() <= 0.0)
-        {
+        let Thresholds { forward, left, right, go } = self.direction.threshold;
+        let start = self.start;
+        if [self.stop.threshold, forward, left, right, go, start.forward, start.go].iter().any(|p| p.get() <= 0.0) {
             return Err("a threshold of 0: everything would be a cue".to_owned());
         }
-        if self.stop.windows == 0 || self.direction.windows == 0 {
-            return Err("windows = 0: everything would be a cue".to_owned());
+        if self.stop.steps == 0 || self.direction.steps == 0 {
+            return Err("steps = 0: everything would be a cue".to_owned());
         }
         // As good as never, and nobody would be told.
-        if self.stop.threshold.get() > STOP_THRESHOLD_MAX || self.stop.windows > STOP_WINDOWS_MAX {
-            let limits = format!("threshold over {STOP_THRESHOLD_MAX} or windows over {STOP_WINDOWS_MAX}");
+        if self.stop.threshold.get() > STOP_THRESHOLD_MAX || self.stop.steps > STOP_STEPS_MAX {
+            let limits = format!("threshold over {STOP_THRESHOLD_MAX} or steps over {STOP_STEPS_MAX}");
             return Err(format!("stop has a {limits}: none would count"));
         }
-        if self.direction.windows > DIRECTION_WINDOWS_MAX {
-            return Err(format!("direction.windows is over {DIRECTION_WINDOWS_MAX}: no word is as long"));
-        }
-        // It is counted with the others, so another number would do nothing.
-        if self.forward_after_stop.windows != self.direction.windows {
-            return Err("forward_after_stop.windows is not direction.windows".to_owned());
+        if self.direction.steps > DIRECTION_STEPS_MAX {
+            return Err(format!("direction.steps is over {DIRECTION_STEPS_MAX}: no word is as long"));
         }
         let VoiceRules { periodicity, voiced, above_floor_db } = self.voice;
         if periodicity.get() > PERIODICITY_MAX || voiced.s() > VOICED_MAX_S || above_floor_db.get() > ABOVE_FLOOR_MAX_DB
@@ -227,7 +254,7 @@ pub struct CueRules {
     levels: Levels,
     step: u64,
     /// Steps in a row in which a word was probable enough, and the least it was.
-    streaks: [(u32, f32); STOP + 1],
+    streaks: [(u32, f32); WORDS],
     /// Of *stop*, in what sounds while the robot itself speaks.
     stop_aside: (u32, f32),
     waiting: Option<Candidate>,
@@ -235,19 +262,26 @@ pub struct CueRules {
     is_stopped: bool,
     /// The robot was last known to stand.
     stood: bool,
+    /// A direction counts only after *go*, which is none by itself then.
+    wants_go: bool,
+    /// The step at which *go* was last sure.
+    went: Option<u64>,
     /// No further stop, and no further direction, before this step.
     silent_until: (u64, u64),
 }
 
 impl CueRules {
-    /// Nothing was heard yet.
+    /// Nothing was heard yet. Where directions want *go*, they count only within two seconds after it ("go left"), and
+    /// it is no cue by itself.
     #[must_use]
-    pub fn new(rules: Rules) -> Self {
+    pub fn new(rules: Rules, wants_go: bool) -> Self {
         Self {
+            wants_go,
+            went: None,
             levels: Levels::new(rules.isolation.in_frames()),
             rules,
             step: 0,
-            streaks: [(0, 1.0); STOP + 1],
+            streaks: [(0, 1.0); WORDS],
             stop_aside: (0, 1.0),
             waiting: None,
             is_stopped: false,
@@ -274,7 +308,7 @@ impl CueRules {
     /// What was heard and not given yet is over.
     pub fn forget(&mut self) {
         self.waiting = None;
-        self.streaks[..DIRECTIONS].fill((0, 1.0));
+        DIRECTIONS.iter().for_each(|word| self.streaks[*word] = (0, 1.0));
     }
 
     /// A step passes in which no direction is listened for.
@@ -289,7 +323,7 @@ impl CueRules {
         let is_stop = f64::from(p) >= self.rules.stop.threshold.get();
         self.stop_aside = if is_stop { (streak + 1, score.min(p)) } else { (0, 1.0) };
         let (streak, score) = self.stop_aside;
-        if streak >= self.rules.stop.windows { self.stop(self.step, score) } else { None }
+        if streak >= self.rules.stop.steps { self.stop(self.step, score) } else { None }
     }
 
     /// A stop counts, if none did of late.
@@ -310,12 +344,17 @@ impl CueRules {
         self.count(probabilities);
         let refractory = count(self.rules.refractory, STEP_NS) as u64;
         let (streak, score) = self.streaks[STOP];
-        if streak >= self.rules.stop.windows {
+        if streak >= self.rules.stop.steps {
             return self.stop(step, score);
         }
         let is_voice = self.is_voice();
-        for (word, (streak, score)) in self.streaks.iter().copied().enumerate().take(DIRECTIONS) {
-            let is_sure = streak >= self.rules.direction.windows && step >= self.silent_until.1;
+        if self.streaks[GO].0 >= self.rules.direction.steps && is_voice {
+            self.went = Some(step);
+        }
+        for word in DIRECTIONS {
+            let (streak, score) = self.streaks[word];
+            let is_sure =
+                self.may_be(word, step) && streak >= self.rules.direction.steps && step >= self.silent_until.1;
             if is_sure && is_voice && self.waiting.is_none_or(|waiting| waiting.word != word) {
                 self.waiting = Some(Candidate { word, step, score, loud_db: self.levels.loud_db() });
             }
@@ -324,13 +363,20 @@ impl CueRules {
         let after_stop = std::mem::take(&mut self.is_stopped);
         self.waiting = None;
         self.silent_until.1 = step + refractory;
-        Some(Heard { kind: kind(word), score, steps_ago: step - since, after_stop })
+        let kind = cue_of(LABELS[word])?;
+        Some(Heard { kind, score, steps_ago: step - since, after_stop })
+    }
+
+    /// Whether a direction may be given now, as far as its attention word goes.
+    fn may_be(&self, word: usize, step: u64) -> bool {
+        let is_announced = self.went.is_some_and(|went| step - went <= ATTENTION_NS / STEP_NS);
+        !self.wants_go || (word != GO && is_announced)
     }
 
     fn count(&mut self, probabilities: &Probabilities) {
         // The first of equals.
         let best = (0..LABELS.len()).rev().max_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b]));
-        for (word, p) in probabilities.iter().copied().enumerate().take(STOP + 1) {
+        for (word, p) in probabilities.iter().copied().enumerate().take(WORDS) {
             let (streak, least) = self.streaks[word];
             let counts = f64::from(p) >= self.threshold(word) && (word == STOP || best == Some(word));
             let least = if streak > 0 { least.min(p) } else { p };
@@ -346,12 +392,12 @@ impl CueRules {
     }
 
     fn threshold(&self, word: usize) -> f64 {
-        let Thresholds { forward, left, right } = self.rules.direction.threshold;
-        match word {
-            STOP => self.rules.stop.threshold.get(),
-            FORWARD if self.is_stopped => forward.get().max(self.rules.forward_after_stop.threshold.get()),
-            _ => [forward, left, right][word].get(),
-        }
+        let start = match word {
+            FORWARD if self.is_stopped => self.rules.start.forward.get(),
+            GO if self.is_stopped && !self.wants_go => self.rules.start.go.get(),
+            _ => 0.0,
+        };
+        self.rules.least(word).max(start)
     }
 
     /// The direction that waits, where it may be given now; one that never may is dropped.
@@ -375,16 +421,16 @@ impl CueRules {
 mod tests {
     use serde_json::{Value, json};
 
-    use super::{CueRules, FRAMES_A_STEP, Rules, Sound};
+    use super::{CueRules, FRAMES_A_STEP, Heard, Probabilities, Rules, Sound};
     use messages::CueKind;
 
     fn rules() -> Value {
         json!({
-            "stop": { "threshold": 0.6, "windows": 1 },
+            "stop": { "threshold": 0.6, "steps": 2 },
             "direction": {
-                "threshold": { "forward": 0.8, "left": 0.6, "right": 0.6 }, "windows": 2, "isolated": true,
+                "threshold": { "forward": 0.8, "left": 0.6, "right": 0.6, "go": 0.8 }, "steps": 5, "isolated": true,
             },
-            "forward_after_stop": { "threshold": 0.9, "windows": 2 },
+            "start": { "forward": 0.9, "go": 0.95 },
             "refractory": "1s",
             "isolation": {
                 "quiet": "180ms", "segment_max": "1s", "wait_max": "600ms", "reach": "800ms",
@@ -408,13 +454,13 @@ mod tests {
         for (path, value, says) in [
             ("/stop/threshold", json!(0.0), "a threshold of 0"),
             ("/stop/threshold", json!(0.96), "none would count"),
-            ("/stop/windows", json!(4), "none would count"),
-            ("/direction/windows", json!(0), "everything would be a cue"),
-            ("/direction/windows", json!(6), "no word is as long"),
-            ("/forward_after_stop/windows", json!(3), "is not direction.windows"),
+            ("/stop/steps", json!(13), "none would count"),
+            ("/direction/steps", json!(0), "everything would be a cue"),
+            ("/direction/steps", json!(21), "no word is as long"),
+            ("/start/go", json!(0.0), "a threshold of 0"),
             ("/isolation/wait_max", json!("800ms"), "too old to be accepted"),
             ("/isolation/wait_max", json!("180ms"), "no direction would be given"),
-            ("/isolation/segment_max", json!("1100ms"), "over 2480 ms together"),
+            ("/isolation/segment_max", json!("1200ms"), "over 2540 ms together"),
             ("/refractory", json!("1h"), "said again would not count"),
             ("/voice/periodicity", json!(0.95), "no word would be a cue"),
             ("/voice/voiced", json!("200ms"), "no word would be a cue"),
@@ -424,42 +470,83 @@ mod tests {
             assert!(refusal.contains(says), "{path}: {refusal}");
         }
     }
-    const NOTHING: [f32; 5] = [0.0, 0.0, 0.0, 0.0, 1.0];
-    const STOP: [f32; 5] = [0.0, 0.0, 0.0, 1.0, 0.0];
-    const LEFT: [f32; 5] = [0.0, 1.0, 0.0, 0.0, 0.0];
+    const NOTHING: Probabilities = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
+    const STOP: Probabilities = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
+    const LEFT: Probabilities = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
 
     fn listener() -> CueRules {
-        CueRules::new(serde_json::from_value(rules()).expect("rules"))
+        CueRules::new(serde_json::from_value(rules()).expect("rules"), false)
     }
 
     /// Steps that sound so.
-    fn hear(listener: &mut CueRules, steps: usize, probabilities: &[f32; 5], level_db: f64) -> Vec<CueKind> {
+    fn hear(listener: &mut CueRules, steps: usize, probabilities: &Probabilities, level_db: f64) -> Vec<CueKind> {
         let sounds = [Sound { level_db, periodicity: if level_db > -40.0 { 0.9 } else { 0.0 } }; FRAMES_A_STEP];
         (0..steps).filter_map(|_| listener.take(probabilities, &sounds)).map(|heard| heard.kind).collect()
+    }
+
+    /// As much of *stop* as counts, while the robot speaks.
+    fn aside(listener: &mut CueRules) -> Option<Heard> {
+        let _ = listener.take_stop(&NOTHING);
+        listener.take_stop(&STOP).or(listener.take_stop(&STOP))
     }
 
     #[test]
     fn a_stop_is_not_told_twice_but_counts_anew_once_the_robot_walks_or_a_second_has_passed() {
         let mut listener = listener();
-        assert_eq!(hear(&mut listener, 5, &STOP, -10.0), [CueKind::Stop], "once");
+        assert_eq!(hear(&mut listener, 20, &STOP, -10.0), [CueKind::Stop], "once");
         listener.stands(true);
-        assert!(listener.take_stop(&STOP).is_none(), "the robot stands");
+        assert!(aside(&mut listener).is_none(), "the robot stands");
         listener.stands(false);
-        assert!(listener.take_stop(&STOP).is_some(), "somebody has started it again");
-        assert!(listener.take_stop(&STOP).is_none());
+        assert!(aside(&mut listener).is_some(), "somebody has started it again");
+        assert!(aside(&mut listener).is_none());
         // While the robot speaks time passes, too.
-        (0..13).for_each(|_| listener.pass());
-        assert!(listener.take_stop(&STOP).is_some());
+        (0..50).for_each(|_| listener.pass());
+        assert!(aside(&mut listener).is_some());
+    }
+
+    #[test]
+    fn go_means_forward_and_has_to_be_surer_after_a_stop() {
+        let said = |p: f32, is_stopped: bool| {
+            let mut listener = listener();
+            listener.stands(is_stopped);
+            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
+            let _ = hear(&mut listener, 8, &[0.0, 0.0, 0.0, 0.0, p, 1.0 - p], -10.0);
+            hear(&mut listener, 24, &NOTHING, -60.0)
+        };
+        assert_eq!(said(0.9, false), [CueKind::Forward]);
+        assert_eq!(said(0.9, true), []);
+        assert_eq!(said(0.96, true), [CueKind::Forward]);
+    }
+
+    #[test]
+    fn with_an_attention_word_a_direction_counts_only_after_it_and_stop_always() {
+        let said = |go: bool, pause: usize| {
+            let mut listener = CueRules::new(serde_json::from_value(rules()).expect("rules"), true);
+            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
+            let mut heard = Vec::new();
+            if go {
+                heard.extend(hear(&mut listener, 8, &[0.0, 0.0, 0.0, 0.0, 1.0, 0.0], -10.0));
+                heard.extend(hear(&mut listener, pause, &NOTHING, -60.0));
+            }
+            heard.extend(hear(&mut listener, 8, &LEFT, -10.0));
+            heard.extend(hear(&mut listener, 24, &NOTHING, -60.0));
+            heard.extend(hear(&mut listener, 4, &STOP, -10.0));
+            heard
+        };
+        assert_eq!(said(false, 0), [CueKind::Stop]);
+        assert_eq!(said(true, 0), [CueKind::Left, CueKind::Stop], "in one breath");
+        assert_eq!(said(true, 50), [CueKind::Left, CueKind::Stop], "a second later");
+        assert_eq!(said(true, 120), [CueKind::Stop], "too late");
     }
 
     #[test]
     fn a_direction_that_waits_is_forgotten_when_the_robot_speaks_or_another_cue_is_given() {
         let given = |meanwhile: &dyn Fn(&mut CueRules)| {
             let mut listener = listener();
-            let _ = hear(&mut listener, 20, &NOTHING, -60.0);
-            assert_eq!(hear(&mut listener, 4, &LEFT, -10.0), [], "its sound has not ended");
+            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
+            assert_eq!(hear(&mut listener, 16, &LEFT, -10.0), [], "its sound has not ended");
             meanwhile(&mut listener);
-            hear(&mut listener, 6, &NOTHING, -60.0)
+            hear(&mut listener, 24, &NOTHING, -60.0)
         };
         assert_eq!(given(&|_| {}), [CueKind::Left]);
         assert_eq!(given(&CueRules::forget), []);

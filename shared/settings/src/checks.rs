@@ -2,13 +2,15 @@
 
 mod lidar;
 
+use std::path::Path;
+
 use messages::ServiceId;
 use messages::topic::{AgeLimit, TOPICS};
 
 use crate::devices::{DeviceRow, either};
 use crate::recorded::CueOrigin;
 use crate::sections::{
-    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow,
+    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EVDEV_KEYS, EstopSource, LidarDevice, LinkKind, LinkRow,
     OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
 };
 use crate::units::Millis;
@@ -69,6 +71,9 @@ fn check_voice(cue: &CueSettings) -> Result<(), String> {
     if voice.source == VoiceSource::Microphone && voice.microphone.is_empty() {
         return Err("cue.voice.microphone is empty: `arecord -L` lists the names".to_owned());
     }
+    if let Some(talk) = voice.talk.as_ref().filter(|talk| talk.key >= EVDEV_KEYS) {
+        return Err(format!("cue.voice.talk.key = {} is not under {EVDEV_KEYS}: no key has such a number", talk.key));
+    }
     if voice.source != VoiceSource::Absent && cue.source == CueOrigin::Replayed {
         return Err("cue.voice.source is not \"absent\", and cue.source = \"replayed\"".to_owned());
     }
@@ -82,12 +87,33 @@ fn check_voice(cue: &CueSettings) -> Result<(), String> {
 /// Where nobody would.
 pub fn check_tone(settings: &Settings) -> Result<(), String> {
     let voice = &settings.cue.voice;
-    if voice.source != VoiceSource::Absent && voice.tone && !settings.speak.on {
-        return Err("cue.voice.tone: the tone before a spoken cue starts the robot needs speak.on = true, or \
-                    cue.voice.tone = false: then it starts without one"
+    if voice.source != VoiceSource::Absent && voice.tone && !voice.repeat && !settings.speak.on {
+        return Err("cue.voice.tone: the tone before a spoken cue starts the robot needs speak.on = true; or write \
+                    cue.voice.repeat = true (the word is said twice), or cue.voice.tone = false (at once)"
             .to_owned());
     }
     Ok(())
+}
+
+/// Why no spoken cue would start a robot that stands by a stop, if so: its tone has no player on this machine.
+#[must_use]
+pub fn no_start_by_voice(settings: &Settings) -> Option<String> {
+    let (voice, speak) = (&settings.cue.voice, &settings.speak);
+    if voice.source == VoiceSource::Absent || !voice.tone || voice.repeat {
+        return None;
+    }
+    let player = speak.tone_command()?.first()?;
+    let is_there = match player.contains('/') {
+        true => Path::new(player).is_file(),
+        false => std::env::var_os("PATH")
+            .is_some_and(|paths| std::env::split_paths(&paths).any(|folder| folder.join(player).is_file())),
+    };
+    (!is_there).then(|| {
+        format!(
+            "no spoken cue will start the robot: its tone needs {player}, which is missing (apt: alsa-utils, or \
+             [speak] player); with cue.voice.repeat = true the word is said twice in its place"
+        )
+    })
 }
 
 /// A real robot walks by a response that was measured on it. A configuration alone may leave that open: `--emulated`

@@ -13,7 +13,7 @@ mod recorded;
 mod sections;
 mod units;
 
-pub use checks::{check, check_floor, check_origin, check_tone};
+pub use checks::{check, check_floor, check_origin, check_tone, no_start_by_voice};
 pub use devices::{DeviceRow, Reach, either};
 pub use emulated::{EmulatedPlaces, LinkEmulation, Place};
 pub use layers::{Profile, SettingsError, load, load_over, load_resolved};

@@ -29,7 +29,7 @@ use crate::planned::Planned;
 use crate::recorded::{RecordSettings, Replay};
 use crate::units::{Millis, Positive, Share};
 
-pub use cue::{CueSettings, VoiceSettings, VoiceSource};
+pub use cue::{Attention, CueSettings, TalkKey, VoiceSettings, VoiceSource};
 pub use depth::*;
 pub use estop::*;
 pub use lidar::*;

@@ -1,4 +1,3 @@
-import os
 import sys
 from pathlib import Path
 
@@ -6,14 +5,16 @@ import pytest
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
+import evaluate  # noqa: E402
 import features  # noqa: E402
+from ship import FOLDS_PATH, SHIPPED  # noqa: E402
 
 
 @pytest.fixture(scope="session")
-def embedding() -> features.Embedding:
-    if not features.EMBEDDING_PATH.exists():
-        message = f"{features.EMBEDDING_PATH} is missing: run scripts/cue-embedding"
-        if os.environ.get("CI") == "true":
-            pytest.fail(message)
-        pytest.skip(message)
-    return features.Embedding()
+def shipped() -> evaluate.Network:
+    return evaluate.read(FOLDS_PATH / f"fold-{SHIPPED}.npz")
+
+
+@pytest.fixture(scope="session")
+def embedding(shipped: evaluate.Network) -> features.Embedding:
+    return features.Embedding(shipped.embedding)

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from golden import cases
-from rules import Recogniser, Rules
+from rules import FRAMES, Recogniser, Rules
 
 EXPECTED = {
     "a lone direction, reported once it is quiet": ["left"],
-    "one window is none": [],
+    "80 ms are none": [],
     "a direction in running speech is dropped": [],
     "a direction at the end of running speech is dropped": [],
     "a direction that is never followed by quiet is dropped": [],
@@ -36,13 +36,15 @@ def test_the_floor_falls_fast_and_rises_slowly() -> None:
     assert recogniser.floor == pytest.approx(-60 + 100 * Rules().floor_rise_db, abs=0.1)
 
 
+LEFT, NOTHING = np.array([0, 0.9, 0, 0, 0, 0.1]), np.array([0, 0, 0, 0, 0, 1.0])
+
+
 def candidate(levels: list[float]) -> Recogniser:
-    """A recogniser that heard levels, whole steps of them, and in the last two steps a "left"."""
+    """A recogniser that heard levels, whole steps of them, and in the last five steps a "left"."""
     recogniser = Recogniser()
-    left, other = np.array([0, 0.9, 0, 0, 0.1]), np.array([0, 0, 0, 0, 1.0])
-    rows, voiced = np.array(levels).reshape(-1, 8), np.full(8, 0.9)
+    rows, voiced = np.array(levels).reshape(-1, FRAMES), np.full(FRAMES, 0.9)
     recogniser.found = [
-        f for i, row in enumerate(rows) for f in recogniser.hear(left if i >= len(rows) - 2 else other, row, voiced)
+        f for i, row in enumerate(rows) for f in recogniser.hear(LEFT if i >= len(rows) - 5 else NOTHING, row, voiced)
     ]
     return recogniser
 
@@ -51,7 +53,7 @@ def test_a_candidate_waits_for_quiet_and_not_longer() -> None:
     quiet = round(Rules().quiet_s * 100)
     recogniser = candidate([-60.0] * 80 + [-20.0] * (40 - quiet + 1) + [-60.0] * (quiet - 1))
     assert recogniser.found == [] and recogniser.waiting is not None
-    assert [f.cue for f in recogniser.hear(np.array([0, 0, 0, 0, 1.0]), np.full(8, -60.0), np.zeros(8))] == ["left"]
+    assert [f.cue for f in recogniser.hear(NOTHING, np.full(FRAMES, -60.0), np.zeros(FRAMES))] == ["left"]
     assert [f.cue for f in candidate([-60.0] * 80 + [-20.0] * (40 - quiet) + [-60.0] * quiet).found] == ["left"]
 
 

@@ -1,36 +1,44 @@
-"""The network in torch is the one that the robot hears with, before it is changed."""
+"""The network in torch, and how its training data is drawn."""
 
 import numpy as np
 import pytest
 
 import features
 from golden import lcg
+from synthesise import BUILD
 
 torch = pytest.importorskip("torch")
 
 import tune  # noqa: E402
 
 
-def test_it_begins_as_the_embedding(embedding: features.Embedding) -> None:
-    mel = (3 * lcg(tune.SEEN * features.BANDS)).reshape(tune.SEEN, features.BANDS).astype(np.float32)
+@pytest.mark.skipif(not tune.GOOGLES.exists(), reason=f"{BUILD}/google is missing: ./setup")
+def test_it_begins_as_googles_embedding() -> None:
+    import onnxruntime
+
+    begun = tune.Trunk().eval()
+    begun.begin_as(tune.GOOGLES)
+    mel = (3 * lcg(features.FRAMES * features.BANDS)).reshape(1, features.FRAMES, features.BANDS, 1).astype(np.float32)
+    session = onnxruntime.InferenceSession(str(tune.GOOGLES), providers=["CPUExecutionProvider"])
+    theirs = session.run(None, {session.get_inputs()[0].name: mel})[0].ravel()
     with torch.no_grad():
-        found = tune.Trunk().eval()(torch.from_numpy(mel)[None, None])[0].numpy()
-    assert np.abs(found - embedding.of_mel(mel)).max() < 1e-3
+        ours = begun(torch.from_numpy(mel).reshape(1, 1, features.FRAMES, features.BANDS)).numpy().ravel()
+    assert np.abs(ours - theirs).max() < 1e-3
 
 
-def test_a_saved_network_hears_as_before(tmp_path, embedding: features.Embedding) -> None:
+def test_a_saved_network_hears_as_before(tmp_path) -> None:
     torch.manual_seed(0)
     ears = tune.Ears().eval()
-    mel = lcg(200 * features.BANDS).reshape(200, features.BANDS).astype(np.float32)
-    before = tune.heard(ears, mel)
+    mel = torch.from_numpy(lcg(tune.SEEN * features.BANDS).reshape(1, 1, tune.SEEN, features.BANDS).astype(np.float32))
     tune.save(tmp_path / "fold-0.npz", ears)
-    after = tune.heard(tune.load(tmp_path / "fold-0.npz"), mel)
-    assert before.shape == (9, 7) and np.abs(before - after).max() < 2e-3
+    with torch.no_grad():
+        before, after = ears(mel), tune.load(tmp_path / "fold-0.npz")(mel)
+    assert before.shape == (1, 6) and (before - after).abs().max() < 2e-2
 
 
-def test_alarms_are_counted_once_while_they_last() -> None:
-    sure = np.zeros((60, 7))
-    sure[[5, 6, 7, 30, 50, 51], 6] = 0.9
-    assert tune.alarms(sure, 6, 1, 0.5) == 3
-    assert tune.alarms(sure, 6, 2, 0.5) == 2
-    assert tune.surest(sure, 6, 2) == 0.9 and tune.surest(sure, 6, 4) == 0.0
+def test_what_is_wrong_is_drawn_more_often_and_cues_as_often_as_before() -> None:
+    labels = torch.tensor([0, 0, tune.OTHER, tune.OTHER])
+    base = torch.tensor([0.3, 0.3, 0.2, 0.2], dtype=torch.float64)
+    drawn = tune.boosted(torch.tensor([1.0, 0.0, 0.5, 0.0]), labels, base)
+    assert float(drawn[0] / drawn[1]) == pytest.approx(9) and float(drawn[2] / drawn[3]) == pytest.approx(5)
+    assert float(drawn[:2].sum()) == pytest.approx(0.6)

@@ -10,7 +10,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 use realfft::RealFftPlanner;
 
-use super::files;
+use super::decode;
 use crate::args::cues::ConditionName;
 use crate::exit::Failure;
 
@@ -60,7 +60,7 @@ impl Noises {
     /// Where one cannot be read.
     pub fn read(paths: &[PathBuf]) -> Result<Self, Failure> {
         let read = |path: &PathBuf| {
-            let noise = files::read(path)?;
+            let noise = decode::read(path)?;
             if mean_square(&noise) < POWER_MIN {
                 return Err(Failure::input(format!("{}: there is no noise in it", path.display())));
             }

@@ -1,27 +1,34 @@
-//! `guidedog cue enrol`: a handler says each cue five times, and the recogniser is fitted to that voice.
+//! `guidedog cue enrol`: a handler says each cue five times, and five other words twice, and the recogniser is fitted
+//! to that voice, if more is won by that than lost.
 
 mod folder;
 mod recording;
 
+use std::cmp::Ordering;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use enrolment::{Clip, Enrolled, HeadFile, Rehearsal};
+use enrolment::{Change, Clip, Enrolled, HeadFile, Rehearsal};
 use hearing::{Head, ModelFiles, Recogniser, digest};
 use messages::CueKind;
 use serde_json::{Value, json};
 
-use super::{files, model_files};
+use super::{decode, model_files};
 use crate::args::cues::EnrolArgs;
 use crate::exit::Failure;
 use crate::out::{self, say};
 use crate::prepare;
 use folder::{Folder, Origin};
 
-/// The cues, in the order in which they are asked for.
-const CUES: [CueKind; 4] = [CueKind::Forward, CueKind::Left, CueKind::Right, CueKind::Stop];
+/// Words that are cues, in the order in which they are asked for.
+const CUES: [&str; 5] = ["forward", "left", "right", "stop", "go"];
+/// Other words that are asked for: what is most easily taken for a cue.
+const OTHERS: [&str; 5] = ["start", "lift", "write", "follow", "no"];
 /// Clips of each cue that are asked for; fewer than the least are too few to train with, more than the most no better.
 const TAKES: usize = 5;
+/// Clips of each other word that are asked for.
+const TAKES_OF_OTHERS: usize = 2;
 const TAKES_LEAST: usize = 3;
 const TAKES_MOST: usize = 20;
 /// Other work comes first.
@@ -48,7 +55,7 @@ pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
     folder.begin(if args.from.is_some() { Origin::Copied } else { Origin::Spoken })?;
     let summary = collect(args, &folder).and_then(|clips| train(&folder, &model, &head, &rehearsal, &clips));
     let summary = summary.inspect_err(|_| folder.give_up(args.from.is_none()))?;
-    report(&summary, as_json, || told(&folder, &summary))
+    report(&summary, as_json, || told(&folder))
 }
 
 fn undo(folder: &Folder, as_json: bool) -> Result<(), Failure> {
@@ -83,41 +90,74 @@ fn train(
     let begun = Instant::now();
     let enrolled = enrolment::enrol(model, rehearsal, clips, SEED).map_err(Failure::of_run)?;
     plausible(&enrolled, clips)?;
+    if enrolled.gain() < 0.0 {
+        let changed = told_of(&enrolled);
+        return Err(Failure::not_reached(format!("{changed}\nMore is lost than won: nothing was changed")));
+    }
     folder.put(&enrolled.head.bytes, &manifest(&model.manifest, &enrolled, clips)?)?;
     Recogniser::load(&ModelFiles { manifest: folder.new_manifest(), ..model.clone() }).map_err(Failure::of_run)?;
     folder.keep_before(before, &model.manifest)?;
     folder.put_in_force()?;
+    say(told_of(&enrolled));
     Ok(json!({
         "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": clips.len(),
-        "heard_right": { "before": enrolled.before, "held_out": enrolled.held_out, "of": clips.len() },
+        "own": { "cues_heard": change(enrolled.own.cues), "others_taken": change(enrolled.own.others) },
+        "other_voices": {
+            "cues_heard": change(enrolled.rehearsed.cues), "others_taken": change(enrolled.rehearsed.others),
+        },
         "seconds": begun.elapsed().as_secs_f64(),
     }))
+}
+
+fn change(change: Change) -> Value {
+    json!({ "before": change.before, "after": change.after, "of": change.of })
+}
+
+/// What got better and what worse, in lines.
+fn told_of(enrolled: &Enrolled) -> String {
+    let (own, rehearsed) = (enrolled.own, enrolled.rehearsed);
+    [
+        ("your cues that are heard right", own.cues, true),
+        ("your other words that are taken for cues", own.others, false),
+        ("other voices' cues that are heard right", rehearsed.cues, true),
+        ("other voices' other words that are taken for cues", rehearsed.others, false),
+    ]
+    .into_iter()
+    .filter(|(_, change, _)| change.of > 0)
+    .map(|(name, change, more_is_better)| {
+        let verdict = match (change.after.cmp(&change.before), more_is_better) {
+            (Ordering::Equal, _) => "as before",
+            (Ordering::Greater, true) | (Ordering::Less, false) => "better",
+            _ => "worse",
+        };
+        let Change { before, after, of } = change;
+        format!("  {name:<52}{before:>5} of {of} before, {after:>5} now: {verdict}")
+    })
+    .collect::<Vec<String>>()
+    .join("\n")
 }
 
 /// Clips that a head does not learn are none of these words; and whoever lets "stop" be learnt as another word, or
 /// another word as "stop", has mixed up the folders.
 fn plausible(enrolled: &Enrolled, clips: &[Clip]) -> Result<(), Failure> {
-    let (of, heard) = (clips.len(), enrolled.held_out);
-    if heard * 2 < of {
+    let Change { after, of, .. } = enrolled.own.cues;
+    if after * 2 < of {
         return Err(Failure::input(format!(
-            "of {of} clips {heard} alone are heard right after training: these are not the words; nothing was changed"
+            "of {of} cues {after} alone are heard right after training: these are not the words; nothing was changed"
         )));
     }
     for cue in CUES {
-        let said: Vec<Option<CueKind>> = clips
-            .iter()
-            .zip(&enrolled.heard_before)
-            .filter(|(clip, _)| clip.cue == cue)
-            .map(|(_, heard)| *heard)
-            .collect();
-        let is_confused = |other: &&CueKind| {
-            let times = said.iter().filter(|heard| **heard == Some(**other)).count();
-            **other != cue && (cue == CueKind::Stop || **other == CueKind::Stop) && times * 2 > said.len()
+        let of_cue = clips.iter().zip(&enrolled.heard_before).filter(|(clip, _)| clip.word == cue);
+        let said: Vec<Option<CueKind>> = of_cue.map(|(_, heard)| *heard).collect();
+        let meant = hearing::cue_of(cue);
+        let is_confused = |other: &CueKind| {
+            let times = said.iter().filter(|heard| **heard == Some(*other)).count();
+            let of_stop = meant == Some(CueKind::Stop) || *other == CueKind::Stop;
+            meant != Some(*other) && of_stop && times * 2 > said.len()
         };
-        if let Some(other) = CUES.iter().find(is_confused) {
+        if let Some(other) = CUES.iter().filter_map(|other| hearing::cue_of(other)).find(is_confused) {
             return Err(Failure::input(format!(
-                "most clips of \"{}\" were heard as \"{}\" before: are they mixed up? Nothing was changed",
-                cue.name(),
+                "most clips of \"{cue}\" were heard as \"{}\" before: are they mixed up? Nothing was changed",
                 other.name()
             )));
         }
@@ -138,38 +178,27 @@ fn report(summary: &Value, as_json: bool, told: impl Fn() -> String) -> Result<(
     Ok(())
 }
 
-fn told(folder: &Folder, summary: &Value) -> String {
-    let count = |key: &str| out::count(summary, &format!("/heard_right/{key}"));
-    let (before, held_out, of) = (count("before"), count("held_out"), count("of"));
-    let verdict = if held_out < before {
-        "\nThat is no gain: --undo takes it back, and quieter surroundings may help."
-    } else {
-        ""
-    };
+fn told(folder: &Folder) -> String {
     format!(
-        "{before} of {of} clips were heard right before; now {held_out} of {of}, each by a head that it did not train.\
-         {verdict}\n\
-         The recogniser hears this voice, from the next run on, where the configuration says:\n\n\
+        "The recogniser hears this voice, from the next run on, where the configuration says:\n\n\
          [cue.voice]\nmodel = \"{}\"\n",
         folder.manifest().display()
     )
 }
 
-/// All clips in a folder of folders, each named by its cue.
+/// All clips in a folder of folders, each named by its word.
 fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
     let mut clips = Vec::new();
-    for cue in CUES {
-        let paths = folder::clips_of(folder, cue)?;
-        if paths.is_empty() {
-            say(format!("{}: no clips, so it is heard as before", cue.name()));
-        }
-        for (take, path) in paths.iter().enumerate() {
-            clips.push(Clip { cue, take, samples: files::read(path)? });
+    for word in folder::words_of(folder)? {
+        for (take, path) in folder::clips_of(folder, &word)?.iter().enumerate() {
+            clips.push(Clip { word: word.clone(), take, samples: decode::read(path)? });
         }
     }
-    if clips.is_empty() {
-        let names = CUES.map(CueKind::name).join(", ");
-        return Err(Failure::input(format!("{}: no WAV or FLAC file in {names}", folder.display())));
+    for cue in CUES.iter().filter(|cue| !clips.iter().any(|clip| clip.word == **cue)) {
+        say(format!("{cue}: no clips, so it is heard as before"));
+    }
+    if clips.iter().all(|clip| clip.cue().is_some()) {
+        say("no other words, so nobody knows whether more of them are taken for cues");
     }
     Ok(clips)
 }
@@ -179,13 +208,14 @@ fn manifest(base: &Path, enrolled: &Enrolled, clips: &[Clip]) -> Result<String, 
     let bytes = hearing::read(base).map_err(Failure::of_input)?;
     let text = String::from_utf8_lossy(&bytes);
     let mut manifest: toml::Table = toml::from_str(&text).map_err(Failure::of_input)?;
-    let count = |cue: CueKind| clips.iter().filter(|clip| clip.cue == cue).count();
-    let counts: toml::Table = CUES.iter().map(|cue| (cue.name().to_owned(), (count(*cue) as i64).into())).collect();
+    let mut counts: BTreeMap<&str, i64> = BTreeMap::new();
+    clips.iter().for_each(|clip| *counts.entry(&clip.word).or_default() += 1);
+    let counts: toml::Table = counts.into_iter().map(|(word, count)| (word.to_owned(), count.into())).collect();
     let made = [
         ("base_sha256".to_owned(), manifest["sha256"].clone()),
         ("clips".to_owned(), counts.into()),
-        ("heard_right_before".to_owned(), (enrolled.before as i64).into()),
-        ("heard_right_held_out".to_owned(), (enrolled.held_out as i64).into()),
+        ("heard_right_before".to_owned(), (enrolled.own.cues.before as i64).into()),
+        ("heard_right_held_out".to_owned(), (enrolled.own.cues.after as i64).into()),
     ];
     manifest.insert("sha256".to_owned(), digest(&enrolled.head.bytes).into());
     manifest.remove("rehearsal_sha256");

@@ -20,10 +20,10 @@ const SILENCES_S: f64 = 2.0 * SILENCE as f64 / RATE_HZ as f64;
 /// What was counted under one condition.
 #[derive(Debug, Default)]
 pub struct Counts {
-    /// By cue: whether it was the first that was heard.
-    recall: BTreeMap<&'static str, Vec<bool>>,
-    /// Of *forward*, where the robot stands by a stop and it has to be surer.
-    from_standing: Vec<bool>,
+    /// By word that is a cue: whether that was the first that was heard.
+    recall: BTreeMap<String, Vec<bool>>,
+    /// Of words that start the robot, where it stands by a stop and they have to be surer.
+    from_standing: BTreeMap<String, Vec<bool>>,
     /// By other word: whether anything was heard.
     false_accepts: BTreeMap<String, Vec<bool>>,
     /// By what was said: what was heard in its place, and how often.
@@ -50,17 +50,19 @@ impl Counts {
     fn take(&mut self, outcome: &Outcome) {
         self.length_s += outcome.length_s;
         self.taken_s += outcome.taken_s;
-        let said = match &outcome.what {
-            What::Cue(cue) => {
-                let first = outcome.heard.first().filter(|(kind, _)| kind == cue);
-                self.recall.entry(cue.name()).or_default().push(first.is_some());
+        let (said, meant) = match &outcome.what {
+            What::Cue(word, cue) => {
+                let first = outcome.heard.first().filter(|_| outcome.is_right());
+                self.recall.entry(word.clone()).or_default().push(outcome.is_right());
                 self.latencies_s.extend(first.map(|(_, latency_s)| latency_s));
-                self.from_standing.extend(outcome.from_standing);
-                cue.name()
+                if let Some(starts) = outcome.from_standing {
+                    self.from_standing.entry(word.clone()).or_default().push(starts);
+                }
+                (word, Some(*cue))
             }
             What::Other(word) => {
-                self.false_accepts.entry(word.clone()).or_default().push(!outcome.heard.is_empty());
-                word
+                self.false_accepts.entry(word.clone()).or_default().push(!outcome.is_right());
+                (word, None)
             }
             What::Stream => {
                 self.stream_hours += (outcome.length_s - SILENCES_S) / 3600.0;
@@ -70,22 +72,19 @@ impl Counts {
                 return;
             }
         };
-        for (kind, _) in outcome.heard.iter().filter(|(kind, _)| kind.name() != said) {
-            *self.confusions.entry(said.to_owned()).or_default().entry(kind.name()).or_default() += 1;
+        for (kind, _) in outcome.heard.iter().filter(|(kind, _)| Some(*kind) != meant) {
+            *self.confusions.entry(said.clone()).or_default().entry(kind.name()).or_default() += 1;
         }
     }
 
     /// As one object.
     pub fn report(&self) -> Value {
-        let rates = |counts: &[(&str, &Vec<bool>)]| -> Value {
+        let rates = |counts: &BTreeMap<String, Vec<bool>>| -> Value {
             let mut rates: serde_json::Map<String, Value> =
-                counts.iter().map(|(word, hits)| ((*word).to_owned(), ratio(hits.iter().copied()))).collect();
-            rates.insert("all".to_owned(), ratio(counts.iter().flat_map(|(_, hits)| hits.iter().copied())));
+                counts.iter().map(|(word, hits)| (word.clone(), ratio(hits.iter().copied()))).collect();
+            rates.insert("all".to_owned(), ratio(counts.values().flatten().copied()));
             Value::Object(rates)
         };
-        let recall: Vec<(&str, &Vec<bool>)> = self.recall.iter().map(|(word, hits)| (*word, hits)).collect();
-        let others: Vec<(&str, &Vec<bool>)> =
-            self.false_accepts.iter().map(|(word, hits)| (word.as_str(), hits)).collect();
         let alarms = |wanted: &dyn Fn(CueKind) -> bool| {
             let count = CUES.into_iter().filter(|kind| wanted(*kind)).filter_map(|kind| self.alarms.get(kind.name()));
             an_hour(count.sum(), self.stream_hours)
@@ -98,11 +97,11 @@ impl Counts {
             self.latencies_s.get(((self.latencies_s.len() as f64 * share) as usize).min(last))
         };
         json!({
-            "recall": rates(&recall),
-            "recall_from_standing": { "forward": ratio(self.from_standing.iter().copied()) },
-            "false_accepts": rates(&others),
+            "recall": rates(&self.recall),
+            "recall_from_standing": rates(&self.from_standing),
+            "false_accepts": rates(&self.false_accepts),
             "confusions": self.confusions,
-            "false_alarms_an_hour": alarms_an_hour,
+            "alarms_per_hour": alarms_an_hour,
             "latency_s": { "p50": at(0.5), "p95": at(0.95), "n": self.latencies_s.len() },
             "cpu_share": self.taken_s / self.length_s.max(1e-9),
             "audio_s": self.length_s,
@@ -118,13 +117,16 @@ pub fn text(report: &Value) -> String {
         let n = if value["n"].is_u64() { format!("n = {}", of("/n")) } else { format!("{:.2} h", of("/hours")) };
         format!("  {name:<24}{:>8.digits$}  [{:.digits$}, {:.digits$}]  {n}", of("/mean"), of("/lo"), of("/hi"))
     };
+    for left_out in report["left_out"].as_array().into_iter().flatten() {
+        lines.push(format!("left out: {}", left_out["why"].as_str().unwrap_or_default()));
+    }
     for (condition, counts) in report["conditions"].as_object().into_iter().flatten() {
         lines.push(condition.clone());
         for (title, key, digits) in [
             ("", "recall", 3),
             ("from standing ", "recall_from_standing", 3),
             ("false accepts of ", "false_accepts", 3),
-            ("false alarms/h ", "false_alarms_an_hour", 1),
+            ("false alarms/h ", "alarms_per_hour", 1),
         ] {
             for (word, value) in counts[key].as_object().into_iter().flatten().filter(|(_, value)| value.is_object()) {
                 let is_worth_a_line = key != "false_accepts" || word == "all" || number(value, "/mean") > 0.0;
@@ -132,6 +134,9 @@ pub fn text(report: &Value) -> String {
                     lines.push(rate(&format!("{title}{word}"), value, digits));
                 }
             }
+        }
+        for (word, value) in counts["against"]["right"].as_object().into_iter().flatten() {
+            lines.push(rate(&format!("against it, {word}"), value, 3));
         }
         let of = |key| number(counts, key);
         let latency = counts["latency_s"]["n"].as_u64() > Some(0);

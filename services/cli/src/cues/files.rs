@@ -1,23 +1,20 @@
 //! The files that are evaluated, and what is said in them.
 
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::Read;
 use std::os::unix::fs::FileTypeExt;
 use std::path::{Path, PathBuf};
 
 use hearing::{PcmStream, RATE_HZ};
 use messages::CueKind;
 
+use super::decode;
 use crate::exit::Failure;
 
 /// A file of over this is a stream, seconds.
 const WORD_MAX_S: f64 = 5.0;
-/// No file is longer: three hours, in samples and in bytes of a WAV.
-const SAMPLES_MAX: usize = 3 * 3600 * RATE_HZ as usize;
-const BYTES_MAX: u64 = 2 * SAMPLES_MAX as u64 + (1 << 20);
 /// What stands before a file's samples is no longer, bytes.
 const HEAD_BYTES: u64 = 4 << 20;
-const TOO_LONG: &str = "it is longer than three hours";
 /// Folders within folders, and files, are no more: a link that leads back has no end.
 const DEPTH_MAX: usize = 12;
 const FILES_MAX: usize = 200_000;
@@ -27,12 +24,30 @@ const STREAMS: [&str; 2] = ["noise", "silence"];
 /// What is said in a file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum What {
-    /// A cue.
-    Cue(CueKind),
+    /// A word that is a cue: forward, left, right, stop; go.
+    Cue(String, CueKind),
     /// One other word.
     Other(String),
     /// Something long, without a cue.
     Stream,
+}
+
+impl What {
+    /// The word, where there is one.
+    pub fn word(&self) -> Option<&str> {
+        match self {
+            Self::Cue(word, _) | Self::Other(word) => Some(word),
+            Self::Stream => None,
+        }
+    }
+
+    /// The cue that it is.
+    pub fn cue(&self) -> Option<CueKind> {
+        match self {
+            Self::Cue(_, cue) => Some(*cue),
+            Self::Other(_) | Self::Stream => None,
+        }
+    }
 }
 
 /// A file.
@@ -44,24 +59,40 @@ pub struct Recorded {
     pub what: What,
 }
 
-/// All files of these folders, lists and files, in the order of their names.
-pub fn find(places: &[PathBuf]) -> Result<Vec<Recorded>, Failure> {
-    let mut found = Vec::new();
+/// What there is to be heard.
+#[derive(Debug, Clone, Default)]
+pub struct Found {
+    /// The files that can be, in the order of their names.
+    pub recorded: Vec<Recorded>,
+    /// Files of folders that cannot be, and why.
+    pub left_out: Vec<(PathBuf, String)>,
+}
+
+/// All files of these folders, lists and files. One in a folder that cannot be heard is left out.
+///
+/// # Errors
+/// Where one that is named cannot be heard, or there is none that can.
+pub fn find(places: &[PathBuf]) -> Result<Found, Failure> {
+    let mut found = Found::default();
     for place in places {
         let kind = place.metadata().map_err(|error| Failure::input(format!("{}: {error}", place.display())))?;
         if kind.is_dir() {
             of_folder(place, DEPTH_MAX, &mut found)?;
         } else if is_sound(place) {
-            found.push(of_file(place)?);
+            found.recorded.push(of_file(place)?);
         } else {
-            of_list(place, &mut found)?;
+            of_list(place, &mut found.recorded)?;
         }
     }
-    if found.is_empty() {
-        let places: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
-        return Err(Failure::input(format!("{}: no WAV or FLAC file is there", places.join(", "))));
+    match (found.recorded.is_empty(), found.left_out.first()) {
+        (false, _) => Ok(found),
+        // The first says what the others may lack, too.
+        (true, Some((_, why))) => Err(Failure::input(why.clone())),
+        (true, None) => {
+            let places: Vec<String> = places.iter().map(|place| place.display().to_string()).collect();
+            Err(Failure::input(format!("{}: no WAV or FLAC file is there", places.join(", "))))
+        }
     }
-    Ok(found)
 }
 
 /// Whether it is called like a WAV or FLAC file.
@@ -70,8 +101,8 @@ pub fn is_sound(path: &Path) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case("wav") || extension.eq_ignore_ascii_case("flac"))
 }
 
-fn of_folder(folder: &Path, depth: usize, found: &mut Vec<Recorded>) -> Result<(), Failure> {
-    if depth == 0 || found.len() > FILES_MAX {
+fn of_folder(folder: &Path, depth: usize, found: &mut Found) -> Result<(), Failure> {
+    if depth == 0 || found.recorded.len() > FILES_MAX {
         let why = format!("over {DEPTH_MAX} folders deep, or over {FILES_MAX} files: does a link lead back?");
         return Err(Failure::input(format!("{}: {why}", folder.display())));
     }
@@ -83,7 +114,10 @@ fn of_folder(folder: &Path, depth: usize, found: &mut Vec<Recorded>) -> Result<(
         if path.is_dir() {
             of_folder(&path, depth - 1, found)?;
         } else if is_sound(&path) {
-            found.push(of_file(&path)?);
+            match of_file(&path) {
+                Ok(recorded) => found.recorded.push(recorded),
+                Err(failure) => found.left_out.push((path, failure.message)),
+            }
         }
     }
     Ok(())
@@ -92,14 +126,17 @@ fn of_folder(folder: &Path, depth: usize, found: &mut Vec<Recorded>) -> Result<(
 /// A file is what its folder is called, if it is no longer than a word.
 fn of_file(path: &Path) -> Result<Recorded, Failure> {
     let folder = path.parent().and_then(Path::file_name).unwrap_or_default().to_string_lossy().to_lowercase();
-    let is_long = read(path)?.len() as f64 > WORD_MAX_S * f64::from(RATE_HZ);
+    let is_long = decode::read(path)?.len() as f64 > WORD_MAX_S * f64::from(RATE_HZ);
     let is_stream = is_long || STREAMS.iter().any(|name| folder.starts_with(name));
     let what = if is_stream { What::Stream } else { of_word(&folder) };
     Ok(Recorded { path: path.to_owned(), what })
 }
 
 fn of_word(word: &str) -> What {
-    CueKind::from_name(word).map_or_else(|| What::Other(word.to_owned()), What::Cue)
+    match hearing::cue_of(word) {
+        Some(cue) => What::Cue(word.to_owned(), cue),
+        None => What::Other(word.to_owned()),
+    }
 }
 
 fn of_list(list: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
@@ -140,28 +177,8 @@ fn of_list(list: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
 impl Recorded {
     /// Its samples, in [-1, 1].
     pub fn read(&self) -> Result<Vec<f32>, Failure> {
-        read(&self.path)
+        decode::read(&self.path)
     }
-}
-
-/// The samples of a file.
-pub fn read(path: &Path) -> Result<Vec<f32>, Failure> {
-    let wrong = |what: String| Failure::input(format!("{}: {what}", path.display()));
-    // Before it is opened: opening a pipe would wait for its writer, and a device has no end.
-    if !path.metadata().map_err(|error| wrong(error.to_string()))?.is_file() {
-        return Err(wrong("it is not a file".to_owned()));
-    }
-    let file = File::open(path).map_err(|error| wrong(error.to_string()))?;
-    if path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("flac")) {
-        return flac(BufReader::new(file)).map_err(wrong);
-    }
-    let mut bytes = Vec::new();
-    file.take(BYTES_MAX).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
-    let (mut pcm, mut samples) = (PcmStream::of_file(path), Vec::with_capacity(bytes.len() / 2));
-    pcm.push(&bytes, &mut samples).map_err(|error| wrong(error.to_string()))?;
-    let too_long = (samples.len() > SAMPLES_MAX).then_some(TOO_LONG);
-    let none = samples.is_empty().then_some("no samples are in it");
-    too_long.or(pcm.missing()).or(none).map_or(Ok(samples), |why| Err(wrong(why.to_owned())))
 }
 
 /// Whether a file or pipe can stand in a microphone's place; of a file its beginning is looked at, of a pipe nothing.
@@ -184,22 +201,4 @@ pub fn check_stream(path: &Path) -> Result<(), Failure> {
     pcm.push(&bytes, &mut samples).map_err(|error| wrong(error.to_string()))?;
     let why = pcm.missing().unwrap_or("no samples are in it");
     if samples.is_empty() { Err(wrong(why.to_owned())) } else { Ok(()) }
-}
-
-fn flac(file: impl Read) -> Result<Vec<f32>, String> {
-    let broken = |error: claxon::Error| format!("it is no whole FLAC file: {error}");
-    let mut reader = claxon::FlacReader::new(file).map_err(broken)?;
-    let info = reader.streaminfo();
-    if (info.sample_rate, info.channels) != (RATE_HZ, 1) {
-        let (channels, rate_hz) = (info.channels, info.sample_rate);
-        return Err(format!(
-            "{channels} channels at {rate_hz} Hz: 1 channel at {RATE_HZ} Hz is wanted (sox IN -r {RATE_HZ} -c 1 OUT)"
-        ));
-    }
-    let full = (1_u64 << (info.bits_per_sample - 1)) as f32;
-    // A few bytes may stand for any number of samples.
-    let samples = reader.samples().take(SAMPLES_MAX + 1);
-    let samples = samples.map(|sample| Ok(sample.map_err(broken)? as f32 / full));
-    let samples: Vec<f32> = samples.collect::<Result<_, String>>()?;
-    if samples.len() > SAMPLES_MAX { Err(TOO_LONG.to_owned()) } else { Ok(samples) }
 }

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use grabber::Trouble;
 use grabber::realsense::{self, Kind};
-use hearing::{ModelFiles, RATE_HZ, Recogniser, SpeechError};
+use hearing::{ModelFiles, RATE_HZ, Recogniser};
 use rustix::fs::{Access, OFlags};
 use serial::{SerialError, SerialPort};
 use settings::{AttitudeSource, DdsSettings, Reach, Settings, VoiceSource};
@@ -41,6 +41,8 @@ pub(super) fn checks(settings: &Settings) -> Vec<Check> {
     if let Err(found) = settings::check_tone(settings) {
         checks.push(Check { name: "tone", ok: false, found, fix: "[speak] on = true".to_owned() });
     }
+    let talk = settings.cue.voice.talk.as_ref().filter(|_| settings.cue.voice.source != VoiceSource::Absent);
+    checks.extend(talk.map(|talk| input("key to speak", &talk.device)));
     checks.extend(response(settings));
     checks.extend(attitude(settings));
     checks.push(floor(settings));
@@ -182,9 +184,11 @@ pub(super) fn hearing(files: &ModelFiles) -> Check {
     let loaded = Recogniser::load(files);
     let fix = match &loaded {
         Ok(_) => String::new(),
-        Err(SpeechError::NoEmbedding { .. }) => "scripts/cue-embedding".to_owned(),
-        Err(_) => "cue.voice.model and embedding name them; scripts/cue-embedding and `guidedog cue enrol` make them"
-            .to_owned(),
+        Err(_) => {
+            "cue.voice.model and embedding name them; config/cues has what is shipped, and `guidedog cue enrol` fits \
+                   a head to a voice"
+                .to_owned()
+        }
     };
     let ok = loaded.is_ok();
     let found = loaded.map_or_else(|error| error.to_string(), |_| format!("{} can be used", files.manifest.display()));

@@ -32,6 +32,27 @@ pub enum VoiceSource {
     Stream,
 }
 
+/// What has to be said before a direction.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Attention {
+    /// Nothing.
+    #[default]
+    None,
+    /// "Go", at most two seconds before: "go left". By itself it is no cue then.
+    Go,
+}
+
+/// A key of a Linux input device that is held to speak.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TalkKey {
+    /// The device's file.
+    pub device: ConfigPath,
+    /// The key's number; `evtest` tells it.
+    pub key: u16,
+}
+
 /// The handler's voice.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -48,14 +69,31 @@ pub struct VoiceSettings {
     pub model: Option<ConfigPath>,
     /// Whether a tone is heard, by `[speak]`, before a spoken cue starts a robot that stands by a stop.
     pub tone: bool,
-    /// The speech embedding; none: `cues/embedding.onnx`, where `scripts/cue-embedding` puts it.
+    /// Whether a word that would start a robot that stands by a stop has to be said again within two seconds, in place
+    /// of the tone.
+    pub repeat: bool,
+    /// What has to be said before a direction.
+    pub attention: Attention,
+    /// The key that has to be held while a direction is said; none: directions are always heard. *stop* always is.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub talk: Option<TalkKey>,
+    /// The speech embedding; none: `cues/embedding.onnx`, the one that is shipped.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub embedding: Option<ConfigPath>,
 }
 
 impl Default for VoiceSettings {
     fn default() -> Self {
-        let microphone = "default".to_owned();
-        Self { source: VoiceSource::Absent, microphone, stream: None, model: None, tone: true, embedding: None }
+        Self {
+            source: VoiceSource::Absent,
+            microphone: "default".to_owned(),
+            stream: None,
+            model: None,
+            tone: true,
+            repeat: false,
+            attention: Attention::None,
+            talk: None,
+            embedding: None,
+        }
     }
 }

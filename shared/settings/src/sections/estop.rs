@@ -6,7 +6,7 @@ use crate::devices::{DeviceRow, Reach, check_baud};
 use crate::path::ConfigPath;
 
 /// Linux numbers keys under this.
-const EVDEV_KEYS: u16 = 0x300;
+pub(crate) const EVDEV_KEYS: u16 = 0x300;
 
 /// What the emergency stop is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]

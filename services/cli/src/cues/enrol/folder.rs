@@ -1,16 +1,15 @@
-//! The folder of a handler: `head.toml`, `head.onnx`, `clips/CUE/N.wav`. Beside it lies `NAME.before`, which is brought
-//! back by an undo, and while somebody enrols `NAME.new`, with a file that tells where its clips come from. What is in
+//! The folder of a handler: `head.toml`, `head.onnx`, `clips/WORD/N.wav`. Beside it lies `NAME.before`, which an undo
+//! brings back, and while somebody enrols `NAME.new`, with a file that tells where its clips come from. What is in
 //! force changes in one step, and is always whole; what somebody else has put there is left as it is.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
 
 use hearing::{Head, RATE_HZ};
-use messages::CueKind;
 use rustix::fs::{CWD, FlockOperation, RenameFlags, flock, renameat_with};
 
 use super::{CUES, TAKES_LEAST, TAKES_MOST};
-use crate::cues::files;
+use crate::cues::{decode, files};
 use crate::exit::Failure;
 
 const MANIFEST: &str = "head.toml";
@@ -80,9 +79,27 @@ fn usable(samples: &[f32]) -> Result<(), String> {
     Ok(())
 }
 
-/// The clips of a cue in a folder of folders, in the order of their names.
-pub fn clips_of(folder: &Path, cue: CueKind) -> Result<Vec<PathBuf>, Failure> {
-    let folder = folder.join(cue.name());
+/// The words in a folder of folders: cues first, then others by their names.
+pub fn words_of(folder: &Path) -> Result<Vec<String>, Failure> {
+    let mut others = Vec::new();
+    if !folder.is_dir() {
+        return Ok(others);
+    }
+    for entry in fs::read_dir(folder).map_err(|error| failed(folder, &error))? {
+        let path = entry.map_err(|error| failed(folder, &error))?.path();
+        let word = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        if path.is_dir() && !CUES.contains(&word.as_str()) && !clips_of(folder, &word)?.is_empty() {
+            others.push(word);
+        }
+    }
+    others.sort();
+    let cues = CUES.iter().filter(|cue| folder.join(cue).is_dir()).map(|cue| (*cue).to_owned());
+    Ok(cues.chain(others).collect())
+}
+
+/// The clips of a word in a folder of folders, in the order of their names.
+pub fn clips_of(folder: &Path, word: &str) -> Result<Vec<PathBuf>, Failure> {
+    let folder = folder.join(word);
     if !folder.is_dir() {
         return Ok(Vec::new());
     }
@@ -197,32 +214,32 @@ impl Folder {
         write(&before.join(MANIFEST), &hearing::read(manifest).map_err(Failure::of_input)?)
     }
 
-    /// The clips of a folder of folders, each named by its cue, in place of any that lie there.
+    /// The clips of a folder of folders, each named by its word, in place of any that lie there.
     pub fn copy_clips(&self, from: &Path) -> Result<(), Failure> {
         remove(&self.new_clips())?;
-        for cue in CUES {
-            let paths = clips_of(from, cue)?;
+        let words = words_of(from)?;
+        for word in &words {
+            let paths = clips_of(from, word)?;
             for (take, path) in (1..).zip(&paths) {
-                let samples = files::read(path)?;
+                let samples = decode::read(path)?;
                 usable(&samples).map_err(|why| Failure::input(format!("{}: {why}", path.display())))?;
-                self.put_clip(cue, take, &samples)?;
+                self.put_clip(word, take, &samples)?;
             }
-            if (1..TAKES_LEAST).contains(&paths.len()) {
-                let (count, folder) = (paths.len(), from.join(cue.name()));
+            if CUES.contains(&word.as_str()) && (1..TAKES_LEAST).contains(&paths.len()) {
+                let (count, folder) = (paths.len(), from.join(word));
                 let folder = folder.display();
                 return Err(Failure::input(format!("{folder}: {count} clips, and at least {TAKES_LEAST} are needed")));
             }
         }
-        if self.new_clips().is_dir() {
+        if CUES.iter().any(|cue| self.new_clips().join(cue).is_dir()) {
             return Ok(());
         }
-        let names = CUES.map(CueKind::name).join(", ");
-        Err(Failure::input(format!("{}: no WAV or FLAC file in {names}", from.display())))
+        Err(Failure::input(format!("{}: no WAV or FLAC file in {}", from.display(), CUES.join(", "))))
     }
 
     /// One more clip, at [`RATE_HZ`]; takes are counted from 1.
-    pub fn put_clip(&self, cue: CueKind, take: usize, samples: &[f32]) -> Result<(), Failure> {
-        let path = self.new_clips().join(cue.name()).join(format!("{take:02}.wav"));
+    pub fn put_clip(&self, word: &str, take: usize, samples: &[f32]) -> Result<(), Failure> {
+        let path = self.new_clips().join(word).join(format!("{take:02}.wav"));
         let spec = hound::WavSpec {
             channels: 1,
             sample_rate: RATE_HZ,

@@ -6,12 +6,11 @@ use enrolment::{Take, Takes};
 use grabber::microphone::Microphone;
 use grabber::{Grab, Trouble};
 use hearing::{RATE_HZ, Signal};
-use messages::CueKind;
 use settings::Settings;
 use transport::Helper;
 
 use super::folder::{Folder, clips_of};
-use super::{CUES, TAKES};
+use super::{CUES, OTHERS, TAKES, TAKES_OF_OTHERS};
 use crate::exit::Failure;
 use crate::out::say;
 
@@ -34,30 +33,36 @@ pub fn record(settings: &Settings, folder: &Folder, quiet: bool) -> Result<(), F
     // Whether it is there is told before anybody is asked to speak.
     let mut listener = Listener::open(&settings.cue.voice.microphone)?;
     let mut aloud = Aloud::new(settings, quiet);
-    let kept: usize = CUES.iter().map(|cue| clips_of(&folder.new_clips(), *cue).map_or(0, |clips| clips.len())).sum();
+    let there = |word: &str| clips_of(&folder.new_clips(), word).map_or(0, |clips| clips.len());
+    let kept: usize = asked().map(|(word, _)| there(word)).sum();
     if kept > 0 {
         say(format!("{kept} clips are there already, from before: going on"));
     }
     aloud.ask("Say each word after me, as you would on the way.");
     for take in 1..=TAKES {
-        for cue in CUES {
-            if clips_of(&folder.new_clips(), cue)?.len() >= take {
+        for (word, takes) in asked() {
+            if take > takes || clips_of(&folder.new_clips(), word)?.len() >= take {
                 continue;
             }
-            say(format!("say \"{}\" ({take} of {TAKES})", cue.name()));
-            let samples = one(cue, &mut aloud, &mut listener)?;
-            folder.put_clip(cue, take, &samples)?;
+            say(format!("say \"{word}\" ({take} of {takes})"));
+            let samples = one(word, &mut aloud, &mut listener)?;
+            folder.put_clip(word, take, &samples)?;
         }
     }
     aloud.ask("Thank you.");
     Ok(())
 }
 
+/// Words that are asked for, and how often each.
+fn asked() -> impl Iterator<Item = (&'static str, usize)> {
+    CUES.into_iter().map(|cue| (cue, TAKES)).chain(OTHERS.into_iter().map(|word| (word, TAKES_OF_OTHERS)))
+}
+
 /// One clip, asked for until it is good.
-fn one(cue: CueKind, aloud: &mut Aloud, listener: &mut Listener) -> Result<Vec<f32>, Failure> {
+fn one(word: &str, aloud: &mut Aloud, listener: &mut Listener) -> Result<Vec<f32>, Failure> {
     let mut why = String::new();
     for _ in 0..TRIES {
-        if aloud.ask(cue.name()) {
+        if aloud.ask(word) {
             // The prompt itself was heard, too.
             listener.forget()?;
         }

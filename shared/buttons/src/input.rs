@@ -9,7 +9,6 @@ use messages::StopInput;
 use nix::libc;
 use settings::EstopInput;
 
-use crate::Input;
 use crate::keys::{EVENT_LEN, Keys, is_set};
 
 /// Events that are read at once.
@@ -52,7 +51,7 @@ impl InputDevice {
         let mut options = OpenOptions::new();
         options.read(true).custom_flags(libc::O_NONBLOCK | libc::O_CLOEXEC);
         let file = options.open(&settings.device).map_err(|error| match error.kind() {
-            ErrorKind::NotFound => format!("there is no {name}: is the emergency stop plugged in, is its name right?"),
+            ErrorKind::NotFound => format!("there is no {name}: is it plugged in, is its name right?"),
             ErrorKind::PermissionDenied => format!(
                 "{name} may not be read by this user: add the user to its group (sudo usermod -aG input $USER, then \
                  log in again)"
@@ -77,9 +76,7 @@ impl InputDevice {
             Some(key) if !is_set(&bits, usize::from(key)) => {
                 Err(format!("{} has no key {key}: name one of its own (evtest {0} lists them)", self.name))
             }
-            None if bits.iter().all(|byte| *byte == 0) => {
-                Err(format!("{} has no key at all: it is no emergency stop", self.name))
-            }
+            None if bits.iter().all(|byte| *byte == 0) => Err(format!("{} has no key at all", self.name)),
             _ => Ok(()),
         }
     }
@@ -93,12 +90,18 @@ impl InputDevice {
     }
 }
 
-impl Input for InputDevice {
-    fn fd(&self) -> BorrowedFd<'_> {
+impl AsFd for InputDevice {
+    fn as_fd(&self) -> BorrowedFd<'_> {
         self.file.as_fd()
     }
+}
 
-    fn read(&mut self, _now_ns: u64) -> Result<StopInput, String> {
+impl InputDevice {
+    /// What has become of it: the worst since it was last asked, so that no press is too short.
+    ///
+    /// # Errors
+    /// Where it is gone; the reason says what to do.
+    pub fn read(&mut self) -> Result<StopInput, String> {
         let mut bytes = [0; EVENT_LEN * EVENTS];
         let state = match self.file.read(&mut bytes) {
             Ok(0) => return Err(format!("{} has come to its end: it is no input device, or was unplugged", self.name)),
@@ -119,7 +122,6 @@ mod tests {
     use std::path::Path;
 
     use super::InputDevice;
-    use crate::Input;
     use messages::StopInput::{Pressed, Released, Unknown};
     use settings::EstopInput;
 
@@ -145,19 +147,19 @@ mod tests {
         let (settings, mut writer) = pipe(dir.path());
         assert!(InputDevice::open(&settings, true).is_err_and(|why| why.contains("is no input device")));
         let mut device = InputDevice::open(&settings, false).expect("opened");
-        assert_eq!(device.read(0), Ok(Unknown));
+        assert_eq!(device.read(), Ok(Unknown));
         writer.write_all(&event(0)).expect("written");
-        assert_eq!(device.read(0), Ok(Released));
+        assert_eq!(device.read(), Ok(Released));
         writer.write_all(&[event(1), event(0)].concat()).expect("written");
-        assert_eq!((device.read(0), device.read(0)), (Ok(Pressed), Ok(Released)));
+        assert_eq!((device.read(), device.read()), (Ok(Pressed), Ok(Released)));
         drop(writer);
-        assert!(device.read(0).is_err_and(|why| why.contains("was unplugged")));
+        assert!(device.read().is_err_and(|why| why.contains("was unplugged")));
     }
 
     #[test]
     fn what_is_not_there_is_told_with_what_to_do() {
         let settings = EstopInput { device: "/dev/input/none".into(), ..EstopInput::default() };
         let why = InputDevice::open(&settings, false).map(|_| ()).expect_err("there is none");
-        assert!(why.contains("there is no /dev/input/none: is the emergency stop plugged in"), "{why}");
+        assert!(why.contains("there is no /dev/input/none: is it plugged in"), "{why}");
     }
 }
