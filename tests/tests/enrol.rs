@@ -50,7 +50,7 @@ fn a_voice_is_learnt_and_that_can_be_taken_back() {
     assert_eq!(report["head"], text(&manifest).as_str());
     let heard = &report["own"]["cues_heard"];
     assert!(heard["after"].as_u64() >= heard["before"].as_u64() && heard["of"] == 12, "{report:#}");
-    assert!(report["other_voices"]["others_taken"]["of"].as_u64() > Some(1000), "{report:#}");
+    assert!(report["other_voices"]["others_taken"]["of"].as_u64() > Some(500), "{report:#}");
     let (after, shipped) = (recall(&place, &clips, &manifest), recall(&place, &clips, &before));
     assert!(after > 0.9 && after >= shipped, "{after}, {shipped} before");
     assert_eq!(fs::read_dir(anna.join("clips").join("left")).expect("they are kept").count(), 3);
@@ -112,6 +112,30 @@ fn what_cannot_be_enrolled_is_told_and_leaves_everything_as_it_is() {
         }
     }
     assert_eq!(fs::read_to_string(mine.join("letter.txt")).expect("there"), "dear");
+}
+
+/// Who is understood already has nothing to win, and other voices have something to lose.
+#[test]
+fn an_enrolment_that_would_do_more_harm_than_good_changes_nothing_and_says_so() {
+    if !can_hear() {
+        return;
+    }
+    let (place, mut clips) = (Place::new(), Vec::new());
+    let folder = place.path().join("clips");
+    for word in ["forward", "go", "left", "right", "stop", "seven", "yellow"] {
+        for speed in ["130", "150", "170"] {
+            clips.push((word, spoken_by("en-us", speed, word)));
+        }
+    }
+    for (number, (word, samples)) in clips.iter().enumerate() {
+        write_wav(&folder.join(word).join(format!("{number:02}.wav")), samples);
+    }
+    let new = place.path().join("new");
+    let (told, code) = enrol(&place, &["-o", &text(&new), "--from", &text(&folder)]);
+    let error = told["error"].as_str().unwrap_or_default();
+    assert_eq!(code, 1, "{told:#}");
+    assert!(error.contains("nothing was changed") && error.contains("your other words"), "{error}");
+    assert!(["new", "new.new", "new.before"].iter().all(|name| !place.path().join(name).exists()));
 }
 
 #[test]

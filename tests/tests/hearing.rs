@@ -110,7 +110,8 @@ fn what_is_no_sound_is_told_with_file_and_line() {
     fs::write(at("none.flac"), "no FLAC").expect("written");
     fs::write(at("song.wav"), "ID3 what is called so and is none").expect("written");
     fs::write(at("empty.wav"), &wav(1, RATE_HZ, 0)[..44]).expect("written");
-    fs::write(at("list.txt"), "  # a remark\nshort.wav\tstop\nnowhere.wav left\n").expect("written");
+    fs::write(at("list.txt"), "  # a remark\nnowhere.wav left\n").expect("written");
+    fs::write(at("short.txt"), "short.wav\tstop\n").expect("written");
     fs::create_dir_all(at("empty").join("stop")).expect("made");
     fs::write(at("cues.toml"), "sha256 = 1\n").expect("written");
     fs::write(at("voice.toml"), "[cue.voice]\nmodel = \"cues.toml\"\n").expect("written");
@@ -120,7 +121,8 @@ fn what_is_no_sound_is_told_with_file_and_line() {
         (vec![text(&at("none.flac"))], "none.flac: it is no whole FLAC file"),
         (vec![text(&at("song.wav"))], "song.wav: it is no whole WAV file"),
         (vec![text(&at("empty.wav"))], "empty.wav: no samples are in it"),
-        (vec![text(&at("list.txt"))], "list.txt:3: "),
+        (vec![text(&at("list.txt"))], "list.txt:2: "),
+        (vec![text(&at("short.txt"))], "short.txt:1: "),
         (vec![text(&at("empty"))], "no WAV or FLAC file is there"),
         (vec![text(&at("nowhere"))], "nowhere"),
         (vec![text(&at("empty")), "--config".to_owned(), text(&at("voice.toml"))], "cues.toml"),

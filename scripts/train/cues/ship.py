@@ -161,9 +161,10 @@ def table(heard: dict[str, list[Heard]], rules: dict[int, Rules]) -> tuple[list[
         word: count([h for h in heard["words"] if h.word == word], crossed, stopped=True).recall[word] for word in STARTS
     }
     sets = {name: count(heard[name], crossed) for name in heard}
+    speakers = len({strangers.speaker_of(Path(h.name)) for h in heard["words"]})
     lines = [
         "Each recording by the network and the thresholds that have not met its speaker; means over four phases.",
-        *lines_of(f"{words.recall['stop'].n:g} clips of stop by 151 speakers (five networks)", words),
+        *lines_of(f"{words.recall['stop'].n:g} clips of stop by {speakers} speakers (five networks)", words),
         "  from standing: " + "; ".join(f"{word} {rate}" for word, rate in standing.items()),
         *lines_of("the shipped network and thresholds, on the speakers that it never met", own),
         *lines_of("one speaker whose first language is another", sets["one speaker"]),

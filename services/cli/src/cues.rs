@@ -95,7 +95,7 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
         let played = |model: &ModelFiles| pool.install(|| play(&found.recorded, model, condition, &noises, args.seed));
         let outcomes = played(&model)?;
         let mut report = Counts::of(&outcomes).report();
-        if let Some(other) = &other {
+        if let Some((other, _)) = &other {
             report["against"] = pairs::report(&outcomes, &played(other)?);
         }
         report["clips"] = outcomes.iter().map(Outcome::report).collect();
@@ -104,7 +104,7 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
     let left_out = found.left_out.iter().map(|(path, why)| json!({ "file": path, "why": why }));
     let report = json!({
         "model": { "path": model.manifest, "sha256": manifest.sha256, "embedding_sha256": manifest.embedding_sha256 },
-        "against": other.map(|other| other.manifest),
+        "against": other.map(|(other, sha256)| json!({ "path": other.manifest, "sha256": sha256 })),
         "engine": model.onnx_runtime.as_ref().map_or_else(|| "tract".to_owned(), |path| path.display().to_string()),
         "files": found.recorded.len(),
         "left_out": left_out.collect::<Vec<Value>>(),
@@ -118,14 +118,14 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The other model: its embedding lies beside it, or is the same.
-fn against(model: &ModelFiles, manifest: &Path) -> Result<ModelFiles, Failure> {
+/// The other model, and its digest: its embedding lies beside it, or is the same.
+fn against(model: &ModelFiles, manifest: &Path) -> Result<(ModelFiles, String), Failure> {
     let manifest = prepare::absolute(manifest)?;
     let beside = manifest.with_file_name("embedding.onnx");
     let embedding = if beside.is_file() { beside } else { model.embedding.clone() };
     let other = ModelFiles { manifest, embedding, ..model.clone() };
-    Recogniser::load(&other).map_err(Failure::of_input)?;
-    Ok(other)
+    let sha256 = Recogniser::load(&other).map_err(Failure::of_input)?.manifest().sha256.clone();
+    Ok((other, sha256))
 }
 
 /// Where the configuration has them, or where they lie by default.

@@ -206,8 +206,8 @@ impl Voice {
     /// Where a port fails. What fails to hear is told, and costs nobody else his cues.
     pub fn listen(&mut self, io: &Io, said: &mut Vec<Said>) -> Result<(), TransportError> {
         self.mute()?;
-        if let Some(Err(why)) = self.talk.as_mut().map(|talk| talk.take(io)) {
-            self.tell(io, format!("no direction is heard: {why} (cue.voice.talk)"));
+        if let Some(text) = self.talk.as_mut().and_then(|talk| talk.take(io)) {
+            io.tell(&FromChild::Note { text });
         }
         for _ in 0..PIECES_MAX {
             let Some(grabbed) = self.grabber.take() else { break };
@@ -282,8 +282,9 @@ impl Voice {
         let may_direct = self.talk.as_ref().is_none_or(|talk| talk.counts(taken_ns));
         let ears = match self.is_muted {
             false if may_direct => Ears::Open,
+            false => Ears::OnlyStop,
             true if self.stands => Ears::Shut,
-            _ => Ears::ForStop,
+            true => Ears::ForStop,
         };
         let steps = &mut self.steps;
         if let Err(error) = self.recogniser.push(&sound.samples, ears, |step| steps.push(step)) {

@@ -89,6 +89,8 @@ impl Change {
 pub struct Changes {
     /// Cues that are heard as what they are.
     pub cues: Change,
+    /// *stop* among them.
+    pub stop: Change,
     /// Other words that are taken for a cue.
     pub others: Change,
 }
@@ -106,13 +108,18 @@ pub struct Enrolled {
     pub rehearsed: Changes,
 }
 
+/// So much of other voices' *stop* may be lost: a window of a hundred.
+const STOP_LOSS_MAX: f64 = 0.01;
+
 impl Enrolled {
-    /// How much more is won than lost: cues that are heard, less other words that are taken for cues, the handler's and
-    /// the rehearsal's, as shares.
+    /// Whether as much is won as is lost: cues that are heard, less other words that are taken for cues, the handler's
+    /// and other voices', as shares. Where the handler's *stop* is heard less often, or other voices' by more than a
+    /// hundredth, nothing makes up for it.
     #[must_use]
-    pub fn gain(&self) -> f64 {
+    pub fn is_worth_it(&self) -> bool {
         let of = |changes: Changes| changes.cues.growth() - changes.others.growth();
-        of(self.own) + of(self.rehearsed)
+        let keeps_stop = self.own.stop.growth() >= 0.0 && self.rehearsed.stop.growth() >= -STOP_LOSS_MAX;
+        keeps_stop && of(self.own) + of(self.rehearsed) >= 0.0
     }
 }
 
@@ -148,34 +155,48 @@ pub fn enrol(files: &ModelFiles, rehearsal: &Rehearsal, clips: &[Clip], seed: u6
     Ok(Enrolled { head: file.with(&dense), own: before.to(held_out), heard_before, rehearsed })
 }
 
-/// Cues that were heard right, and other words that were taken for a cue; and how many there are of each.
-#[derive(Debug, Clone, Copy, Default)]
+/// Cues that were heard right, *stop* among them, and other words that were taken for a cue; and of how many.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Heard {
     cues: (usize, usize),
+    stop: (usize, usize),
     others: (usize, usize),
 }
 
 impl Heard {
     fn and(self, other: Self) -> Self {
         let sum = |a: (usize, usize), b: (usize, usize)| (a.0 + b.0, a.1 + b.1);
-        Self { cues: sum(self.cues, other.cues), others: sum(self.others, other.others) }
+        Self {
+            cues: sum(self.cues, other.cues),
+            stop: sum(self.stop, other.stop),
+            others: sum(self.others, other.others),
+        }
     }
 
     fn to(self, after: Self) -> Changes {
         let change =
             |before: (usize, usize), after: (usize, usize)| Change { before: before.0, after: after.0, of: before.1 };
-        Changes { cues: change(self.cues, after.cues), others: change(self.others, after.others) }
+        Changes {
+            cues: change(self.cues, after.cues),
+            stop: change(self.stop, after.stop),
+            others: change(self.others, after.others),
+        }
     }
 }
 
 fn counted(clips: &[&Clip], heard: &[Option<CueKind>]) -> Heard {
     let mut counted = Heard::default();
     for (clip, heard) in clips.iter().zip(heard) {
-        let (count, is_counted) = match clip.cue() {
-            Some(cue) => (&mut counted.cues, *heard == Some(cue)),
-            None => (&mut counted.others, heard.is_some()),
+        let one = |is_counted: bool| (usize::from(is_counted), 1);
+        let found = match clip.cue() {
+            Some(cue) => {
+                let right = one(*heard == Some(cue));
+                let stop = if cue == CueKind::Stop { right } else { (0, 0) };
+                Heard { cues: right, stop, others: (0, 0) }
+            }
+            None => Heard { others: one(heard.is_some()), ..Heard::default() },
         };
-        *count = (count.0 + usize::from(is_counted), count.1 + 1);
+        counted = counted.and(found);
     }
     counted
 }
@@ -224,4 +245,46 @@ fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<Vec<Option<
         heard.push(first.map(|heard| heard.kind));
     }
     Ok(heard)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Change, Changes, Clip, Enrolled, Heard, counted};
+    use hearing::Head;
+    use messages::CueKind;
+
+    fn change(before: usize, after: usize, of: usize) -> Change {
+        Change { before, after, of }
+    }
+
+    fn enrolled(own: Changes, rehearsed: Changes) -> Enrolled {
+        let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/cues");
+        let head = Head::read(&folder.join("cues.toml")).expect("it is shipped");
+        Enrolled { head, heard_before: Vec::new(), own, rehearsed }
+    }
+
+    #[test]
+    fn what_loses_more_than_it_wins_or_any_stop_is_not_worth_it() {
+        let rehearsed = Changes { stop: change(100, 99, 100), ..Changes::default() };
+        let own = |cues: usize, stop: usize, others: usize| Changes {
+            cues: change(12, cues, 20),
+            stop: change(5, stop, 5),
+            others: change(1, others, 10),
+        };
+        assert!(enrolled(own(12, 5, 1), rehearsed).is_worth_it(), "as before");
+        assert!(enrolled(own(14, 5, 2), rehearsed).is_worth_it(), "a tenth of cues for a tenth of others");
+        assert!(!enrolled(own(14, 5, 3), rehearsed).is_worth_it());
+        assert!(!enrolled(own(20, 4, 0), rehearsed).is_worth_it(), "a stop is lost");
+        let lost = Changes { stop: change(100, 98, 100), ..Changes::default() };
+        assert!(!enrolled(own(20, 5, 0), lost).is_worth_it(), "other voices' stop is lost");
+    }
+
+    #[test]
+    fn clips_are_counted_as_what_they_are() {
+        let clip = |word: &str| Clip { word: word.to_owned(), take: 0, samples: Vec::new() };
+        let clips = [clip("stop"), clip("go"), clip("left"), clip("lift"), clip("no")];
+        let heard = [Some(CueKind::Stop), Some(CueKind::Forward), None, Some(CueKind::Left), None];
+        let Heard { cues, stop, others } = counted(&clips.iter().collect::<Vec<_>>(), &heard);
+        assert_eq!((cues, stop, others), ((2, 3), (1, 1), (1, 2)));
+    }
 }

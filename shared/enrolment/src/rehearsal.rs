@@ -6,8 +6,9 @@
 use std::path::Path;
 
 use hearing::{Head, LABELS, Rules, digest, read};
+use messages::CueKind;
 
-use crate::{Changes, Dense, EnrolError, Features, HeadFile};
+use crate::{Change, Changes, Dense, EnrolError, Features, HeadFile};
 
 const MAGIC: &[u8] = b"GDRH";
 const VERSION: u32 = 2;
@@ -17,7 +18,12 @@ const HEADER: usize = 20;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rehearsal {
     features: Features,
+    /// One window in five: they train nothing, and tell what other voices come to.
+    held_out: Features,
 }
+
+/// Which of five windows is held out.
+const HELD_OUT: usize = 4;
 
 impl Rehearsal {
     /// Reads it, and verifies it by the head's manifest.
@@ -51,36 +57,45 @@ impl Rehearsal {
             return None;
         }
         let (labels, stored) = body.split_at(windows);
-        let mut features = Features::new(flat);
-        for (label, stored) in labels.iter().zip(stored.chunks_exact(flat)) {
+        let (mut features, mut held_out) = (Features::new(flat), Features::new(flat));
+        for (number, (label, stored)) in labels.iter().zip(stored.chunks_exact(flat)).enumerate() {
             if usize::from(*label) >= LABELS.len() {
                 return None;
             }
             let numbers: Vec<f32> = stored.iter().map(|number| f32::from(*number) * scale).collect();
-            features.push(usize::from(*label), &numbers);
+            let part = if number % 5 == HELD_OUT { &mut held_out } else { &mut features };
+            part.push(usize::from(*label), &numbers);
         }
-        Some(Self { features })
+        Some(Self { features, held_out })
     }
 
-    /// Its windows.
+    /// Its windows that train.
     #[must_use]
     pub fn features(&self) -> &Features {
         &self.features
     }
 
-    /// What other layers than these make of it: of each window alone, by the rules' thresholds.
+    /// What other layers than these make of what is held out: of each window alone, by the rules' thresholds.
     pub(crate) fn changes(&self, before: &Dense, after: &Dense, rules: &Rules) -> Changes {
         let mut changes = Changes::default();
-        let sure = [before, after].map(|dense| dense.sure(&self.features, &|word| rules.least(word) as f32));
-        for (window, label) in self.features.labels().iter().enumerate() {
+        let sure = [before, after].map(|dense| dense.sure(&self.held_out, &|word| rules.least(word) as f32));
+        for (window, label) in self.held_out.labels().iter().enumerate() {
             let heard = [sure[0][window], sure[1][window]];
             let is_cue = *label < LABELS.len() - 1;
-            let change = if is_cue { &mut changes.cues } else { &mut changes.others };
             let counts =
                 |heard: Option<usize>| usize::from(if is_cue { heard == Some(*label) } else { heard.is_some() });
-            change.before += counts(heard[0]);
-            change.after += counts(heard[1]);
-            change.of += 1;
+            let count = |change: &mut Change| {
+                change.before += counts(heard[0]);
+                change.after += counts(heard[1]);
+                change.of += 1;
+            };
+            match is_cue {
+                true => count(&mut changes.cues),
+                false => count(&mut changes.others),
+            }
+            if LABELS[*label] == CueKind::Stop.name() {
+                count(&mut changes.stop);
+            }
         }
         changes
     }

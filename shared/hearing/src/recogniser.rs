@@ -40,6 +40,8 @@ pub struct Step {
 pub enum Ears {
     /// Every cue.
     Open,
+    /// *stop* alone, though nothing drowns the others: nobody holds the key to speak.
+    OnlyStop,
     /// *stop* alone, in whatever sounds: the robot itself speaks as it walks.
     ForStop,
     /// Nothing: the robot itself speaks, and stands.
@@ -240,20 +242,21 @@ impl Recogniser {
         self.taken
     }
 
-    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. Where they are listened to
-    /// for a stop alone, they are silence for all else, then and later.
+    /// Takes samples in [-1, 1] at [`RATE_HZ`], and hands over the steps that they complete. Where the
+    /// robot itself speaks, they are silence for all but a stop, then and later.
     ///
     /// # Errors
     /// Where a network cannot be run.
     pub fn push(&mut self, samples: &[f32], ears: Ears, mut take: impl FnMut(Step)) -> Result<(), SpeechError> {
-        if ears == Ears::Open {
+        let is_clear = matches!(ears, Ears::Open | Ears::OnlyStop);
+        if is_clear {
             self.signal.take(samples);
         }
         self.turn_aside(ears);
         for samples in samples.chunks(HOP) {
             self.taken += samples.len() as u64;
             let silence = &[0.0; HOP][..samples.len()];
-            let heard = if ears == Ears::Open { samples } else { silence };
+            let heard = if is_clear { samples } else { silence };
             let step = self.path.push(heard, &mut self.networks)?;
             let aside = match &mut self.aside {
                 Some((path, _)) => path.push(samples, &mut self.networks)?,
@@ -261,11 +264,13 @@ impl Recogniser {
             };
             if let Some((probabilities, sounds)) = step {
                 // The levels of silence that nobody heard would make loud of everything after.
-                let heard = if ears == Ears::Open {
-                    self.rules.take(&probabilities, &sounds)
-                } else {
-                    self.rules.pass();
-                    None
+                let heard = match ears {
+                    Ears::Open => self.rules.take(&probabilities, &sounds),
+                    Ears::OnlyStop => self.rules.take_only_stop(&probabilities, &sounds),
+                    Ears::ForStop | Ears::Shut => {
+                        self.rules.pass();
+                        None
+                    }
                 };
                 let stop = aside.and_then(|(probabilities, _)| self.rules.take_stop(&probabilities));
                 self.let_go_of_aside(ears);
@@ -284,13 +289,14 @@ impl Recogniser {
                 self.aside.get_or_insert_with(|| (self.path.clone(), 0)).1 = ASIDE_STEPS;
             }
             Ears::Shut => self.aside = None,
-            Ears::Open => {}
+            Ears::Open | Ears::OnlyStop => {}
         }
     }
 
     /// A word may have begun while the robot still spoke: it is listened to until it is out of sight.
     fn let_go_of_aside(&mut self, ears: Ears) {
-        if let Some((_, left)) = self.aside.as_mut().filter(|_| ears == Ears::Open) {
+        let is_clear = matches!(ears, Ears::Open | Ears::OnlyStop);
+        if let Some((_, left)) = self.aside.as_mut().filter(|_| is_clear) {
             *left = left.saturating_sub(1);
         }
         self.aside = self.aside.take_if(|(_, left)| *left > 0);

@@ -1,6 +1,6 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a step or two, whatever goes on. A direction has to be the surest word in steps in a row, in a
+//! *stop* counts in a few steps, whatever goes on. A direction has to be the surest word in steps in a row, in a
 //! voice that stands out from what is always there, and to stand alone: it is given only once the sound that it is in
 //! has ended, and that was no longer than a word. *forward*, and *go*, which means the
 //! same, have to be surer after a stop. `scripts/train/cues/rules.py`
@@ -307,7 +307,7 @@ impl CueRules {
 
     /// What was heard and not given yet is over.
     pub fn forget(&mut self) {
-        self.waiting = None;
+        (self.waiting, self.went) = (None, None);
         DIRECTIONS.iter().for_each(|word| self.streaks[*word] = (0, 1.0));
     }
 
@@ -328,12 +328,23 @@ impl CueRules {
 
     /// A stop counts, if none did of late.
     fn stop(&mut self, step: u64, score: f32) -> Option<Heard> {
-        (self.waiting, self.is_stopped) = (None, true);
+        (self.waiting, self.went, self.is_stopped) = (None, None, true);
         let is_new = step >= self.silent_until.0;
         if is_new {
             self.silent_until.0 = step + count(self.rules.refractory, STEP_NS) as u64;
         }
         is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true })
+    }
+
+    /// Takes a step in which a direction is none, whatever is said: as [`CueRules::take`], but for that.
+    pub fn take_only_stop(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
+        sounds.iter().for_each(|sound| self.levels.take(*sound));
+        let step = self.step;
+        self.step += 1;
+        self.count(probabilities);
+        self.forget();
+        let (streak, score) = self.streaks[STOP];
+        if streak >= self.rules.stop.steps { self.stop(step, score) } else { None }
     }
 
     /// Takes a step, with what each of its frames sounds like.
@@ -361,7 +372,7 @@ impl CueRules {
         }
         let Candidate { word, step: since, score, .. } = self.isolated(step)?;
         let after_stop = std::mem::take(&mut self.is_stopped);
-        self.waiting = None;
+        (self.waiting, self.went) = (None, None);
         self.silent_until.1 = step + refractory;
         let kind = cue_of(LABELS[word])?;
         Some(Heard { kind, score, steps_ago: step - since, after_stop })
@@ -537,6 +548,35 @@ mod tests {
         assert_eq!(said(true, 0), [CueKind::Left, CueKind::Stop], "in one breath");
         assert_eq!(said(true, 50), [CueKind::Left, CueKind::Stop], "a second later");
         assert_eq!(said(true, 120), [CueKind::Stop], "too late");
+        // What comes between ends it: a stop, another's cue, a direction.
+        let go = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+        let after = |between: &dyn Fn(&mut CueRules)| {
+            let mut listener = CueRules::new(serde_json::from_value(rules()).expect("rules"), true);
+            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
+            let _ = hear(&mut listener, 8, &go, -10.0);
+            between(&mut listener);
+            let _ = hear(&mut listener, 8, &LEFT, -10.0);
+            hear(&mut listener, 24, &NOTHING, -60.0)
+        };
+        assert_eq!(after(&|_| {}), [CueKind::Left]);
+        assert_eq!(after(&|listener| assert_eq!(hear(listener, 3, &STOP, -10.0), [CueKind::Stop])), []);
+        assert_eq!(after(&CueRules::forget), []);
+    }
+
+    #[test]
+    fn where_only_a_stop_counts_a_direction_is_none_and_what_is_always_there_is_learnt() {
+        let mut listener = listener();
+        let sounds = |level_db| [Sound { level_db, periodicity: 0.9 }; FRAMES_A_STEP];
+        for _ in 0..80 {
+            assert!(listener.take_only_stop(&NOTHING, &sounds(-40.0)).is_none());
+        }
+        for _ in 0..20 {
+            assert!(listener.take_only_stop(&LEFT, &sounds(-10.0)).is_none());
+        }
+        assert_eq!(hear(&mut listener, 4, &NOTHING, -60.0), [], "it is over");
+        assert!(listener.levels().above_floor_db() > 20.0, "the floor is known");
+        let heard: Vec<_> = (0..3).filter_map(|_| listener.take_only_stop(&STOP, &sounds(-10.0))).collect();
+        assert_eq!(heard.len(), 1, "a stop counts");
     }
 
     #[test]

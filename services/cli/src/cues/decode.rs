@@ -1,7 +1,7 @@
 //! Samples of WAV and FLAC files, whatever their rate and channels, as the recogniser takes them.
 
 use std::fs::File;
-use std::io::{BufReader, Cursor, Read};
+use std::io::{BufReader, Read};
 use std::path::Path;
 
 use hearing::{PcmError, PcmStream, RATE_HZ};
@@ -10,11 +10,10 @@ use rubato::{Fft, FixedSync, Resampler};
 
 use crate::exit::Failure;
 
-/// No file is longer: three hours, in samples at [`RATE_HZ`] and in bytes of a WAV at 48 kHz with two channels of 24
-/// bits.
+/// No file has more samples of a channel: three hours at [`RATE_HZ`]. And no more bytes, as the robot reads a WAV.
 const SAMPLES_MAX: usize = 3 * 3600 * RATE_HZ as usize;
-const BYTES_MAX: u64 = 3 * 3600 * 48_000 * 6 + (1 << 20);
-const TOO_LONG: &str = "it is longer than three hours";
+const BYTES_MAX: u64 = 2 * SAMPLES_MAX as u64 + (1 << 20);
+const TOO_LONG: &str = "it is longer than three hours at 16 kHz, or as many samples at another rate";
 /// Rates that are spoken at, Hz.
 const RATES_HZ: std::ops::RangeInclusive<u32> = 4_000..=192_000;
 const CHANNELS_MAX: usize = 16;
@@ -37,40 +36,34 @@ pub fn read(path: &Path) -> Result<Vec<f32>, Failure> {
     }
     let mut bytes = Vec::new();
     file.take(BYTES_MAX).read_to_end(&mut bytes).map_err(|error| wrong(error.to_string()))?;
-    wav(path, &bytes).map_err(wrong)
-}
-
-/// A WAV file as the robot would read it, or of another format.
-fn wav(path: &Path, bytes: &[u8]) -> Result<Vec<f32>, String> {
-    let (mut pcm, mut samples) = (PcmStream::of_file(path), Vec::with_capacity(bytes.len() / 2));
-    match pcm.push(bytes, &mut samples) {
+    let (mut pcm, mut samples) = (PcmStream::of_file(path), Vec::new());
+    let pushed = pcm.push(&bytes, &mut samples);
+    drop(bytes);
+    match pushed {
         Ok(()) => {
             let too_long = (samples.len() > SAMPLES_MAX).then_some(TOO_LONG);
             let none = samples.is_empty().then_some("no samples are in it");
-            too_long.or(pcm.missing()).or(none).map_or(Ok(samples), |why| Err(why.to_owned()))
+            too_long.or(pcm.missing()).or(none).map_or(Ok(samples), |why| Err(wrong(why.to_owned())))
         }
-        Err(PcmError::Format { .. }) => other_wav(bytes),
-        Err(error) => Err(error.to_string()),
+        Err(PcmError::Format { .. }) => other_wav(path).map_err(wrong),
+        Err(error) => Err(wrong(error.to_string())),
     }
 }
 
-fn other_wav(bytes: &[u8]) -> Result<Vec<f32>, String> {
+fn other_wav(path: &Path) -> Result<Vec<f32>, String> {
     let remedy = format!("sox IN -r {RATE_HZ} -c 1 -b 16 OUT makes one that can be");
     let broken = |error: hound::Error| format!("this WAV file cannot be read ({error}): {remedy}");
-    let mut reader = hound::WavReader::new(Cursor::new(bytes)).map_err(broken)?;
+    let mut reader = hound::WavReader::open(path).map_err(broken)?;
     let spec = reader.spec();
-    let samples: Vec<f32> = match spec.sample_format {
-        hound::SampleFormat::Float => reader.samples::<f32>().collect::<Result<_, _>>().map_err(broken)?,
+    let sound = Sound::new(usize::from(spec.channels), spec.sample_rate)?;
+    match spec.sample_format {
+        hound::SampleFormat::Float => sound.read(reader.samples::<f32>().map(|sample| sample.map_err(broken))),
         hound::SampleFormat::Int => {
             let full = (1_u64 << spec.bits_per_sample.clamp(1, 32).saturating_sub(1)) as f32;
-            let samples = reader.samples::<i32>().map(|sample| sample.map(|sample| sample as f32 / full));
-            samples.collect::<Result<_, _>>().map_err(broken)?
+            let samples = reader.samples::<i32>();
+            sound.read(samples.map(|sample| sample.map(|sample| sample as f32 / full).map_err(broken)))
         }
-    };
-    if !samples.iter().all(|sample| sample.is_finite()) {
-        return Err("a sample of it is no number".to_owned());
     }
-    converted(&samples, usize::from(spec.channels), spec.sample_rate)
 }
 
 fn flac(file: impl Read) -> Result<Vec<f32>, String> {
@@ -78,31 +71,52 @@ fn flac(file: impl Read) -> Result<Vec<f32>, String> {
     let mut reader = claxon::FlacReader::new(file).map_err(broken)?;
     let info = reader.streaminfo();
     let full = (1_u64 << (info.bits_per_sample - 1)) as f32;
-    // A few bytes may stand for any number of samples.
-    let most = 3 * 3600 * info.sample_rate as usize * info.channels as usize;
-    let samples = reader.samples().take(most + 1);
-    let samples = samples.map(|sample| sample.map(|sample| sample as f32 / full));
-    let samples: Vec<f32> = samples.collect::<Result<_, _>>().map_err(broken)?;
-    if samples.len() > most {
-        return Err(TOO_LONG.to_owned());
-    }
-    converted(&samples, info.channels as usize, info.sample_rate)
+    let sound = Sound::new(info.channels as usize, info.sample_rate)?;
+    sound.read(reader.samples().map(|sample| sample.map(|sample| sample as f32 / full).map_err(broken)))
 }
 
-/// One channel at [`RATE_HZ`] of samples that lie channel beside channel.
-fn converted(samples: &[f32], channels: usize, rate_hz: u32) -> Result<Vec<f32>, String> {
-    if !RATES_HZ.contains(&rate_hz) || !(1..=CHANNELS_MAX).contains(&channels) {
-        return Err(format!("{channels} channels at {rate_hz} Hz: this is no recorded speech"));
+/// What a file says of itself.
+#[derive(Debug, Clone, Copy)]
+struct Sound {
+    channels: usize,
+    rate_hz: u32,
+}
+
+impl Sound {
+    fn new(channels: usize, rate_hz: u32) -> Result<Self, String> {
+        if RATES_HZ.contains(&rate_hz) && (1..=CHANNELS_MAX).contains(&channels) {
+            return Ok(Self { channels, rate_hz });
+        }
+        Err(format!("{channels} channels at {rate_hz} Hz: this is no recorded speech"))
     }
-    let mixed: Vec<f32> =
-        samples.chunks_exact(channels).map(|frame| frame.iter().sum::<f32>() / channels as f32).collect();
-    if mixed.is_empty() {
-        return Err("no samples are in it".to_owned());
+
+    /// One channel at [`RATE_HZ`] of samples that come channel beside channel. A few bytes may stand for any number of
+    /// them, so each is counted as it comes.
+    fn read(self, samples: impl Iterator<Item = Result<f32, String>>) -> Result<Vec<f32>, String> {
+        let (mut mixed, mut sum, mut of) = (Vec::new(), 0.0, 0);
+        for sample in samples {
+            sum += sample?;
+            of += 1;
+            if of == self.channels {
+                mixed.push(sum / self.channels as f32);
+                (sum, of) = (0.0, 0);
+            }
+            if mixed.len() > SAMPLES_MAX {
+                return Err(TOO_LONG.to_owned());
+            }
+        }
+        if mixed.is_empty() {
+            return Err("no samples are in it".to_owned());
+        }
+        if !mixed.iter().all(|sample| sample.is_finite()) {
+            return Err("a sample of it is no number".to_owned());
+        }
+        if self.rate_hz == RATE_HZ {
+            return Ok(mixed);
+        }
+        let rate_hz = self.rate_hz;
+        resampled(mixed, rate_hz).map_err(|error| format!("it cannot be resampled from {rate_hz} Hz: {error}"))
     }
-    if rate_hz == RATE_HZ {
-        return Ok(mixed);
-    }
-    resampled(mixed, rate_hz).map_err(|error| format!("it cannot be resampled from {rate_hz} Hz: {error}"))
 }
 
 fn resampled(samples: Vec<f32>, rate_hz: u32) -> Result<Vec<f32>, Box<dyn std::error::Error>> {
@@ -117,7 +131,11 @@ fn resampled(samples: Vec<f32>, rate_hz: u32) -> Result<Vec<f32>, Box<dyn std::e
 mod tests {
     use std::f32::consts::TAU;
 
-    use super::converted;
+    use super::{CHANNELS_MAX, Sound};
+
+    fn converted(samples: &[f32], channels: usize, rate_hz: u32) -> Result<Vec<f32>, String> {
+        Sound::new(channels, rate_hz)?.read(samples.iter().map(|sample| Ok(*sample)))
+    }
 
     /// A tone of 1 kHz at a rate, the same on all channels.
     fn tone(rate_hz: u32, channels: usize) -> Vec<f32> {
@@ -141,7 +159,8 @@ mod tests {
 
     #[test]
     fn what_nobody_speaks_at_is_refused() {
-        assert!(converted(&[0.0; 8], 0, 16_000).is_err());
+        assert!(converted(&[0.0; 8], 0, 16_000).is_err() && converted(&[0.0; 64], CHANNELS_MAX + 1, 16_000).is_err());
+        assert!(converted(&[f32::NAN; 8], 1, 16_000).is_err_and(|why| why.contains("no number")));
         assert!(converted(&[0.0; 8], 1, 1).is_err_and(|why| why.contains("1 Hz")));
         assert!(converted(&[], 1, 16_000).is_err_and(|why| why.contains("no samples")));
     }

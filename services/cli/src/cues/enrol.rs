@@ -1,5 +1,5 @@
 //! `guidedog cue enrol`: a handler says each cue five times, and five other words twice, and the recogniser is fitted
-//! to that voice, if more is won by that than lost.
+//! to that voice, unless more is lost by that than won.
 
 mod folder;
 mod recording;
@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use enrolment::{Change, Clip, Enrolled, HeadFile, Rehearsal};
+use enrolment::{Change, Changes, Clip, Enrolled, HeadFile, Rehearsal};
 use hearing::{Head, ModelFiles, Recogniser, digest};
 use messages::CueKind;
 use serde_json::{Value, json};
@@ -54,7 +54,9 @@ pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
     let rehearsal = Rehearsal::read(&rehearsal_path, &head).map_err(Failure::of_input)?;
     folder.begin(if args.from.is_some() { Origin::Copied } else { Origin::Spoken })?;
     let summary = collect(args, &folder).and_then(|clips| train(&folder, &model, &head, &rehearsal, &clips));
-    let summary = summary.inspect_err(|_| folder.give_up(args.from.is_none()))?;
+    let summary = summary
+        .inspect_err(|_| folder.give_up(args.from.is_none()))
+        .map_err(|failure| Failure { message: failure.message + &folder.kept(), ..failure })?;
     report(&summary, as_json, || told(&folder))
 }
 
@@ -90,7 +92,7 @@ fn train(
     let begun = Instant::now();
     let enrolled = enrolment::enrol(model, rehearsal, clips, SEED).map_err(Failure::of_run)?;
     plausible(&enrolled, clips)?;
-    if enrolled.gain() < 0.0 {
+    if !enrolled.is_worth_it() {
         let changed = told_of(&enrolled);
         return Err(Failure::not_reached(format!("{changed}\nMore is lost than won: nothing was changed")));
     }
@@ -101,16 +103,15 @@ fn train(
     say(told_of(&enrolled));
     Ok(json!({
         "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": clips.len(),
-        "own": { "cues_heard": change(enrolled.own.cues), "others_taken": change(enrolled.own.others) },
-        "other_voices": {
-            "cues_heard": change(enrolled.rehearsed.cues), "others_taken": change(enrolled.rehearsed.others),
-        },
+        "own": changes(&enrolled.own),
+        "other_voices": changes(&enrolled.rehearsed),
         "seconds": begun.elapsed().as_secs_f64(),
     }))
 }
 
-fn change(change: Change) -> Value {
-    json!({ "before": change.before, "after": change.after, "of": change.of })
+fn changes(changes: &Changes) -> Value {
+    let of = |change: Change| json!({ "before": change.before, "after": change.after, "of": change.of });
+    json!({ "cues_heard": of(changes.cues), "stop_heard": of(changes.stop), "others_taken": of(changes.others) })
 }
 
 /// What got better and what worse, in lines.
@@ -118,8 +119,10 @@ fn told_of(enrolled: &Enrolled) -> String {
     let (own, rehearsed) = (enrolled.own, enrolled.rehearsed);
     [
         ("your cues that are heard right", own.cues, true),
+        ("your \"stop\" among them", own.stop, true),
         ("your other words that are taken for cues", own.others, false),
         ("other voices' cues that are heard right", rehearsed.cues, true),
+        ("their \"stop\" among them", rehearsed.stop, true),
         ("other voices' other words that are taken for cues", rehearsed.others, false),
     ]
     .into_iter()

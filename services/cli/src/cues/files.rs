@@ -102,15 +102,21 @@ pub fn is_sound(path: &Path) -> bool {
 }
 
 fn of_folder(folder: &Path, depth: usize, found: &mut Found) -> Result<(), Failure> {
-    if depth == 0 || found.recorded.len() > FILES_MAX {
+    let too_many = || {
         let why = format!("over {DEPTH_MAX} folders deep, or over {FILES_MAX} files: does a link lead back?");
-        return Err(Failure::input(format!("{}: {why}", folder.display())));
+        Failure::input(format!("{}: {why}", folder.display()))
+    };
+    if depth == 0 {
+        return Err(too_many());
     }
     let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
     let entries = folder.read_dir().map_err(failed)?.collect::<Result<Vec<_>, _>>().map_err(failed)?;
     let mut paths: Vec<PathBuf> = entries.into_iter().map(|entry| entry.path()).collect();
     paths.sort();
     for path in paths {
+        if found.recorded.len() + found.left_out.len() > FILES_MAX {
+            return Err(too_many());
+        }
         if path.is_dir() {
             of_folder(&path, depth - 1, found)?;
         } else if is_sound(&path) {
@@ -168,6 +174,9 @@ fn of_list(list: &Path, found: &mut Vec<Recorded>) -> Result<(), Failure> {
                 path.display()
             )));
         }
+        // What cannot be heard is told before anything is heard.
+        let at = |failure: Failure| Failure::input(format!("{}:{}: {}", list.display(), number + 1, failure.message));
+        decode::read(&path).map_err(at)?;
         let what = if word.is_empty() { What::Stream } else { of_word(&word.to_lowercase()) };
         found.push(Recorded { path, what });
     }

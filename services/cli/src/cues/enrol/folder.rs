@@ -204,6 +204,15 @@ impl Folder {
         }
     }
 
+    /// Where clips of an enrolment that came to nothing are, if they were kept: the same command goes on with them.
+    pub fn kept(&self) -> String {
+        let folder = self.new_one();
+        if !folder.exists() {
+            return String::new();
+        }
+        format!("\nwhat was spoken is in {}: to speak it anew, remove that folder", folder.display())
+    }
+
     /// Where nobody was enrolled before, an undo brings back the head that is enrolled upon.
     pub fn keep_before(&self, base: &Head, manifest: &Path) -> Result<(), Failure> {
         if self.path.exists() {
