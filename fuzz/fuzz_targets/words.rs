@@ -6,7 +6,8 @@ use cdr_encoding::from_bytes;
 use byteorder::LittleEndian;
 use dds::ros2::{Odometry, TwistStamped};
 use dds::sport::{LowState, Request, Response, SportModeState};
-use guidedog_estop::{Heartbeat, Keys};
+use guidedog_buttons::Keys;
+use guidedog_estop::Heartbeat;
 use libfuzzer_sys::fuzz_target;
 use links::{FromBridge, ToBridge};
 

@@ -92,7 +92,9 @@ def probabilities(embedding: features.Embedding, head: Weights, mel: np.ndarray)
     return made
 
 
-def listen(embedding: features.Embedding, head: Weights, audio: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def listen(
+    embedding: features.Embedding, head: Weights, audio: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Probabilities, levels and periodicities of each step."""
     mel = features.log_mel(audio)
     found = probabilities(embedding, head, mel)

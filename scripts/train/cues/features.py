@@ -13,8 +13,8 @@ Samples x are 16 kHz mono in [-1, 1].
 * Log-mel = D / 10 + 2.
 * Embedding m of lane l is what the network makes of frames 2 l + 8 m to 2 l + 8 m + 75: one each 80 ms. There are four
   lanes, l = 0..3, 20 ms apart: what is decided then hardly depends on when a word falls into the 80 ms.
-* The head sees embeddings m - 7 to m of one lane, oldest first: 1.342 s. Step s = 4 (m - 7) + l is the first one's, lane
-  0, after 21,472 samples, and one each 20 ms.
+* The head sees embeddings m - 7 to m of one lane, oldest first: 1.342 s. That is step s = 4 (m - 7) + l: the first comes
+  after 21,472 samples, and one each 20 ms.
 
 Beside them, of each frame, how periodic the sound is, as a voice is and a clatter or rushing water is not: x goes from
 rest through a band-pass of 80 to 900 Hz (Butterworth, two sections: BAND_PASS), every fourth sample of it, from the
@@ -127,6 +127,6 @@ class Embedding:
         return made[..., 0].transpose(0, 2, 1).reshape(*mel.shape[:-2], steps, EMBEDDING)
 
     def of_stretch(self, mel: np.ndarray) -> np.ndarray:
-        """float32[steps, 96] of log-mel float32[frames, 32]: half a minute at a time, for what lies between its layers."""
+        """float32[steps, 96] of log-mel float32[frames, 32], some at a time: what lies between its layers is large."""
         starts = range(0, max(1, len(mel) - FRAMES + 1), 4000)
         return np.concatenate([self.of_mel(mel[start : start + 4000 + FRAMES - STEP_FRAMES]) for start in starts])

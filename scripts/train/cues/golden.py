@@ -1,4 +1,4 @@
-"""Writes shared/hearing/tests/golden.json: what the robot's own code must compute from a signal that it makes itself."""
+"""shared/hearing/tests/golden.json: what the robot's own code must compute from a signal that it makes itself."""
 
 from __future__ import annotations
 

@@ -88,7 +88,7 @@ class Candidate(NamedTuple):
 
 
 def nearest(number: float) -> int:
-    """Halves up, as everywhere but in Python's own `round`; the nanosecond is for 0.6 / 0.08, which is 7.5 less a bit."""
+    """Halves up, as everywhere but in Python's own `round`; the nanosecond is for quotients that lack a bit."""
     return int(number + 0.5 + 1e-9)
 
 

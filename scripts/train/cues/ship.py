@@ -25,10 +25,10 @@ import network
 import rehearsal
 import strangers
 import trunk
-from evaluate import Counts, Heard, Rate, count, poisson, total
+from evaluate import Counts, Heard, count, poisson, total
 from rules import DIRECTIONS, STARTS, Rules, detect
 from synthesise import BUILD
-from words import CUES, LABELS, SYNTHETIC_CUES
+from words import CUES, LABELS
 
 ROOT = Path(__file__).parents[3]
 CONFIG = ROOT / "config/cues"
@@ -38,10 +38,10 @@ FEATURES = "speech-embedding-96/2"
 
 OFF = 1.1  # no probability reaches it
 GRID = tuple(float(t) for t in np.round(np.arange(0.3, 0.96, 0.05), 2))
-# The share of a word's clips that has to be found: the threshold is the strictest by which it is. Of *forward* there are six
-# clips: it takes the mean of the other directions' thresholds.
+# The share of a word's clips that has to be found: the threshold is the strictest by which it is. Of *forward* there are
+# six clips: it takes the mean of the other directions' thresholds.
 WANTED = {"stop": 0.96, "left": 0.94, "right": 0.94, "go": 0.88}
-# After a stop a word has to be surer by the first, and as sure as hardly any other word is; but not surer than the second.
+# After a stop a word has to be surer by the first, and as sure as hardly any other is; but not surer than the second.
 SURER, SUREST, STARTED_BY_OTHERS = 0.1, 0.85, 0.001
 
 
@@ -157,9 +157,8 @@ def table(heard: dict[str, list[Heard]], rules: dict[int, Rules]) -> tuple[list[
     crossed, shipped = lambda fold: rules[fold], lambda fold: rules[SHIPPED]
     of_shipped = lambda name: [h for h in heard[name] if h.fold == SHIPPED]
     words, own = count(heard["words"], crossed), count(of_shipped("words"), shipped)
-    standing = {
-        word: count([h for h in heard["words"] if h.word == word], crossed, stopped=True).recall[word] for word in STARTS
-    }
+    said = lambda word: [h for h in heard["words"] if h.word == word]
+    standing = {word: count(said(word), crossed, stopped=True).recall[word] for word in STARTS}
     sets = {name: count(heard[name], crossed) for name in heard}
     speakers = len({strangers.speaker_of(Path(h.name)) for h in heard["words"]})
     lines = [

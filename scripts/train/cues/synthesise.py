@@ -167,7 +167,8 @@ def flite(made: int) -> Iterator[Clip]:
 
 def festival(made: int) -> Iterator[Clip]:
     """For tests alone: three voices of another synthesiser say the cues and some other words."""
-    wanted = [(v, t, s) for v in FESTIVAL_VOICES for t in (*SYNTHETIC_CUES, *OTHER_WORDS[:27]) for s in FESTIVAL_STRETCHES]
+    words = (*SYNTHETIC_CUES, *OTHER_WORDS[:27])
+    wanted = [(v, t, s) for v in FESTIVAL_VOICES for t in words for s in FESTIVAL_STRETCHES]
     with tempfile.TemporaryDirectory() as folder:
         for voice, text, stretch in wanted[made:]:
             wav = f"{folder}/clip.wav"

@@ -124,7 +124,7 @@ class Pool:
         self.group = np.concatenate([np.full(len(part.labels), name) for name, part in zip(names, parts)])
 
     def chances(self, kept_back: set[int]) -> np.ndarray:
-        """Within a group each label is drawn as often, but for those that few sequences have. What is kept back is not."""
+        """Within a group each label is drawn as often, but for those of few sequences. What is kept back is not drawn."""
         labels, usable = self.labels.cpu().numpy(), ~np.isin(self.folds, sorted(kept_back))
         chances = np.zeros(len(labels))
         for name in np.unique(self.group):
@@ -172,7 +172,11 @@ def fit(
         ears.mean.copy_(seen.mean(dim=0))
         ears.deviation.copy_(seen.std(dim=0) + 1e-3)
     optimiser = torch.optim.AdamW(
-        [{"params": ears.trunk.parameters(), "lr": trunk_rate}, {"params": ears.head.parameters(), "lr": HEAD_RATE}], weight_decay=0.02
+        [
+            {"params": ears.trunk.parameters(), "lr": trunk_rate},
+            {"params": ears.head.parameters(), "lr": HEAD_RATE},
+        ],
+        weight_decay=0.02,
     )
     began = time.monotonic()
     progress = lambda step: min(1.0, max(step / steps, (time.monotonic() - began) / budget_s))
@@ -244,7 +248,7 @@ def embedded(ears: Ears, data: Pool, at: np.ndarray) -> torch.Tensor:
 
 
 def refit(ears: Ears, data: Pool, kept_back: set[int], seed: int, steps: int, batch: int, most: int) -> Ears:
-    """A new head on an embedding that stays: at most so many sequences, which are seen at every step, not at every frame."""
+    """A new head on an embedding that stays: by at most so many sequences, whose windows begin with a step each."""
     torch.manual_seed(seed)
     dice, chances = np.random.default_rng(seed), data.chances(kept_back)
     at = np.sort(dice.choice(len(chances), min(most, np.count_nonzero(chances)), replace=False, p=chances))
@@ -254,7 +258,8 @@ def refit(ears: Ears, data: Pool, kept_back: set[int], seed: int, steps: int, ba
     ears.head, drawn = Head(len(LABELS)), base
     optimiser = torch.optim.AdamW(ears.head.parameters(), lr=HEAD_RATE, weight_decay=0.02)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps, HEAD_RATE * 0.02)
-    mean = torch.optim.swa_utils.AveragedModel(ears.head, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.999))
+    average = torch.optim.swa_utils.get_ema_multi_avg_fn(0.999)
+    mean = torch.optim.swa_utils.AveragedModel(ears.head, multi_avg_fn=average)
     loss_of = nn.CrossEntropyLoss(label_smoothing=0.05)
     ears.head.train()
     for step in range(steps):
@@ -270,7 +275,8 @@ def refit(ears: Ears, data: Pool, kept_back: set[int], seed: int, steps: int, ba
         schedule.step()
         mean.update_parameters(ears.head)
     ears.head = mean.module
-    print(f"without {sorted(kept_back)}: {len(at)} sequences, loss {float(loss.detach()):.3f}", file=sys.stderr, flush=True)
+    lately = f"{len(at)} sequences, loss {float(loss.detach()):.3f}"
+    print(f"without {sorted(kept_back)}: {lately}", file=sys.stderr, flush=True)
     return ears.eval()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 import features
 import sounds
-from augment import SHIFTS, SPAN, STEPS, Scene, clipped, equalised, extent, power
+from augment import SPAN, Scene, clipped, equalised, extent, power
 from features import RATE
 from sounds import TEST_FOLD
 from synthesise import Clip, held_out, load, seed_of
@@ -174,7 +174,8 @@ def babble(read: list[sounds.Recording], count: int) -> Iterator[Stretch]:
 
 def television(count: int, first: int = 0) -> Iterator[Stretch]:
     """Twenty seconds each of many voices that speak in turn, mostly over music, out of a box that compresses them."""
-    families = [[clip for clip in clips(f) if clip.text in SENTENCES or f == "talk"] for f in ("talk", "kokoro", "espeak")]
+    talks = lambda family, clip: family == "talk" or clip.text in SENTENCES
+    families = [[clip for clip in clips(f) if talks(f, clip)] for f in ("talk", "kokoro", "espeak")]
     for i in range(first, first + count if all(families) else first):
         rng = np.random.default_rng(seed_of("television", i))
         audio, at = np.zeros(20 * RATE, np.float32), int(rng.uniform(0, 1) * RATE)
