@@ -65,6 +65,12 @@ impl Clip {
     }
 }
 
+/// A clip that is judged is played so often, each time from 5 ms later on: a word at the border of a rule is heard in
+/// some of them.
+pub const PLAYS: usize = 4;
+/// Samples from one to the next.
+const PLAY_SAMPLES: usize = 80;
+
 /// How many recordings a head takes for what they are, or for what they are not, before it was fitted and after.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Change {
@@ -72,7 +78,7 @@ pub struct Change {
     pub before: usize,
     /// By the fitted one: of the handler's clips each by a head that it has not trained.
     pub after: usize,
-    /// How many there are.
+    /// How many there are; each of the handler's clips is played [`PLAYS`] times.
     pub of: usize,
 }
 
@@ -151,6 +157,7 @@ pub fn enrol(files: &ModelFiles, rehearsal: &Rehearsal, clips: &[Clip], seed: u6
     let all: Vec<&Clip> = clips.iter().collect();
     let heard_before = heard(file.head(), files, &all)?;
     let (dense, before) = (fitted(None), counted(&all, &heard_before));
+    let heard_before = heard_before.into_iter().next().unwrap_or_default();
     let rehearsed = rehearsal.changes(file.dense(), &dense, &file.head().manifest.rules);
     Ok(Enrolled { head: file.with(&dense), own: before.to(held_out), heard_before, rehearsed })
 }
@@ -184,9 +191,9 @@ impl Heard {
     }
 }
 
-fn counted(clips: &[&Clip], heard: &[Option<CueKind>]) -> Heard {
+fn counted(clips: &[&Clip], plays: &[Vec<Option<CueKind>>]) -> Heard {
     let mut counted = Heard::default();
-    for (clip, heard) in clips.iter().zip(heard) {
+    for (clip, heard) in plays.iter().flat_map(|heard| clips.iter().zip(heard)) {
         let one = |is_counted: bool| (usize::from(is_counted), 1);
         let found = match clip.cue() {
             Some(cue) => {
@@ -233,18 +240,17 @@ impl Engines {
     }
 }
 
-/// What a head hears first in each clip, as the robot would.
-fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<Vec<Option<CueKind>>, EnrolError> {
+/// What a head hears first in each clip, as the robot would: in each of the plays.
+fn heard(head: &Head, files: &ModelFiles, clips: &[&Clip]) -> Result<Vec<Vec<Option<CueKind>>>, EnrolError> {
     let mut recogniser = Recogniser::with(head, files)?;
-    let mut heard = Vec::new();
-    for clip in clips {
+    let mut play = |clip: &Clip, number: usize| {
         recogniser.clear();
         let mut first = None;
         let sound = amid_silence(&clip.samples, &mut ChaCha8Rng::seed_from_u64(clip.take as u64));
-        recogniser.push(&sound, Ears::Open, |step| first = first.or(step.heard))?;
-        heard.push(first.map(|heard| heard.kind));
-    }
-    Ok(heard)
+        recogniser.push(&sound[number * PLAY_SAMPLES..], Ears::Open, |step| first = first.or(step.heard))?;
+        Ok(first.map(|heard| heard.kind))
+    };
+    (0..PLAYS).map(|number| clips.iter().map(|clip| play(clip, number)).collect()).collect()
 }
 
 #[cfg(test)]
@@ -284,7 +290,8 @@ mod tests {
         let clip = |word: &str| Clip { word: word.to_owned(), take: 0, samples: Vec::new() };
         let clips = [clip("stop"), clip("go"), clip("left"), clip("lift"), clip("no")];
         let heard = [Some(CueKind::Stop), Some(CueKind::Forward), None, Some(CueKind::Left), None];
-        let Heard { cues, stop, others } = counted(&clips.iter().collect::<Vec<_>>(), &heard);
-        assert_eq!((cues, stop, others), ((2, 3), (1, 1), (1, 2)));
+        let plays = [heard.to_vec(), heard.map(|_| None).to_vec()];
+        let Heard { cues, stop, others } = counted(&clips.iter().collect::<Vec<_>>(), &plays);
+        assert_eq!((cues, stop, others), ((2, 6), (1, 2), (1, 4)));
     }
 }

@@ -118,7 +118,7 @@ fn changes(changes: &Changes) -> Value {
 fn told_of(enrolled: &Enrolled) -> String {
     let (own, rehearsed) = (enrolled.own, enrolled.rehearsed);
     [
-        ("your cues that are heard right", own.cues, true),
+        ("your cues that are heard right (each clip four times)", own.cues, true),
         ("your \"stop\" among them", own.stop, true),
         ("your other words that are taken for cues", own.others, false),
         ("other voices' cues that are heard right", rehearsed.cues, true),
@@ -134,7 +134,7 @@ fn told_of(enrolled: &Enrolled) -> String {
             _ => "worse",
         };
         let Change { before, after, of } = change;
-        format!("  {name:<52}{before:>5} of {of} before, {after:>5} now: {verdict}")
+        format!("  {name:<57}{before:>5} of {of} before, {after:>5} now: {verdict}")
     })
     .collect::<Vec<String>>()
     .join("\n")
@@ -219,6 +219,7 @@ fn manifest(base: &Path, enrolled: &Enrolled, clips: &[Clip]) -> Result<String, 
         ("clips".to_owned(), counts.into()),
         ("heard_right_before".to_owned(), (enrolled.own.cues.before as i64).into()),
         ("heard_right_held_out".to_owned(), (enrolled.own.cues.after as i64).into()),
+        ("heard_right_of".to_owned(), (enrolled.own.cues.of as i64).into()),
     ];
     manifest.insert("sha256".to_owned(), digest(&enrolled.head.bytes).into());
     manifest.remove("rehearsal_sha256");
