@@ -2,7 +2,7 @@
 
 It is Google's speech embedding, whose layers have no padding in time: an embedding is of 76 frames, and each 8 frames
 there is another. Step by step, each layer that looks back keeps the last two rows of what it saw: `memory`. A step
-then costs a ninth of looking at all 76 frames again, and gives the same numbers.
+then looks at 8 frames, not at 76 again, and gives the same numbers.
 
 Weights are numpy arrays by the names that torch gives them: `layers.N.weight` float32[out, in, time, bands], and
 `layers.N.bias`.

@@ -90,7 +90,7 @@ impl Change {
     }
 }
 
-/// What was heard of cues, and of what is none.
+/// How cues and other words were heard, before and after.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Changes {
     /// Cues that are heard as what they are.

@@ -323,7 +323,7 @@ impl Networks {
     /// # Errors
     /// Where the network cannot be run.
     pub fn embed(&mut self, frames: &[Mel]) -> Result<Vec<[f32; EMBEDDING]>, SpeechError> {
-        // So many that the first embedding ends with a whole step.
+        // Padding, so that the first embedding ends with a whole step.
         let unseen = FRAMES.next_multiple_of(FRAMES_AN_EMBEDDING) - FRAMES;
         let padded: Vec<Mel> = std::iter::repeat_n([0.0; BANDS], unseen).chain(frames.iter().copied()).collect();
         let mut embedder = Embedder::default();

@@ -40,7 +40,7 @@ pub struct Step {
 pub enum Ears {
     /// Every cue.
     Open,
-    /// *stop* alone, though nothing drowns the others: nobody holds the key to speak.
+    /// *stop* alone: the key to speak is not held.
     OnlyStop,
     /// *stop* alone, in whatever sounds: the robot itself speaks as it walks.
     ForStop,

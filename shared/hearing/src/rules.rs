@@ -262,7 +262,7 @@ pub struct CueRules {
     is_stopped: bool,
     /// The robot was last known to stand.
     stood: bool,
-    /// A direction counts only after *go*, which is none by itself then.
+    /// A direction counts only after *go*, and *go* alone is no cue.
     wants_go: bool,
     /// The step at which *go* was last sure.
     went: Option<u64>,
@@ -336,26 +336,18 @@ impl CueRules {
         is_new.then_some(Heard { kind: CueKind::Stop, score, steps_ago: 0, after_stop: true })
     }
 
-    /// Takes a step in which a direction is none, whatever is said: as [`CueRules::take`], but for that.
+    /// Takes a step as [`CueRules::take`] does, and ignores directions.
     pub fn take_only_stop(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
-        sounds.iter().for_each(|sound| self.levels.take(*sound));
-        let step = self.step;
-        self.step += 1;
-        self.count(probabilities);
+        let step = self.begin(probabilities, sounds);
         self.forget();
-        let (streak, score) = self.streaks[STOP];
-        if streak >= self.rules.stop.steps { self.stop(step, score) } else { None }
+        self.sure_of_stop().and_then(|score| self.stop(step, score))
     }
 
     /// Takes a step, with what each of its frames sounds like.
     pub fn take(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
-        sounds.iter().for_each(|sound| self.levels.take(*sound));
-        let step = self.step;
-        self.step += 1;
-        self.count(probabilities);
+        let step = self.begin(probabilities, sounds);
         let refractory = count(self.rules.refractory, STEP_NS) as u64;
-        let (streak, score) = self.streaks[STOP];
-        if streak >= self.rules.stop.steps {
+        if let Some(score) = self.sure_of_stop() {
             return self.stop(step, score);
         }
         let is_voice = self.is_voice();
@@ -376,6 +368,20 @@ impl CueRules {
         self.silent_until.1 = step + refractory;
         let kind = cue_of(LABELS[word])?;
         Some(Heard { kind, score, steps_ago: step - since, after_stop })
+    }
+
+    /// Counts a step: its number.
+    fn begin(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> u64 {
+        sounds.iter().for_each(|sound| self.levels.take(*sound));
+        self.count(probabilities);
+        self.step += 1;
+        self.step - 1
+    }
+
+    /// The score of *stop*, if it was probable enough for as many steps as it takes.
+    fn sure_of_stop(&self) -> Option<f32> {
+        let (streak, score) = self.streaks[STOP];
+        (streak >= self.rules.stop.steps).then_some(score)
     }
 
     /// Whether a direction may be given now, as far as its attention word goes.

@@ -1,19 +1,19 @@
 //! What no single key can say: values that do not go together, or are like no robot, handler or device.
 
 mod lidar;
-
-use std::path::Path;
+mod voice;
 
 use messages::ServiceId;
 use messages::topic::{AgeLimit, TOPICS};
 
 use crate::devices::{DeviceRow, either};
-use crate::recorded::CueOrigin;
 use crate::sections::{
-    AttitudeSource, CueSettings, DepthDevice, DepthSettings, EVDEV_KEYS, EstopSource, LidarDevice, LinkKind, LinkRow,
-    OdometryDevice, Origin, Robot, Settings, Source, VoiceSource,
+    AttitudeSource, DepthDevice, DepthSettings, EstopSource, LidarDevice, LinkKind, LinkRow, OdometryDevice, Origin,
+    Robot, Settings, Source,
 };
 use crate::units::Millis;
+
+pub use voice::{check_tone, no_start_by_voice};
 
 /// The least depth images a second that an attitude may come from. One holds for 100 ms: the period of the images, the
 /// camera's latency and the period of the poses together.
@@ -45,7 +45,7 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     check_rows(settings)?;
     check_devices(settings)?;
     check_depth_device(depth, settings.commands_robot())?;
-    check_voice(&settings.cue)?;
+    voice::check(&settings.cue)?;
     if depth.needed && depth.source == Source::Absent {
         return Err("depth.needed, but depth.source = \"absent\"".to_owned());
     }
@@ -60,60 +60,6 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err("supervision.restart_budget = 0 would lock the run at the first fault".to_owned());
     }
     Ok(())
-}
-
-/// A voice is heard by something, and in a run that plays recorded cues not at all.
-fn check_voice(cue: &CueSettings) -> Result<(), String> {
-    let voice = &cue.voice;
-    if voice.source == VoiceSource::Stream && voice.stream.is_none() {
-        return Err("cue.voice.source = \"stream\" needs cue.voice.stream, a file or a pipe".to_owned());
-    }
-    if voice.source == VoiceSource::Microphone && voice.microphone.is_empty() {
-        return Err("cue.voice.microphone is empty: `arecord -L` lists the names".to_owned());
-    }
-    if let Some(talk) = voice.talk.as_ref().filter(|talk| talk.key >= EVDEV_KEYS) {
-        return Err(format!("cue.voice.talk.key = {} is not under {EVDEV_KEYS}: no key has such a number", talk.key));
-    }
-    if voice.source != VoiceSource::Absent && cue.source == CueOrigin::Replayed {
-        return Err("cue.voice.source is not \"absent\", and cue.source = \"replayed\"".to_owned());
-    }
-    Ok(())
-}
-
-/// In a run somebody has to give the tone before a spoken cue starts the robot, where one is wanted. A configuration
-/// alone may leave that open: `--voice` turns speaking on.
-///
-/// # Errors
-/// Where nobody would.
-pub fn check_tone(settings: &Settings) -> Result<(), String> {
-    let voice = &settings.cue.voice;
-    if voice.source != VoiceSource::Absent && voice.tone && !voice.repeat && !settings.speak.on {
-        return Err("cue.voice.tone: the tone before a spoken cue starts the robot needs speak.on = true; or write \
-                    cue.voice.repeat = true (the word is said twice), or cue.voice.tone = false (at once)"
-            .to_owned());
-    }
-    Ok(())
-}
-
-/// Why no spoken cue would start a robot that stands by a stop, if so: its tone has no player on this machine.
-#[must_use]
-pub fn no_start_by_voice(settings: &Settings) -> Option<String> {
-    let (voice, speak) = (&settings.cue.voice, &settings.speak);
-    if voice.source == VoiceSource::Absent || !voice.tone || voice.repeat {
-        return None;
-    }
-    let player = speak.tone_command()?.first()?;
-    let is_there = match player.contains('/') {
-        true => Path::new(player).is_file(),
-        false => std::env::var_os("PATH")
-            .is_some_and(|paths| std::env::split_paths(&paths).any(|folder| folder.join(player).is_file())),
-    };
-    (!is_there).then(|| {
-        format!(
-            "no spoken cue will start the robot: its tone needs {player}, which is missing (apt: alsa-utils, or \
-             [speak] player); with cue.voice.repeat = true the word is said twice in its place"
-        )
-    })
 }
 
 /// A real robot walks by a response that was measured on it. A configuration alone may leave that open: `--emulated`

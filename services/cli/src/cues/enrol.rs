@@ -201,7 +201,7 @@ fn read_clips(folder: &Path) -> Result<Vec<Clip>, Failure> {
         say(format!("{cue}: no clips, so it is heard as before"));
     }
     if clips.iter().all(|clip| clip.cue().is_some()) {
-        say("no other words, so nobody knows whether more of them are taken for cues");
+        say("no other words: it cannot be told whether more of them are taken for cues");
     }
     Ok(clips)
 }

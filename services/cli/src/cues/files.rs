@@ -71,7 +71,7 @@ pub struct Found {
 /// All files of these folders, lists and files. One in a folder that cannot be heard is left out.
 ///
 /// # Errors
-/// Where one that is named cannot be heard, or there is none that can.
+/// Where a named file cannot be read, or no file can.
 pub fn find(places: &[PathBuf]) -> Result<Found, Failure> {
     let mut found = Found::default();
     for place in places {

@@ -131,12 +131,10 @@ fn unseen() -> Check {
 /// A program of others, where the shell would find it.
 fn program(name: &'static str, key: &str, words: &[String]) -> Check {
     let program = words.first().map_or("", String::as_str);
-    let folders = std::env::var_os("PATH").unwrap_or_default();
-    let mut places = std::env::split_paths(&folders).map(|folder| folder.join(program));
-    // A path is its own place: joined to any folder, an absolute one stays what it is.
-    let place = if program.contains('/') { Some(program.into()) } else { places.find(|place| place.is_file()) };
+    let place = settings::find_program(program);
     let ok = place.as_ref().is_some_and(|place| rustix::fs::access(place, Access::EXEC_OK).is_ok());
-    let found = place.map_or_else(|| format!("{program} is nowhere in PATH"), |place| place.display().to_string());
+    let missing = || if program.contains('/') { program.to_owned() } else { format!("{program} is nowhere in PATH") };
+    let found = place.map_or_else(missing, |place| place.display().to_string());
     let fix = match program {
         "espeak-ng" => "sudo apt-get install espeak-ng".to_owned(),
         "aplay" => "sudo apt-get install alsa-utils".to_owned(),

@@ -7,7 +7,7 @@ use transport::Io;
 
 /// Between two tries to open what is not there, nanoseconds.
 const REOPEN_NS: u64 = NS_PER_S;
-/// Whoever lets go of the key has said the word; its end is waited for, nanoseconds.
+/// A word counts for this long after the key was released, nanoseconds: the recogniser decides after its end.
 const AFTER_NS: u64 = NS_PER_S * 6 / 10;
 /// So long after the key went down, what is recognised may have been said before; no word is shorter, nanoseconds.
 const BEFORE_NS: u64 = NS_PER_S * 4 / 10;
@@ -68,7 +68,7 @@ impl Talk {
         let now_ns = io.now_ns();
         let read = self.open(io, now_ns).and_then(|()| self.device.as_mut().map(InputDevice::read).transpose());
         match read {
-            // Nobody holds what nothing is known of.
+            // A key whose state is unknown counts as released.
             Ok(Some(state)) => self.held.take(state == StopInput::Released, now_ns),
             Ok(None) => return None,
             Err(why) => {

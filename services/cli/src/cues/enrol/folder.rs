@@ -1,6 +1,6 @@
 //! The folder of a handler: `head.toml`, `head.onnx`, `clips/WORD/N.wav`. Beside it lies `NAME.before`, which an undo
-//! brings back, and while somebody enrols `NAME.new`, with a file that tells where its clips come from. What is in
-//! force changes in one step, and is always whole; what somebody else has put there is left as it is.
+//! brings back. During an enrolment `NAME.new` lies there, too; a file in it tells where its clips come from. What is
+//! in force changes in one step, and is always whole; what somebody else has put there is left as it is.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
