@@ -111,4 +111,10 @@ def rules_table(rules: Rules) -> dict[str, Any]:
             "voiced": duration(rules.voiced_s),
             "above_floor_db": rules.above_floor_db,
         },
+        "talk": {
+            "reach": duration(rules.talk_s),
+            "voiced": duration(rules.talk_voiced_s),
+            "depth_db": rules.talk_depth_db,
+            "stop": {"threshold": rules.talk_stop, "steps": rules.talk_stop_steps},
+        },
     }

@@ -63,7 +63,7 @@ def case(
     probabilities, levels, periodicities = [], [], []
     spans = [(STEPS_A_SPAN * count, *rest) for count, *rest in spans]
     for steps, label, p, level in spans:
-        row = np.zeros(len(LABELS))
+        row = np.zeros(len(LABELS), np.float32)
         row[LABELS.index("other")] = 1 - p
         row[LABELS.index(label)] += p
         probabilities += [row] * steps
@@ -75,7 +75,7 @@ def case(
         "rules": dataclasses.asdict(rules),
         "spans": [dict(zip(("steps", "label", "probability", "level_db"), span)) for span in spans],
         "periodicity": periodicity,
-        "detections": [f._asdict() for f in found],
+        "detections": [f._replace(score=round(f.score, 4))._asdict() for f in found],
     }
 
 
@@ -83,6 +83,8 @@ def cases() -> list[dict[str, Any]]:
     rules = Rules()
     quiet, loud = -60.0, -20.0
     silence = (20, "other", 1.0, quiet)
+    talk = [silence, (16, "other", 1.0, loud), (4, "other", 1.0, quiet)]
+    said_loudly = [(4, "other", 1.0, quiet), (5, "other", 1.0, 0.0), (3, "left", 0.9, quiet), silence]
     return [
         case(
             "a lone direction, reported once it is quiet",
@@ -117,9 +119,9 @@ def cases() -> list[dict[str, Any]]:
                 (10, "other", 1.0, loud),
                 (4, "stop", 0.9, loud),
                 (5, "other", 1.0, loud),
-                (2, "stop", 0.9, loud),
+                (2, "stop", 0.95, loud),
                 silence,
-                (2, "stop", 0.9, loud),
+                (2, "stop", 0.95, loud),
                 silence,
             ],
         ),
@@ -176,6 +178,56 @@ def cases() -> list[dict[str, Any]]:
             rules,
             [silence, (6, "other", 1.0, loud), (3, "stop", 0.9, quiet), (20, "other", 1.0, quiet)],
             periodicity=0.6,
+        ),
+        case(
+            "in talk no direction is given, and a stop has to be surer for longer; after six seconds all is as before",
+            rules,
+            [
+                *talk,
+                (5, "other", 1.0, loud),
+                (3, "left", 0.9, quiet),
+                (8, "other", 1.0, quiet),
+                (3, "stop", 0.88, loud),
+                (4, "other", 1.0, quiet),
+                (1, "stop", 0.95, loud),
+                (4, "other", 1.0, quiet),
+                (2, "stop", 0.88, loud),
+                (3, "stop", 0.95, loud),
+                (80, "other", 1.0, quiet),
+                (5, "other", 1.0, loud),
+                (3, "left", 0.9, quiet),
+                (20, "other", 1.0, quiet),
+                (1, "stop", 0.88, loud),
+                silence,
+            ],
+        ),
+        case(
+            "a voice that is softer than the word by the depth is talk",
+            rules,
+            [(20, "other", 1.0, quiet), (16, "other", 1.0, -20.0), *said_loudly],
+        ),
+        case(
+            "a voice that is softer than that is none",
+            rules,
+            [(20, "other", 1.0, quiet), (16, "other", 1.0, -20.1), *said_loudly],
+        ),
+        case(
+            "a noise before a stop is no talk",
+            rules,
+            [*talk, (1, "stop", 0.8, loud), silence],
+            periodicity=0.6,
+        ),
+        case(
+            "a direction that waits already as talk begins is given",
+            rules,
+            [
+                silence,
+                (13, "other", 1.0, loud),
+                (3, "other", 1.0, quiet),
+                (5, "other", 1.0, loud),
+                (2, "left", 0.9, loud),
+                silence,
+            ],
         ),
         case(
             "a voice that is as loud as what is always there is no direction",

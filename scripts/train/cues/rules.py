@@ -20,6 +20,13 @@ reported.
 Voice. Of the frames of the last `reach`, those of the step too, at least `voiced` have a periodicity of at least
 `periodicity`, and the highest level is above `floor` + `above_floor`.
 
+Talk. Of the frames of the last `talk`, without those of the last `reach` (the word itself is in those), at least
+`talk_voiced` are voiced and not more than `talk_depth` below the peak of the last `reach`: somebody talks beside the
+word. A voice that is much softer, a television in the next room beside a handler who speaks into a microphone, is no
+talk. In talk
+1. no direction becomes a candidate; one that waits already goes on waiting;
+2. *stop* has besides to be at or above `talk_stop` in `talk_stop_steps` steps in a row. Its score is their lowest.
+
 Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
 level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
 `reach`. In each step while it waits, from the newest frame back:
@@ -28,13 +35,14 @@ level is above `floor` + `margin` and above `peak` - `depth`, both as of then; p
    segment. If it is longer than `segment_max`, both ends counted, this is running speech: the candidate is dropped.
 3. The last `quiet` are without a loud frame: it is reported.
 4. It has waited for `wait_max`: it is dropped.
-Levels are remembered for `MEMORY`; what is older counts as not loud.
+Levels and periodicities are remembered for `MEMORY`; what is older counts as not loud, and as not voiced.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -42,7 +50,8 @@ import numpy as np
 from words import LABELS
 
 STEP_S, FRAME_S, FRAMES = 0.02, 0.01, 2
-MEMORY = 256  # frames: no less than reach, wait_max (to the end of a step) and segment_max together
+# Frames: no less than reach, wait_max (to the end of a step) and segment_max together, and no less than talk.
+MEMORY = 640
 DIRECTIONS = ("forward", "left", "right", "go")
 STARTS = ("forward", "go")
 # The cue of a word.
@@ -71,6 +80,11 @@ class Rules:
     periodicity: float = 0.7
     voiced_s: float = 0.03
     above_floor_db: float = 5.0
+    talk_s: float = 6.0
+    talk_voiced_s: float = 1.0
+    talk_depth_db: float = 20.0
+    talk_stop: float = 0.9
+    talk_stop_steps: int = 8
 
 
 class Detection(NamedTuple):
@@ -109,9 +123,10 @@ class Recogniser:
         self.step = -1
         self.floor: float | None = None
         self.levels: deque[float] = deque(maxlen=MEMORY)
-        self.periodicities: deque[float] = deque(maxlen=frames(self.rules.reach_s))
+        self.periodicities: deque[float] = deque(maxlen=MEMORY)
         self.streak = [0] * len(LABELS)
         self.lowest = [1.0] * len(LABELS)
+        self.surely, self.surely_lowest = 0, 1.0  # the same of a stop in talk
         self.waiting: Candidate | None = None
         self.silent_until = {"stop": 0, "direction": 0}
 
@@ -123,15 +138,17 @@ class Recogniser:
         self.periodicities.extend(map(float, periodicities))
         self.count(probabilities)
         refractory = steps(self.rules.refractory_s)
-        if self.streak[STOP] >= self.rules.stop_steps:
+        score = self.stop_score()
+        if score is not None:
             self.waiting, self.stopped = None, True
             if self.step < self.silent_until["stop"]:
                 return []
             self.silent_until["stop"] = self.step + refractory
-            return [Detection("stop", self.step, self.step, self.lowest[STOP])]
+            return [Detection("stop", self.step, self.step, score)]
         for word in map(LABELS.index, DIRECTIONS):
             if self.streak[word] >= self.rules.direction_steps and self.step >= self.silent_until["direction"]:
-                if (self.waiting is None or self.waiting.word != word) and self.is_voice():
+                is_new = self.waiting is None or self.waiting.word != word
+                if is_new and self.is_voice() and not self.in_talk():
                     self.waiting = Candidate(word, self.step, self.lowest[word], self.loud_db())
         if self.waiting is None or not self.isolated():
             return []
@@ -158,6 +175,18 @@ class Recogniser:
                 self.streak[word] += 1
             else:
                 self.streak[word] = 0
+        p = float(probabilities[STOP])
+        is_sure = p >= self.rules.talk_stop
+        self.surely_lowest = min(p, self.surely_lowest) if is_sure and self.surely else p
+        self.surely = self.surely + 1 if is_sure else 0
+
+    def stop_score(self) -> float | None:
+        """The score of a stop that counts now."""
+        if self.streak[STOP] < self.rules.stop_steps:
+            return None
+        if not self.in_talk():
+            return self.lowest[STOP]
+        return self.surely_lowest if self.surely >= self.rules.talk_stop_steps else None
 
     def threshold(self, word: int) -> float:
         if word == STOP:
@@ -174,8 +203,16 @@ class Recogniser:
     def is_voice(self) -> bool:
         """Whether a voice was heard of late, above what is always there."""
         assert self.floor is not None
-        voiced = sum(p >= self.rules.periodicity for p in self.periodicities)
+        late = islice(reversed(self.periodicities), frames(self.rules.reach_s))
+        voiced = sum(p >= self.rules.periodicity for p in late)
         return voiced >= frames(self.rules.voiced_s) and self.peak_db() > self.floor + self.rules.above_floor_db
+
+    def in_talk(self) -> bool:
+        """Whether somebody has talked of late, about as loud as what is heard now."""
+        least, periodicity = self.peak_db() - self.rules.talk_depth_db, self.rules.periodicity
+        sounds = zip(reversed(self.levels), reversed(self.periodicities))
+        before = islice(sounds, frames(self.rules.reach_s), frames(self.rules.talk_s))
+        return sum(p >= periodicity and level >= least for level, p in before) >= frames(self.rules.talk_voiced_s)
 
     def loud_db(self) -> float:
         """What is loud beside a candidate that is made now."""

@@ -89,7 +89,8 @@ class Sweep:
         stop, left, right, go = (self.strictest(cue, folds) for cue in ("stop", "left", "right", "go"))
         forward = GRID[int(np.argmin(np.abs(np.array(GRID) - (left + right) / 2)))]
         starts = (self.start("forward", folds, forward), self.start("go", folds, go))
-        return dataclasses.replace(rules, stop=stop, directions=(forward, left, right, go), starts=starts)
+        found = dataclasses.replace(rules, stop=stop, directions=(forward, left, right, go), starts=starts)
+        return dataclasses.replace(found, talk_stop=max(stop, found.talk_stop))  # In talk no laxer than without.
 
 
 def found_of(heard: dict[str, list[Heard]], rules: Rules, cue: str) -> dict[str, np.ndarray]:
@@ -106,6 +107,8 @@ def found_at(cue: str, heard: Heard, rules: Rules) -> list[int]:
             continue
         only = tuple(threshold if name == cue else OFF for name in DIRECTIONS)
         tried = dataclasses.replace(rules, directions=only, stop=threshold if cue == "stop" else OFF, starts=(0.0, 0.0))
+        # As if nobody talked: else what starts the robot could be less sure, since no stream here would show it.
+        tried = dataclasses.replace(tried, talk_s=rules.reach_s)
         made.append(len(detect(tried, heard.probabilities, heard.levels, heard.periodicities)))
     return made
 

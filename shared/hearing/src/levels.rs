@@ -4,8 +4,8 @@ use std::collections::VecDeque;
 
 use crate::mel::{BANDS, Mel};
 
-/// Frames of 10 ms that are remembered: longer than any word waits for its end.
-pub(crate) const MEMORY: usize = 256;
+/// Frames of 10 ms that are remembered: longer than any word waits for its end, and than talk is remembered.
+pub(crate) const MEMORY: usize = 640;
 /// The bands of speech; below them is hum, above them hiss.
 const SPEECH: std::ops::Range<usize> = 4..28;
 const _: () = assert!(SPEECH.end <= BANDS);
@@ -99,6 +99,15 @@ impl Levels {
     #[must_use]
     pub fn voiced(&self, periodicity: f64) -> usize {
         self.late().filter(|sound| f64::from(sound.periodicity) >= periodicity).count()
+    }
+
+    /// Frames within the last `frames`, but before those of late, that are as periodic as this, or more, and not more
+    /// than `depth_db` below the loudest of late.
+    #[must_use]
+    pub fn talked(&self, frames: usize, periodicity: f64, depth_db: f64) -> usize {
+        let least_db = self.peak_db() - depth_db;
+        let before = self.sounds.iter().rev().take(frames).skip(self.rules.reach);
+        before.filter(|sound| f64::from(sound.periodicity) >= periodicity && sound.level_db >= least_db).count()
     }
 
     /// What counts as loud beside a word that was said now, decibels.

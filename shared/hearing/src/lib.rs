@@ -28,7 +28,9 @@ pub use model::{
 pub use pcm::{PcmError, PcmStream};
 pub use periodicity::Periodicity;
 pub use recogniser::{Ears, FRAMES_A_STEP, Recogniser, STEP_NS, Step};
-pub use rules::{CueRules, Direction, Heard, IsolationRules, Rules, Starts, Stop, Thresholds, VoiceRules, cue_of};
+pub use rules::{
+    CueRules, Direction, Heard, IsolationRules, Rules, Starts, Stop, TalkRules, Thresholds, VoiceRules, cue_of,
+};
 pub use signal::{Quality, Signal, Trouble};
 
 /// The words that are told apart: the head's outputs, in this order; all else is the last. *go* means *forward*.

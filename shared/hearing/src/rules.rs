@@ -1,10 +1,10 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a few steps, whatever goes on. A direction has to be the surest word in steps in a row, in a
+//! *stop* counts in a few steps, whatever else is heard. A direction has to be the surest word in steps in a row, in a
 //! voice that stands out from what is always there, and to stand alone: it is given only once the sound that it is in
-//! has ended, and that was no longer than a word. *forward*, and *go*, which means the
-//! same, have to be surer after a stop. `scripts/train/cues/rules.py`
-//! is the same, step by step.
+//! has ended, and that was no longer than a word. *forward*, and *go*, which means the same, have to be surer after a
+//! stop. While somebody talks beside the word, no direction is taken, and *stop* has to be surer for longer: running
+//! speech has words in it that sound like cues. `scripts/train/cues/rules.py` is the same, step by step.
 
 use messages::CueKind;
 use serde::Deserialize;
@@ -63,6 +63,8 @@ pub struct Rules {
     pub isolation: IsolationRules,
     /// When a direction is in a voice.
     pub voice: VoiceRules,
+    /// When somebody talks, and what counts then.
+    pub talk: TalkRules,
 }
 
 /// How probable a word has to be, in how many steps in a row.
@@ -145,6 +147,21 @@ pub struct VoiceRules {
     pub above_floor_db: Positive,
 }
 
+/// When somebody talks: by the frames within `reach`, without the newest, within [`IsolationRules::reach`], which hold
+/// the word itself. Then no direction is taken.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct TalkRules {
+    /// What was said longer ago than this is over.
+    pub reach: Millis,
+    /// As much as this has to be voiced; see [`VoiceRules::periodicity`].
+    pub voiced: Millis,
+    /// A voice that is lower than the loudest of late by more than this is not beside the word, decibels.
+    pub depth_db: Positive,
+    /// When *stop* counts all the same: besides what it takes without talk.
+    pub stop: Stop,
+}
+
 /// So many of these, to the nearest.
 fn count(time: Millis, each_ns: u64) -> usize {
     ((time.ns() + each_ns / 2) / each_ns) as usize
@@ -179,6 +196,31 @@ impl IsolationRules {
             floor_fall: self.floor_fall.get(),
             floor_rise_db: self.floor_rise_db.get(),
         }
+    }
+}
+
+impl TalkRules {
+    fn check(&self, late: Millis, stop: &Stop) -> Result<(), String> {
+        let [reach, late, voiced] = [self.reach, late, self.voiced].map(|time| count(time, FRAME_NS));
+        if reach > MEMORY {
+            let remembered_ms = MEMORY as u64 * FRAME_NS / 1_000_000;
+            return Err(format!("talk.reach is over {remembered_ms} ms: what is older is not remembered"));
+        }
+        if voiced == 0 {
+            return Err("talk.voiced is less than a frame: no direction would be given, in silence either".to_owned());
+        }
+        if late + voiced > reach {
+            return Err("talk.voiced does not fit into talk.reach less isolation.reach: no talk would count".to_owned());
+        }
+        let Stop { threshold, steps } = self.stop;
+        if threshold.get() > STOP_THRESHOLD_MAX || steps > STOP_STEPS_MAX {
+            let limits = format!("threshold over {STOP_THRESHOLD_MAX} or steps over {STOP_STEPS_MAX}");
+            return Err(format!("talk.stop has a {limits}: none would count while somebody talks"));
+        }
+        if threshold.get() < stop.threshold.get() || steps < stop.steps {
+            return Err("talk.stop is laxer than stop: talk makes a stop less certain, not more".to_owned());
+        }
+        Ok(())
     }
 }
 
@@ -222,7 +264,8 @@ impl Rules {
         if self.refractory.s() > REFRACTORY_MAX_S {
             return Err(format!("refractory is over {REFRACTORY_MAX_S} s: a cue that is said again would not count"));
         }
-        self.isolation.check()
+        self.isolation.check()?;
+        self.talk.check(self.isolation.reach, &self.stop)
     }
 }
 
@@ -247,6 +290,11 @@ struct Candidate {
     loud_db: f64,
 }
 
+/// A streak of steps, and the least probability in it, after a step of this probability.
+fn longer((streak, least): (u32, f32), p: f32, threshold: Share) -> (u32, f32) {
+    if f64::from(p) >= threshold.get() { (streak + 1, least.min(p)) } else { (0, 1.0) }
+}
+
 /// Follows the rules, step by step.
 #[derive(Debug, Clone)]
 pub struct CueRules {
@@ -255,6 +303,8 @@ pub struct CueRules {
     step: u64,
     /// Steps in a row in which a word was probable enough, and the least it was.
     streaks: [(u32, f32); WORDS],
+    /// The same of *stop* where somebody talks.
+    stop_in_talk: (u32, f32),
     /// Of *stop*, in what sounds while the robot itself speaks.
     stop_aside: (u32, f32),
     waiting: Option<Candidate>,
@@ -282,6 +332,7 @@ impl CueRules {
             rules,
             step: 0,
             streaks: [(0, 1.0); WORDS],
+            stop_in_talk: (0, 1.0),
             stop_aside: (0, 1.0),
             waiting: None,
             is_stopped: false,
@@ -319,9 +370,7 @@ impl CueRules {
 
     /// Takes a step in which nothing but *stop* is listened for: the robot itself speaks.
     pub fn take_stop(&mut self, probabilities: &Probabilities) -> Option<Heard> {
-        let (p, (streak, score)) = (probabilities[STOP], self.stop_aside);
-        let is_stop = f64::from(p) >= self.rules.stop.threshold.get();
-        self.stop_aside = if is_stop { (streak + 1, score.min(p)) } else { (0, 1.0) };
+        self.stop_aside = longer(self.stop_aside, probabilities[STOP], self.rules.stop.threshold);
         let (streak, score) = self.stop_aside;
         if streak >= self.rules.stop.steps { self.stop(self.step, score) } else { None }
     }
@@ -350,17 +399,9 @@ impl CueRules {
         if let Some(score) = self.sure_of_stop() {
             return self.stop(step, score);
         }
-        let is_voice = self.is_voice();
-        if self.streaks[GO].0 >= self.rules.direction.steps && is_voice {
-            self.went = Some(step);
-        }
-        for word in DIRECTIONS {
-            let (streak, score) = self.streaks[word];
-            let is_sure =
-                self.may_be(word, step) && streak >= self.rules.direction.steps && step >= self.silent_until.1;
-            if is_sure && is_voice && self.waiting.is_none_or(|waiting| waiting.word != word) {
-                self.waiting = Some(Candidate { word, step, score, loud_db: self.levels.loud_db() });
-            }
+        // The sound is looked at only where a word makes it matter.
+        if DIRECTIONS.iter().any(|word| self.is_sure(*word)) && self.is_voice() && !self.is_talk() {
+            self.listen_for_directions(step);
         }
         let Candidate { word, step: since, score, .. } = self.isolated(step)?;
         let after_stop = std::mem::take(&mut self.is_stopped);
@@ -368,6 +409,25 @@ impl CueRules {
         self.silent_until.1 = step + refractory;
         let kind = cue_of(LABELS[word])?;
         Some(Heard { kind, score, steps_ago: step - since, after_stop })
+    }
+
+    /// Takes what is sure, in a voice that may give directions.
+    fn listen_for_directions(&mut self, step: u64) {
+        if self.is_sure(GO) {
+            self.went = Some(step);
+        }
+        for word in DIRECTIONS {
+            let may_count = self.is_sure(word) && self.may_be(word, step) && step >= self.silent_until.1;
+            if may_count && self.waiting.is_none_or(|waiting| waiting.word != word) {
+                let score = self.streaks[word].1;
+                self.waiting = Some(Candidate { word, step, score, loud_db: self.levels.loud_db() });
+            }
+        }
+    }
+
+    /// Whether a direction was probable enough for as many steps as it takes.
+    fn is_sure(&self, word: usize) -> bool {
+        self.streaks[word].0 >= self.rules.direction.steps
     }
 
     /// Counts a step: its number.
@@ -381,7 +441,11 @@ impl CueRules {
     /// The score of *stop*, if it was probable enough for as many steps as it takes.
     fn sure_of_stop(&self) -> Option<f32> {
         let (streak, score) = self.streaks[STOP];
-        (streak >= self.rules.stop.steps).then_some(score)
+        if streak < self.rules.stop.steps {
+            return None;
+        }
+        let (in_talk, surely) = self.stop_in_talk;
+        if self.is_talk() { (in_talk >= self.rules.talk.stop.steps).then_some(surely) } else { Some(score) }
     }
 
     /// Whether a direction may be given now, as far as its attention word goes.
@@ -399,6 +463,14 @@ impl CueRules {
             let least = if streak > 0 { least.min(p) } else { p };
             self.streaks[word] = if counts { (streak + 1, least) } else { (0, 1.0) };
         }
+        self.stop_in_talk = longer(self.stop_in_talk, probabilities[STOP], self.rules.talk.stop.threshold);
+    }
+
+    /// Whether somebody has talked of late, about as loud as what is heard now.
+    fn is_talk(&self) -> bool {
+        let TalkRules { reach, voiced, depth_db, .. } = self.rules.talk;
+        let periodicity = self.rules.voice.periodicity.get();
+        self.levels.talked(count(reach, FRAME_NS), periodicity, depth_db.get()) >= count(voiced, FRAME_NS)
     }
 
     /// Whether a voice was heard of late, and not what is always there alone.
@@ -435,167 +507,4 @@ impl CueRules {
 }
 
 #[cfg(test)]
-mod tests {
-    use serde_json::{Value, json};
-
-    use super::{CueRules, FRAMES_A_STEP, Heard, Probabilities, Rules, Sound};
-    use messages::CueKind;
-
-    fn rules() -> Value {
-        json!({
-            "stop": { "threshold": 0.6, "steps": 2 },
-            "direction": {
-                "threshold": { "forward": 0.8, "left": 0.6, "right": 0.6, "go": 0.8 }, "steps": 5, "isolated": true,
-            },
-            "start": { "forward": 0.9, "go": 0.95 },
-            "refractory": "1s",
-            "isolation": {
-                "quiet": "180ms", "segment_max": "1s", "wait_max": "600ms", "reach": "800ms",
-                "margin_db": 8, "depth_db": 30, "floor_rise_db": 0.02, "floor_fall": 0.2,
-            },
-            "voice": { "periodicity": 0.7, "voiced": "30ms", "above_floor_db": 5 },
-        })
-    }
-
-    /// What comes of the rules where one of them is another: the text of its refusal, if it is refused.
-    fn refusal(path: &str, value: Value) -> String {
-        let mut rules = rules();
-        *rules.pointer_mut(path).expect("a rule") = value;
-        let rules: Rules = serde_json::from_value(rules).expect("rules");
-        rules.check().err().unwrap_or_default()
-    }
-
-    #[test]
-    fn rules_by_which_everything_or_nothing_would_be_a_cue_are_refused() {
-        assert_eq!(refusal("/stop/threshold", json!(0.95)), "");
-        for (path, value, says) in [
-            ("/stop/threshold", json!(0.0), "a threshold of 0"),
-            ("/stop/threshold", json!(0.96), "none would count"),
-            ("/stop/steps", json!(13), "none would count"),
-            ("/direction/steps", json!(0), "everything would be a cue"),
-            ("/direction/steps", json!(21), "no word is as long"),
-            ("/start/go", json!(0.0), "a threshold of 0"),
-            ("/isolation/wait_max", json!("800ms"), "too old to be accepted"),
-            ("/isolation/wait_max", json!("180ms"), "no direction would be given"),
-            ("/isolation/segment_max", json!("1200ms"), "over 2540 ms together"),
-            ("/refractory", json!("1h"), "said again would not count"),
-            ("/voice/periodicity", json!(0.95), "no word would be a cue"),
-            ("/voice/voiced", json!("200ms"), "no word would be a cue"),
-            ("/voice/above_floor_db", json!(20), "no word would be a cue"),
-        ] {
-            let refusal = refusal(path, value);
-            assert!(refusal.contains(says), "{path}: {refusal}");
-        }
-    }
-    const NOTHING: Probabilities = [0.0, 0.0, 0.0, 0.0, 0.0, 1.0];
-    const STOP: Probabilities = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0];
-    const LEFT: Probabilities = [0.0, 1.0, 0.0, 0.0, 0.0, 0.0];
-
-    fn listener() -> CueRules {
-        CueRules::new(serde_json::from_value(rules()).expect("rules"), false)
-    }
-
-    /// Steps that sound so.
-    fn hear(listener: &mut CueRules, steps: usize, probabilities: &Probabilities, level_db: f64) -> Vec<CueKind> {
-        let sounds = [Sound { level_db, periodicity: if level_db > -40.0 { 0.9 } else { 0.0 } }; FRAMES_A_STEP];
-        (0..steps).filter_map(|_| listener.take(probabilities, &sounds)).map(|heard| heard.kind).collect()
-    }
-
-    /// As much of *stop* as counts, while the robot speaks.
-    fn aside(listener: &mut CueRules) -> Option<Heard> {
-        let _ = listener.take_stop(&NOTHING);
-        listener.take_stop(&STOP).or(listener.take_stop(&STOP))
-    }
-
-    #[test]
-    fn a_stop_is_not_told_twice_but_counts_anew_once_the_robot_walks_or_a_second_has_passed() {
-        let mut listener = listener();
-        assert_eq!(hear(&mut listener, 20, &STOP, -10.0), [CueKind::Stop], "once");
-        listener.stands(true);
-        assert!(aside(&mut listener).is_none(), "the robot stands");
-        listener.stands(false);
-        assert!(aside(&mut listener).is_some(), "somebody has started it again");
-        assert!(aside(&mut listener).is_none());
-        // While the robot speaks time passes, too.
-        (0..50).for_each(|_| listener.pass());
-        assert!(aside(&mut listener).is_some());
-    }
-
-    #[test]
-    fn go_means_forward_and_has_to_be_surer_after_a_stop() {
-        let said = |p: f32, is_stopped: bool| {
-            let mut listener = listener();
-            listener.stands(is_stopped);
-            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
-            let _ = hear(&mut listener, 8, &[0.0, 0.0, 0.0, 0.0, p, 1.0 - p], -10.0);
-            hear(&mut listener, 24, &NOTHING, -60.0)
-        };
-        assert_eq!(said(0.9, false), [CueKind::Forward]);
-        assert_eq!(said(0.9, true), []);
-        assert_eq!(said(0.96, true), [CueKind::Forward]);
-    }
-
-    #[test]
-    fn with_an_attention_word_a_direction_counts_only_after_it_and_stop_always() {
-        let said = |go: bool, pause: usize| {
-            let mut listener = CueRules::new(serde_json::from_value(rules()).expect("rules"), true);
-            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
-            let mut heard = Vec::new();
-            if go {
-                heard.extend(hear(&mut listener, 8, &[0.0, 0.0, 0.0, 0.0, 1.0, 0.0], -10.0));
-                heard.extend(hear(&mut listener, pause, &NOTHING, -60.0));
-            }
-            heard.extend(hear(&mut listener, 8, &LEFT, -10.0));
-            heard.extend(hear(&mut listener, 24, &NOTHING, -60.0));
-            heard.extend(hear(&mut listener, 4, &STOP, -10.0));
-            heard
-        };
-        assert_eq!(said(false, 0), [CueKind::Stop]);
-        assert_eq!(said(true, 0), [CueKind::Left, CueKind::Stop], "in one breath");
-        assert_eq!(said(true, 50), [CueKind::Left, CueKind::Stop], "a second later");
-        assert_eq!(said(true, 120), [CueKind::Stop], "too late");
-        // What comes between ends it: a stop, another's cue, a direction.
-        let go = [0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
-        let after = |between: &dyn Fn(&mut CueRules)| {
-            let mut listener = CueRules::new(serde_json::from_value(rules()).expect("rules"), true);
-            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
-            let _ = hear(&mut listener, 8, &go, -10.0);
-            between(&mut listener);
-            let _ = hear(&mut listener, 8, &LEFT, -10.0);
-            hear(&mut listener, 24, &NOTHING, -60.0)
-        };
-        assert_eq!(after(&|_| {}), [CueKind::Left]);
-        assert_eq!(after(&|listener| assert_eq!(hear(listener, 3, &STOP, -10.0), [CueKind::Stop])), []);
-        assert_eq!(after(&CueRules::forget), []);
-    }
-
-    #[test]
-    fn where_only_a_stop_counts_a_direction_is_none_and_what_is_always_there_is_learnt() {
-        let mut listener = listener();
-        let sounds = |level_db| [Sound { level_db, periodicity: 0.9 }; FRAMES_A_STEP];
-        for _ in 0..80 {
-            assert!(listener.take_only_stop(&NOTHING, &sounds(-40.0)).is_none());
-        }
-        for _ in 0..20 {
-            assert!(listener.take_only_stop(&LEFT, &sounds(-10.0)).is_none());
-        }
-        assert_eq!(hear(&mut listener, 4, &NOTHING, -60.0), [], "it is over");
-        assert!(listener.levels().above_floor_db() > 20.0, "the floor is known");
-        let heard: Vec<_> = (0..3).filter_map(|_| listener.take_only_stop(&STOP, &sounds(-10.0))).collect();
-        assert_eq!(heard.len(), 1, "a stop counts");
-    }
-
-    #[test]
-    fn a_direction_that_waits_is_forgotten_when_the_robot_speaks_or_another_cue_is_given() {
-        let given = |meanwhile: &dyn Fn(&mut CueRules)| {
-            let mut listener = listener();
-            let _ = hear(&mut listener, 80, &NOTHING, -60.0);
-            assert_eq!(hear(&mut listener, 16, &LEFT, -10.0), [], "its sound has not ended");
-            meanwhile(&mut listener);
-            hear(&mut listener, 24, &NOTHING, -60.0)
-        };
-        assert_eq!(given(&|_| {}), [CueKind::Left]);
-        assert_eq!(given(&CueRules::forget), []);
-        assert_eq!(given(&CueRules::pass), []);
-    }
-}
+mod tests;

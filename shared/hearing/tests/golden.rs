@@ -93,6 +93,10 @@ fn rules(case: &Value) -> Rules {
         "voice": {
             "periodicity": of("periodicity"), "voiced": ms("voiced_s"), "above_floor_db": of("above_floor_db"),
         },
+        "talk": {
+            "reach": ms("talk_s"), "voiced": ms("talk_voiced_s"), "depth_db": of("talk_depth_db"),
+            "stop": { "threshold": of("talk_stop"), "steps": of("talk_stop_steps") },
+        },
     });
     serde_json::from_value(manifest).expect("rules")
 }

@@ -17,6 +17,15 @@ EXPECTED = {
     "levels that never rise: nobody has spoken": [],
     "a clatter is no voice, and no direction": [],
     "a stop needs no voice": ["stop"],
+    "in talk no direction is given, and a stop has to be surer for longer; after six seconds all is as before": [
+        "stop",
+        "left",
+        "stop",
+    ],
+    "a voice that is softer than the word by the depth is talk": [],
+    "a voice that is softer than that is none": ["left"],
+    "a noise before a stop is no talk": ["stop"],
+    "a direction that waits already as talk begins is given": ["left"],
     "a voice that is as loud as what is always there is no direction": [],
 }
 
@@ -68,3 +77,21 @@ def test_a_steady_noise_that_has_begun_does_not_lengthen_a_word() -> None:
     """It is far above the floor, but as far below the word."""
     levels = [-80.0] * 80 + [-50.0] * 100 + [-20.0] * 36 + [-50.0] * 24
     assert [f.cue for f in candidate(levels).found] == ["left"]
+
+
+def test_as_much_talk_as_the_rule_says_is_talk_and_less_is_none() -> None:
+    """It counts within six seconds, and what is as new as the word itself is no part of it."""
+    rules = Rules()
+    least, reach, talk = (round(100 * s) for s in (rules.talk_voiced_s, rules.reach_s, rules.talk_s))
+    for before, after, is_talk in (
+        (least, reach, True),
+        (least - 2, reach, False),
+        (least, reach - 2, False),
+        (least, talk - least, True),
+        (least, talk - least + 2, False),
+    ):
+        recogniser = Recogniser()
+        for level, count in ((-60.0, 20), (-20.0, before), (-60.0, after)):
+            for _ in range(count // FRAMES):
+                recogniser.hear(NOTHING, np.full(FRAMES, level), np.full(FRAMES, 0.9 if level > -40 else 0.0))
+        assert recogniser.in_talk() == is_talk, (before, after)

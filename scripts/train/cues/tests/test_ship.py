@@ -1,7 +1,10 @@
 """How thresholds are chosen, on recordings that are easily seen through."""
 
+import tomllib
+
+from export import rules_table, toml
 from rules import DIRECTIONS, STARTS, Rules
-from ship import SUREST, SURER, Sweep
+from ship import CONFIG, SUREST, SURER, Sweep
 from test_evaluate import heard
 
 
@@ -22,3 +25,22 @@ def test_after_a_stop_a_word_has_to_be_surer() -> None:
     rules = sweep.rules({0}, Rules())
     for word, start in zip(STARTS, rules.starts):
         assert start >= min(rules.directions[DIRECTIONS.index(word)] + SURER, SUREST) - 1e-9
+
+
+def test_a_stop_in_talk_is_held_to_no_less_than_without() -> None:
+    quiet = [heard("", 0, "left", 0.0, "c")]
+    said = [heard(word, 0, word, 0.97, word) for word in ("go", "forward", "left", "right", "stop")]
+    words = [*said, heard("no", 0, "other", 1.0, "b")]
+    found = Sweep({"words": words, "reading": quiet, "television": quiet, "noise": quiet}, Rules()).rules({0}, Rules())
+    assert found.talk_stop == found.stop == 0.95
+
+
+def test_the_shipped_manifest_has_the_rules_that_are_defined_here() -> None:
+    shipped = tomllib.loads((CONFIG / "cues.toml").read_text())["rules"]
+    chosen = Rules(
+        stop=shipped["stop"]["threshold"],
+        directions=tuple(shipped["direction"]["threshold"][word] for word in DIRECTIONS),
+        starts=tuple(shipped["start"][word] for word in STARTS),
+    )
+    written = "\n".join(f"{key} = {toml(value)}" for key, value in rules_table(chosen).items())
+    assert tomllib.loads(written) == shipped and f"\n{written}\n" in (CONFIG / "cues.toml").read_text()
