@@ -154,6 +154,8 @@ pub struct Config {
     pub dt_s: f64,
     /// Decisions of an episode.
     pub decisions: usize,
+    /// Where the way of a task takes longer, with pauses, the episode has as many decisions more.
+    pub has_time: bool,
     /// The cues, and how often each is given in relation to the others.
     pub cues: Vec<(CueKind, f64)>,
     /// Handlers face off the travel line by up to this, radians.

@@ -382,10 +382,11 @@ impl Episode {
         self.awareness.handler().robot_from_handler()
     }
 
-    /// Decisions of an episode.
+    /// Decisions of the episode.
     #[must_use]
     pub fn decisions(&self) -> usize {
-        self.config.decisions
+        let task = self.scenery.as_ref().filter(|_| self.config.has_time).map(|scenery| &scenery.task);
+        self.config.decisions.max(task.map_or(0, Task::decisions))
     }
 
     /// What shield and policy judge on.
@@ -489,6 +490,6 @@ impl Episode {
         self.look(self.config.dt_s);
         self.observe();
         self.judge();
-        Step { reward, ended: has_fallen || self.decision >= self.config.decisions as u64 }
+        Step { reward, ended: has_fallen || self.decision >= self.decisions() as u64 }
     }
 }

@@ -36,6 +36,7 @@ impl Config {
             table: settings.policy.actions.table(),
             dt_s: settings.policy.dt.s(),
             decisions: 100,
+            has_time: false,
             cues: vec![(CueKind::Forward, 0.3), (CueKind::Left, 0.35), (CueKind::Right, 0.35)],
             orientation_max_rad: 30f64.to_radians(),
             timing_max_m: None,

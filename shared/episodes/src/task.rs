@@ -26,6 +26,9 @@ pub const STILL_DECISIONS: usize = 10;
 const BESIDE_M: f64 = 1.0;
 /// A cue to turn is due so far before the opening's middle, metres.
 const DUE_M: f64 = 1.5;
+/// A decision leads on by so much at the most, metres, and with pauses a way takes so many times as long.
+const DECISION_M: f64 = 0.25;
+const PAUSES: f64 = 2.0;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.
 const BEFORE_M: f64 = 1.6;
 
@@ -147,6 +150,21 @@ impl Task {
         task(course.line_into(meant)?, Goal::Into(allowed))
     }
 
+    /// Decisions that are time enough for the way, pauses included.
+    #[must_use]
+    pub fn decisions(&self) -> usize {
+        let from_m = self.line.foot(Point::from(self.world_from_robot.translation.vector)).way_m;
+        let to_m = match &self.goal {
+            Goal::Along(to_m) => *to_m,
+            Goal::Into(openings) => {
+                openings.first().map_or(0.0, |opening| opening.way_m) + self.width_m / 2.0 + INSIDE_M + BEFORE_M
+            }
+            Goal::Stand(_) | Goal::BeforeEdge => self.line.length_m(),
+        };
+        let steps = (to_m - from_m).clamp(0.0, TURN_REACH_M + ON_M) / DECISION_M;
+        (PAUSES * steps) as usize + STILL_DECISIONS
+    }
+
     /// Whether a handler who is there, at that way along the line, has arrived; who stands has not, nor who is to.
     #[must_use]
     pub fn is_done(&self, world_from_handler: &Se2, way_m: f64) -> bool {
@@ -155,6 +173,9 @@ impl Task {
             Goal::Along(to_m) => way_m >= *to_m,
             Goal::BeforeEdge => false,
             Goal::Into(openings) | Goal::Stand(openings) => openings.iter().any(|opening| {
+                if let Some(behind) = &opening.behind {
+                    return behind.depth_m(place).is_some_and(|depth_m| depth_m >= INSIDE_M);
+                }
                 let foot = opening.line.foot(place);
                 let off_axis_rad = opening.line.heading_error_rad(foot.way_m, world_from_handler.rotation.angle());
                 foot.way_m >= self.width_m / 2.0 + INSIDE_M

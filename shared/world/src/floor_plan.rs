@@ -1,73 +1,83 @@
-//! Real floor plans as places for tasks: corridors are found by where there is room, openings by where a side way is
-//! free.
+//! Real floor plans as places for tasks: corridors are found by where there is room, openings by where a way leads off.
 //!
-//! A travel line is traced along the middle of the free space, as a person would walk on; what stands and walks there
-//! is added, as to generated worlds.
+//! The middle of the free space is a network of ways (`ways`). A course is walked along it as a person would walk on
+//! (`walk`). Where robot and handler can leave it is found a second time without that network (`aside`): where the two
+//! disagree nobody could say what is meant, and no task is set. What stands and walks there is added, as to generated
+//! worlds.
 
-use std::f64::consts::PI;
+mod aside;
+mod flood;
+mod islands;
+mod room;
+mod thinning;
+mod walk;
+mod ways;
+
+use std::f64::consts::{FRAC_PI_2, TAU};
 use std::path::Path;
 use std::sync::Arc;
 
 use guidance::TravelLine;
-use guidance::se2::{Point, Se2, wrap_angle};
+use guidance::se2::{Point, Se2};
 use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 use crate::generate::{GeneratorConfig, furnish_course, populate_course};
-use crate::grid_map::{Cell, GridMap};
+use crate::grid_map::GridMap;
 use crate::site::{Course, DropKind, Opening, Side, Site};
 use crate::world::DEFAULT_CEILING_M;
 use crate::{World, WorldError};
+use aside::{Gap, Mouth};
+use room::Room;
+use walk::{Branch, End, Walk};
+use ways::{Along, PAIR_M, Ways};
 
-/// The middle of a way has so much room about it, metres: robot and handler side by side.
-const ROOM_M: f64 = 0.75;
-/// More room is as good: in a hall nobody keeps to the middle, metres.
-const ENOUGH_M: f64 = 1.5;
-/// What is wider than this is no corridor, metres, unless it is for no longer than a junction: nobody can say which way
-/// is meant.
-const CORRIDOR_M: f64 = 4.0;
+/// Of the floor within this of a person, metres, one sees a share: a corridor 2 m wide shows 0.36 of it, one of 3.4 m
+/// 0.59, a hall nearly all. Where it is more than `OPEN` for longer than a junction, metres, nobody can say which way is
+/// meant.
+const SEEN_M: f64 = 3.5;
+const SEEN_RAYS: usize = 48;
+const OPEN: f64 = 0.55;
+/// Where more of the rays leave the map, nobody knows what is beside.
+const OFF_MAP: f64 = 0.05;
 const JUNCTION_M: f64 = 4.0;
-/// A line is traced in steps of so much, metres, looking ahead so far.
+/// A course is looked at every so far, metres.
 const STEP_M: f64 = 0.4;
-const LOOK_M: f64 = 1.2;
-/// Each step turns by at most so much, radians, in so many parts; turning costs so much room, metres for each radian.
-const BEND_RAD: f64 = 0.6;
-const BENDS: i32 = 6;
-const BEND_COST_M: f64 = 0.35;
 /// A line is of use from this length on, and long enough at that, metres.
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
-/// Who can go so far to a side, beyond the corridor, with so much room has found an opening, metres; its middle is
-/// followed straight on, for so much at most. How deep it must be to be asked for is the task's business.
-const SIDE_M: f64 = 1.5;
+/// An opening's own way is followed for so far, metres.
 const BRANCH_M: f64 = 10.0;
-const SIDE_ROOM_M: f64 = 0.55;
-/// What is wider is no opening, but an open space, metres.
-const OPENING_M: [f64; 2] = [1.3, 4.0];
 /// A way off that nobody could name leads on for no more than this, metres: no task is set where it would be next.
 const UNCLEAR_M: f64 = 0.3;
-/// A line that turns by so much, radians, within so much of way, metres, where straight on is free for so far, metres,
-/// leaves the way straight on.
-const OFF_RAD: f64 = 0.6;
-const OFF_M: f64 = 2.0;
-const STRAIGHT_M: f64 = 3.0;
-/// A line whose end leads on for so far does not end at a wall, metres.
-const BEYOND_M: f64 = 1.4;
-/// What is free straight on has so much room, metres.
-const STRAIGHT_ROOM_M: f64 = 0.3;
-/// Free ways are looked at in steps of so much, metres.
-const FREE_STEP_M: f64 = 0.2;
-/// Draws of a start until a line of use is found.
+/// The way off a course begins so far from its middle, metres: nearer, it still turns.
+const OFF_M: f64 = 0.8;
+/// A way to the side leads aside by half of this at the least, this far in, metres.
+const DEEP_M: f64 = 2.0;
+/// A gap in a wall is that of an opening so near to it, metres.
+const SAME_M: f64 = 1.2;
+/// What is free straight on is looked at in steps of so much, metres.
+const FREE_STEP_M: f64 = 0.1;
+/// Who is so near to the middle of a way is on it, metres; the way has its direction so far ahead.
+const NEAR_M: f64 = 1.5;
+const AHEAD_M: f64 = 1.0;
+/// Draws of a start until a course of use is found.
 const TRIES: usize = 400;
+/// Of so many courses the longest is taken: it has more to ask for.
+const DRAWN: usize = 3;
 
-/// A floor plan with the room that there is at each cell.
+/// A floor plan with its ways.
 #[derive(Debug, Clone)]
 pub struct FloorPlan {
+    /// Its file.
+    place: Arc<str>,
     map: Arc<GridMap>,
-    /// Distance from a cell's middle to the nearest that is not free, metres.
-    room_m: Vec<f32>,
-    /// Cells with room for a way.
-    roomy: Vec<(usize, usize)>,
+    /// The map without what stands free in its rooms.
+    walls: Arc<GridMap>,
+    room: Arc<Room>,
+    ways: Arc<Ways>,
+    /// Cells of the ways, by stretch and place in it.
+    starts: Arc<Vec<(usize, usize)>>,
 }
 
 impl FloorPlan {
@@ -76,34 +86,50 @@ impl FloorPlan {
     /// # Errors
     /// Where it cannot be read, or has no room for robot and handler anywhere.
     pub fn load(path: &Path) -> Result<Self, WorldError> {
-        let plan = Self::new(GridMap::load(path)?);
+        let file = path.display().to_string();
+        let plan = Self { place: file.clone().into(), ..Self::new(GridMap::load(path)?) };
         match plan.site(&GeneratorConfig::default(), 0) {
             Some(_) => Ok(plan),
-            None => Err(WorldError::NoWay { file: path.display().to_string(), length_m: LENGTH_M[0] }),
+            None => Err(WorldError::NoWay { file, length_m: LENGTH_M[0] }),
         }
     }
 
     /// The plan of a map.
     #[must_use]
     pub fn new(map: GridMap) -> Self {
-        let room_m = distances_m(&map);
-        let (width, height) = map.size();
-        let cells = (0..height).flat_map(|row| (0..width).map(move |column| (column, row)));
-        let roomy = cells.filter(|(column, row)| f64::from(room_m[row * width + column]) >= ROOM_M).collect();
-        Self { map: Arc::new(map), room_m, roomy }
+        let room = Room::new(&map);
+        let ways = Ways::new(&map, &room);
+        let stretches = ways.stretches.iter().enumerate().filter_map(|(i, stretch)| Some((i, stretch.as_ref()?)));
+        let starts = stretches.flat_map(|(i, stretch)| (0..stretch.cells.len()).map(move |at| (i, at))).collect();
+        let (place, room, ways) = ("a map".into(), Arc::new(room), Arc::new(ways));
+        let walls = Arc::new(islands::without_furniture(&map));
+        Self { place, map: Arc::new(map), walls, room, ways, starts: Arc::new(starts) }
+    }
+
+    /// The corridor of who stands there and walks on, where there is one.
+    #[must_use]
+    pub fn course_at(&self, world_from_robot: &Se2) -> Option<Course> {
+        let (at, heading_rad) = (place(world_from_robot), world_from_robot.rotation.angle());
+        let to_m = |cell: usize| (self.map.middle_of(cell) - at).norm();
+        let cell_of = |(stretch, i): (usize, usize)| self.ways.stretch(stretch).cells[i];
+        let near = self.starts.iter().copied().min_by(|a, b| to_m(cell_of(*a)).total_cmp(&to_m(cell_of(*b))))?;
+        if to_m(cell_of(near)) > NEAR_M {
+            return None;
+        }
+        let (stretch, i) = near;
+        let last = self.ways.stretch(stretch).cells.len() - 1;
+        let courses = [(true, i), (false, last - i)].into_iter().filter_map(|(is_forth, from)| {
+            let course = self.course_from(Along { stretch, is_forth }, from)?;
+            let off_rad = course.line.heading_error_rad(AHEAD_M, heading_rad).abs();
+            Some((course, off_rad))
+        });
+        courses.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, off_rad)| *off_rad < FRAC_PI_2).map(|(course, _)| course)
     }
 
     /// The map.
     #[must_use]
     pub fn map(&self) -> &GridMap {
         &self.map
-    }
-
-    fn room_m(&self, at: Point) -> f64 {
-        let (column, row) = self.map.cell_of(at);
-        let (width, height) = self.map.size();
-        let inside = (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
-        if inside { f64::from(self.room_m[row as usize * width + column as usize]) } else { 0.0 }
     }
 
     /// A corridor of the plan, with what stands and walks there; `None` where none is long enough.
@@ -115,95 +141,81 @@ impl FloorPlan {
         let bare = world();
         let free = |way_m: f64| {
             let at = course.line.at(way_m);
-            let place = Point::from(at.translation.vector);
             let to = |side: f64| {
                 let direction = at.rotation * Vector2::new(0.0, side);
-                bare.cast(place, direction, 1.0, 4.0).unwrap_or(4.0)
+                bare.cast(place(&at), direction, 1.0, 4.0).unwrap_or(4.0)
             };
             [to(1.0), to(-1.0)]
         };
         let things = furnish_course(config, &course, free, &mut random);
         let furnished = world().with_prisms(things.iter().cloned());
         let people = populate_course(config, &course, &furnished, &mut random);
-        Some(Site { world: furnished.with_people(people), course, drop: DropKind::None })
+        Some(Site { place: self.place.clone(), world: furnished.with_people(people), course, drop: DropKind::None })
     }
 
-    /// A corridor from somewhere; a way through the open where there is no corridor.
+    /// A corridor from somewhere on.
     fn course(&self, random: &mut ChaCha8Rng) -> Option<Course> {
-        self.course_with(CORRIDOR_M, random).or_else(|| self.course_with(f64::INFINITY, random))
-    }
-
-    fn course_with(&self, widest_m: f64, random: &mut ChaCha8Rng) -> Option<Course> {
-        if self.roomy.is_empty() {
+        if self.starts.is_empty() {
             return None;
         }
-        for _ in 0..TRIES {
-            let (column, row) = self.roomy[random.random_range(0..self.roomy.len())];
-            let heading_rad = random.random_range(-PI..PI);
-            let start = self.map.middle(column, row);
-            let line = self.trace(start, heading_rad, widest_m).and_then(|line| self.plain(&line));
-            let Some(line) = line.filter(|line| line.length_m() >= LENGTH_M[0]) else { continue };
-            let mut rooms: Vec<f64> =
-                (0..line.length_m() as usize).map(|way_m| self.room_m(place(&line.at(way_m as f64)))).collect();
-            rooms.sort_by(f64::total_cmp);
-            let width_m = 2.0 * rooms[rooms.len() / 2].min(ENOUGH_M);
-            let openings = self.openings(&line, width_m);
-            return Some(Course::new(line, width_m, openings));
-        }
-        None
-    }
-
-    /// The line of who walks on from there, keeping to the middle, until there is no way on or it is wider than
-    /// `widest_m` for longer than a junction.
-    fn trace(&self, start: Point, heading_rad: f64, widest_m: f64) -> Option<TravelLine> {
-        let (mut at, mut heading_rad, mut places) = (start, heading_rad, vec![start]);
-        let (mut way_m, mut open_m) = (0.0, 0.0);
-        while way_m < LENGTH_M[1] {
-            let ahead = |bend_rad: f64| {
-                let direction = Vector2::new((heading_rad + bend_rad).cos(), (heading_rad + bend_rad).sin());
-                let rooms = [0.5, 1.0].map(|share| self.room_m(at + direction * LOOK_M * share));
-                let near_m = self.room_m(at + direction * STEP_M);
-                (near_m, rooms[0].min(rooms[1]).min(near_m).min(ENOUGH_M) - BEND_COST_M * bend_rad.abs())
-            };
-            let bends = (-BENDS..=BENDS).map(|i| BEND_RAD * f64::from(i) / f64::from(BENDS));
-            let best = bends.map(|bend_rad| (bend_rad, ahead(bend_rad))).max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
-            let (bend_rad, (near_m, worth)) = best;
-            if near_m < ROOM_M - 0.1 || worth < 0.3 || open_m > JUNCTION_M {
-                break;
-            }
-            heading_rad = wrap_angle(heading_rad + bend_rad);
-            open_m = if self.is_wider(at, heading_rad, widest_m) { open_m + STEP_M } else { 0.0 };
-            at += Vector2::new(heading_rad.cos(), heading_rad.sin()) * STEP_M;
-            // Round in a circle: the way on is the way back.
-            if way_m > 6.0 && places[..places.len() - 10].iter().any(|before: &Point| (before - at).norm() < 1.0) {
-                break;
-            }
-            places.push(at);
-            way_m += STEP_M;
-        }
-        TravelLine::new(&places)
-    }
-
-    /// The line as far as anybody would say that it is the way on: to where it turns off although straight on is free.
-    fn plain(&self, line: &TravelLine) -> Option<TravelLine> {
-        let turns_off = |way_m: &f64| {
-            let at = line.at(*way_m);
-            let turned_rad = line.heading_error_rad(way_m + OFF_M, at.rotation.angle()).abs();
-            turned_rad > OFF_RAD && self.goes_on(&at, STRAIGHT_M)
+        let draw = |_| {
+            let (stretch, at) = self.starts[random.random_range(0..self.starts.len())];
+            let is_forth = random.random_bool(0.5);
+            let last = self.ways.stretch(stretch).cells.len() - 1;
+            self.course_from(Along { stretch, is_forth }, if is_forth { at } else { last - at })
         };
+        let drawn = (0..TRIES).filter_map(draw).take(DRAWN);
+        drawn.max_by(|a, b| a.line.length_m().total_cmp(&b.line.length_m()))
+    }
+
+    /// The corridor of who walks on from there.
+    fn course_from(&self, along: Along, from: usize) -> Option<Course> {
+        let walk = self.walk(along, from, LENGTH_M[1]);
+        let whole = self.line(&walk)?;
+        let narrow_m = self.narrow_m(&whole);
+        let line = whole.part(0.0, narrow_m.min(LENGTH_M[1])).filter(|line| line.length_m() >= LENGTH_M[0])?;
+        let mut rooms: Vec<f64> =
+            (0..line.length_m() as usize).map(|way_m| self.room_m(place(&line.at(way_m as f64)))).collect();
+        rooms.sort_by(f64::total_cmp);
+        let width_m = 2.0 * rooms[rooms.len() / 2];
+        let ends_there = line.length_m() > whole.length_m() - 0.1 && walk.end == End::Wall;
+        let openings = self.openings(&line, width_m, &walk, ends_there);
+        Some(Course::new(line, width_m, openings))
+    }
+
+    /// How far a line is a corridor, metres: to where it is wider than one for longer than a junction.
+    fn narrow_m(&self, line: &TravelLine) -> f64 {
         let looks = (line.length_m() / STEP_M) as usize;
-        let end_m = (0..looks).map(|i| STEP_M * i as f64).find(turns_off);
-        line.part(0.0, end_m.unwrap_or(line.length_m()))
+        let is_wide: Vec<bool> = (0..=looks).map(|i| self.is_open(place(&line.at(STEP_M * i as f64)))).collect();
+        let runs = is_wide.chunk_by(|a, b| a == b);
+        let mut from = 0;
+        for run in runs {
+            let is_open = run[0] && STEP_M * run.len() as f64 > JUNCTION_M;
+            if is_open {
+                return STEP_M * from as f64;
+            }
+            from += run.len();
+        }
+        line.length_m()
     }
 
-    /// Whether it is wider there than so much, across that heading.
-    fn is_wider(&self, at: Point, heading_rad: f64, widest_m: f64) -> bool {
-        let across = Vector2::new(-heading_rad.sin(), heading_rad.cos());
-        let free_m = |sign: f64| {
-            let far_m = (1..).map(|i| 0.1 * f64::from(i));
-            far_m.take_while(|m| *m <= widest_m && self.room_m(at + across * (sign * m)) > 0.05).last().unwrap_or(0.0)
-        };
-        free_m(1.0) + free_m(-1.0) > widest_m
+    /// Whether so much of the floor around could be seen, without furniture, that it is a hall or a room; or the map
+    /// ends there.
+    fn is_open(&self, at: Point) -> bool {
+        let (mut seen, mut off_map) = (0.0, 0.0);
+        for ray in 0..SEEN_RAYS {
+            let angle_rad = TAU * ray as f64 / SEEN_RAYS as f64;
+            let direction = Vector2::new(angle_rad.cos(), angle_rad.sin());
+            let end_m = self.walls.cast(at, direction, SEEN_M);
+            seen += (end_m.unwrap_or(SEEN_M) / SEEN_M).powi(2);
+            let beyond = end_m.map(|end_m| at + direction * (end_m + self.map.resolution_m() / 2.0));
+            off_map += if beyond.is_some_and(|beyond| self.map.number_at(beyond).is_none()) { 1.0 } else { 0.0 };
+        }
+        seen > OPEN * SEEN_RAYS as f64 || off_map > OFF_MAP * SEEN_RAYS as f64
+    }
+
+    fn room_m(&self, at: Point) -> f64 {
+        self.room.at(&self.map, at)
     }
 
     /// How far a disc can go straight from a place, metres, at most `most_m`.
@@ -212,133 +224,96 @@ impl FloorPlan {
         (0..).map(|i| FREE_STEP_M * f64::from(i)).take_while(free).last().unwrap_or(0.0)
     }
 
-    /// Whether it is free straight on for so far, metres.
-    fn goes_on(&self, from: &Se2, way_m: f64) -> bool {
-        self.goes_m(place(from), from.rotation * Vector2::x(), way_m + FREE_STEP_M, STRAIGHT_ROOM_M) >= way_m
-    }
-
-    /// Where one can leave a line to the side.
-    fn openings(&self, line: &TravelLine, width_m: f64) -> Vec<Opening> {
-        let mut openings = Vec::new();
-        for side in [Side::Left, Side::Right] {
-            let reach_m = |way_m: f64| {
-                let at = line.at(way_m);
-                let aside = at.rotation * Vector2::new(0.0, side.sign());
-                self.goes_m(place(&at), aside, width_m / 2.0 + BRANCH_M, SIDE_ROOM_M)
+    /// What leads off a course: the branches of its walk, and every other place where it can be left, of which nobody
+    /// could say what it is.
+    fn openings(&self, line: &TravelLine, width_m: f64, walk: &Walk, ends_there: bool) -> Vec<Opening> {
+        let mut openings: Vec<Opening> =
+            walk.branches.iter().filter_map(|branch| self.opening(line, width_m, branch)).collect();
+        for gap in self.gaps(line, width_m) {
+            let is_its_own = |opening: &Opening| {
+                let reach_m = opening.width_m / 2.0 + SAME_M;
+                opening.side == gap.side && gap.from_m > opening.way_m - reach_m && gap.to_m < opening.way_m + reach_m
             };
-            let leaves = |way_m: f64| reach_m(way_m) >= width_m / 2.0 + SIDE_M;
-            let mut begun: Option<f64> = None;
-            let mut way_m = 0.0;
-            while way_m <= line.length_m() {
-                match (leaves(way_m), begun) {
-                    (true, None) => begun = Some(way_m),
-                    (false, Some(from_m)) => {
-                        let length_m = reach_m(f64::midpoint(from_m, way_m));
-                        openings.extend(opening(line, side, [from_m, way_m], length_m));
-                        begun = None;
-                    }
-                    _ => {}
-                }
-                way_m += 0.1;
+            if !openings.iter().any(is_its_own) {
+                openings.extend(unclear(line, gap));
             }
-            openings.extend(begun.and_then(|from_m| opening(line, side, [from_m, line.length_m()], UNCLEAR_M)));
         }
-        // What lies beyond, a hall or a bend that was not followed, may lead to either side.
-        let end = line.at(line.length_m());
-        if self.goes_on(&end, BEYOND_M) {
-            let beyond = |side| opening(line, side, [line.length_m(); 2], UNCLEAR_M);
-            openings.extend([Side::Left, Side::Right].into_iter().filter_map(beyond));
+        if !ends_there {
+            let [from_m, to_m] = [line.length_m(); 2];
+            openings.extend(
+                [Side::Left, Side::Right].into_iter().filter_map(|side| unclear(line, Gap { side, from_m, to_m })),
+            );
         }
         openings.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
         openings
     }
+
+    /// The least room about the middle of a walk between two ways, metres.
+    fn narrowest_m(&self, walk: &Walk, [from_m, to_m]: [f64; 2]) -> f64 {
+        let cells = (from_m / self.map.resolution_m()) as usize..(to_m / self.map.resolution_m()) as usize;
+        let last = walk.cells.len() - 1;
+        let near = &walk.cells[cells.start.min(last)..=cells.end.min(last)];
+        near.iter().map(|cell| self.room.of_cell(*cell)).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The opening into a branch of the walk.
+    fn opening(&self, line: &TravelLine, width_m: f64, branch: &Branch) -> Option<Opening> {
+        let side = if branch.turn_rad > 0.0 { Side::Left } else { Side::Right };
+        let meets = self.map.middle_of(branch.cell);
+        let foot = line.foot(meets);
+        // It leads off beyond the part of the walk that is a corridor.
+        if foot.left_m.abs() > width_m / 2.0 + SAME_M {
+            return None;
+        }
+        let walk = self.walk(branch.along, 0, BRANCH_M);
+        let off = self.line(&walk)?;
+        let mouth_m = 2.0 * self.narrowest_m(&walk, [OFF_M, width_m / 2.0 + DEEP_M]);
+        let at = line.at(foot.way_m);
+        let off = off.part(OFF_M.min(off.length_m() / 2.0), off.length_m())?;
+        let places: Vec<Point> = std::iter::once(place(&at)).chain(off.corners().iter().copied()).collect();
+        let way = TravelLine::new(&places)?;
+        let is_clear = branch.is_aside() && leads_aside(&at, side, width_m, &way);
+        let behind = is_clear.then(|| self.behind(line, width_m, &Mouth { way_m: foot.way_m, width_m: mouth_m }, &way));
+        let Some(behind) = behind.flatten().map(Arc::new) else {
+            return unclear(line, Gap { side, from_m: foot.way_m, to_m: foot.way_m });
+        };
+        let behind = Some(behind);
+        Some(Opening { way_m: foot.way_m, width_m: mouth_m, side, line: way, edge_m: None, behind })
+    }
 }
 
-/// The opening that can be entered between two ways; its own way is so long, or next to nothing where nobody could
-/// say what is meant by it: an open space, a gap, a way off where the line begins. Where the line itself bends there is
-/// none beside it: that is a corner.
-fn opening(line: &TravelLine, side: Side, [from_m, to_m]: [f64; 2], length_m: f64) -> Option<Opening> {
-    let width_m = to_m - from_m + 2.0 * SIDE_ROOM_M;
-    let way_m = f64::midpoint(from_m, to_m);
+/// Whether the way off a course leads beyond its wall, and not along it.
+fn leads_aside(at: &Se2, side: Side, width_m: f64, way: &TravelLine) -> bool {
+    let there = at.inverse() * place(&way.at(width_m / 2.0 + DEEP_M));
+    let aside_m = there.y * side.sign();
+    aside_m > width_m / 2.0 + DEEP_M / 2.0 && there.x.abs() < aside_m
+}
+
+/// A place where a course can be left, of which nobody could say whether it is meant.
+fn unclear(line: &TravelLine, gap: Gap) -> Option<Opening> {
+    let way_m = f64::midpoint(gap.from_m, gap.to_m);
     let at = line.at(way_m);
-    // Where the line itself bends there, nobody can say what is on and what is aside.
-    let bend_rad = line.heading_error_rad((way_m - 1.5).max(0.0), at.rotation.angle()).abs();
-    (bend_rad < 0.35).then_some(())?;
-    let is_clear = from_m > 0.0 && (OPENING_M[0]..OPENING_M[1]).contains(&width_m);
-    let length_m = if is_clear { length_m } else { UNCLEAR_M };
-    let end = at * Point::new(0.0, side.sign() * length_m);
-    Some(Opening { way_m, width_m, side, line: TravelLine::new(&[place(&at), end])?, edge_m: None })
+    let end = at * Point::new(0.0, gap.side.sign() * UNCLEAR_M);
+    let (width_m, line) = (gap.to_m - gap.from_m + 2.0 * PAIR_M, TravelLine::new(&[place(&at), end])?);
+    Some(Opening { way_m, width_m, side: gap.side, line, edge_m: None, behind: None })
 }
 
 fn place(pose: &Se2) -> Point {
     Point::from(pose.translation.vector)
 }
 
-/// The distance of each cell's middle from the nearest cell that is not free, metres: exact, by rows and then by
-/// columns (Felzenszwalb and Huttenlocher 2012).
-fn distances_m(map: &GridMap) -> Vec<f32> {
-    let (width, height) = map.size();
-    let far = (width + height) as f32;
-    let blocked = |column: usize, row: usize| map.cell(column as i64, row as i64) != Cell::Free;
-    let mut squares: Vec<f32> =
-        (0..width * height).map(|i| if blocked(i % width, i / width) { 0.0 } else { far * far }).collect();
-    let mut line = Vec::new();
-    for row in 0..height {
-        line.clear();
-        line.extend_from_slice(&squares[row * width..(row + 1) * width]);
-        squares[row * width..(row + 1) * width].copy_from_slice(&lower_envelope(&line));
-    }
-    for column in 0..width {
-        line.clear();
-        line.extend((0..height).map(|row| squares[row * width + column]));
-        for (row, square) in lower_envelope(&line).into_iter().enumerate() {
-            squares[row * width + column] = square;
-        }
-    }
-    // From the middle of a cell to the nearer edge of the other.
-    squares.iter().map(|square| ((square.sqrt() - 0.5).max(0.0) as f64 * map.resolution_m()) as f32).collect()
-}
-
-/// For each place the least of `costs[i] + (place - i)^2`.
-fn lower_envelope(costs: &[f32]) -> Vec<f32> {
-    let (mut roots, mut bounds) = (vec![0usize; costs.len()], vec![0.0f32; costs.len() + 1]);
-    let mut last = 0;
-    (bounds[0], bounds[1]) = (f32::NEG_INFINITY, f32::INFINITY);
-    let value = |i: usize| costs[i] + (i * i) as f32;
-    for i in 1..costs.len() {
-        let meets = |root: usize| (value(i) - value(root)) / (2 * (i - root)) as f32;
-        let mut at = meets(roots[last]);
-        while at <= bounds[last] {
-            last -= 1;
-            at = meets(roots[last]);
-        }
-        last += 1;
-        roots[last] = i;
-        (bounds[last], bounds[last + 1]) = (at, f32::INFINITY);
-    }
-    let mut root = 0;
-    (0..costs.len())
-        .map(|place| {
-            while bounds[root + 1] < place as f32 {
-                root += 1;
-            }
-            let away = place as f32 - roots[root] as f32;
-            away * away + costs[roots[root]]
-        })
-        .collect()
-}
-
 #[cfg(test)]
-mod tests {
-    use super::{CORRIDOR_M, FloorPlan, distances_m};
+pub(crate) mod tests {
+    use super::FloorPlan;
+    use super::ways::Along;
     use crate::generate::GeneratorConfig;
     use crate::grid_map::{Cell, GridMap};
-    use crate::site::Side;
+    use crate::site::{Course, Side};
     use guidance::se2::Point;
     use messages::Pose2;
 
     /// A corridor 20 m long and 2 m wide, with a way of 1.6 m to the left (of who walks on along x) at 12 m.
-    fn tee() -> GridMap {
+    pub(crate) fn tee() -> GridMap {
         let (width, height, resolution_m) = (440, 200, 0.05);
         let free = |x: f64, y: f64| {
             (1.0..21.0).contains(&x) && (1.0..3.0).contains(&y) || (11.2..12.8).contains(&x) && (1.0..9.0).contains(&y)
@@ -351,28 +326,44 @@ mod tests {
         GridMap::new(width, resolution_m, Pose2::default(), cells.collect())
     }
 
-    #[test]
-    fn distances_are_those_of_the_nearest_blocked_cell() {
-        let map = tee();
-        let found = distances_m(&map);
-        for (column, row) in [(100, 40), (30, 22), (240, 100), (239, 61)] {
-            let expected = map.clearance(map.middle(column, row), 5.0);
-            let distance_m = f64::from(found[row * 440 + column]);
-            assert!((distance_m - expected).abs() < 0.03, "{distance_m} {expected}");
-        }
+    /// The longest course along the corridor of `tee`, in the direction of x.
+    fn along_x(plan: &FloorPlan) -> Course {
+        let numbers = (0..plan.ways.stretches.len()).filter(|i| plan.ways.stretches[*i].is_some());
+        let alongs = numbers.flat_map(|stretch| [true, false].map(|is_forth| Along { stretch, is_forth }));
+        let courses = alongs.filter_map(|along| plan.course_from(along, 0));
+        let is_along_x = |course: &Course| {
+            let corners = course.line.corners();
+            corners[0].x < 2.5 && corners.iter().all(|corner| corner.y < 3.0)
+        };
+        courses.filter(is_along_x).max_by(|a, b| a.line.length_m().total_cmp(&b.line.length_m())).expect("a course")
     }
 
     #[test]
     fn the_corridor_and_its_opening_are_found() {
+        let course = along_x(&FloorPlan::new(tee()));
+        let line = &course.line;
+        assert!(line.length_m() > 17.0 && line.corners().iter().all(|p| (p.y - 2.0).abs() < 0.35), "{line:?}");
+        assert_eq!(course.openings.len(), 1, "{:?}", course.openings);
+        let opening = &course.openings[0];
+        let at_x = line.at(opening.way_m).translation.x;
+        assert!(opening.side == Side::Left && (at_x - 12.0).abs() < 0.3, "{at_x}");
+        assert!((opening.width_m - 1.6).abs() < 0.3, "{}", opening.width_m);
+        // To just before the wall at its end.
+        assert!((opening.line.length_m() - 6.7).abs() < 0.4, "{}", opening.line.length_m());
+        let behind = opening.behind.as_ref().expect("it is a way");
+        let depth_m = |x: f64, y: f64| behind.depth_m(Point::new(x, y));
+        assert!(depth_m(12.0, 2.0).is_none() && depth_m(15.0, 2.0).is_none());
+        assert!((depth_m(12.3, 6.0).expect("inside") - 3.0).abs() < 0.4, "{:?}", depth_m(12.3, 6.0));
+    }
+
+    #[test]
+    fn a_place_that_can_be_left_without_a_way_is_unclear() {
         let plan = FloorPlan::new(tee());
-        let line = plan.trace(Point::new(3.0, 2.0), 0.0, CORRIDOR_M).expect("a line");
-        assert!(line.length_m() > 15.0 && line.corners().iter().all(|p| (p.y - 2.0).abs() < 0.2), "{line:?}");
-        let openings = plan.openings(&line, 2.0);
-        assert_eq!(openings.len(), 1, "{openings:?}");
-        let opening = &openings[0];
-        assert!(opening.side == Side::Left && (opening.way_m - 9.0).abs() < 0.2 && (opening.width_m - 1.6).abs() < 0.3);
-        // As far as there is room: 0.55 m before the wall at its end.
-        assert!((opening.line.length_m() - 6.4).abs() < 0.3, "{}", opening.line.length_m());
+        let course = along_x(&plan);
+        let gaps = plan.gaps(&course.line, course.width_m);
+        assert_eq!(gaps.len(), 1, "{gaps:?}");
+        let at_x = course.line.at(f64::midpoint(gaps[0].from_m, gaps[0].to_m)).translation.x;
+        assert!(gaps[0].side == Side::Left && (at_x - 12.0).abs() < 0.4, "{gaps:?}");
     }
 
     #[test]

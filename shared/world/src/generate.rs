@@ -56,6 +56,9 @@ impl Default for GeneratorConfig {
     }
 }
 
+/// The place of worlds that have no floor plan.
+pub(crate) const GENERATED: &str = "generated";
+
 /// The world of a seed.
 #[must_use]
 pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
@@ -65,7 +68,7 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
     prisms.extend(furnish::things(config, &plan, &mut random));
     let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());
     let people = populate_course(config, &course, &world, &mut random);
-    Site { world: world.with_people(people), course, drop: DropKind::None }
+    Site { place: GENERATED.into(), world: world.with_people(people), course, drop: DropKind::None }
 }
 
 /// A number between two.

@@ -80,7 +80,27 @@ impl GridMap {
     /// The middle of a cell, in the world frame.
     #[must_use]
     pub fn middle(&self, column: usize, row: usize) -> Point {
-        self.to_world(column as f64 + 0.5, row as f64 + 0.5)
+        self.place_of(column as f64 + 0.5, row as f64 + 0.5)
+    }
+
+    /// The same map, with these cells free, by number.
+    pub(crate) fn with_free(&self, cells: &[usize]) -> Self {
+        let mut map = self.clone();
+        cells.iter().for_each(|cell| map.cells[*cell] = Cell::Free);
+        map
+    }
+
+    /// The number of the cell at a place in the world, row by row from the lower left; none off the map.
+    pub(crate) fn number_at(&self, world: Point) -> Option<usize> {
+        let (column, row) = self.cell_of(world);
+        let (width, height) = self.size;
+        let inside = (0..width as i64).contains(&column) && (0..height as i64).contains(&row);
+        inside.then(|| row as usize * width + column as usize)
+    }
+
+    /// The middle of the cell of that number, in the world frame.
+    pub(crate) fn middle_of(&self, number: usize) -> Point {
+        self.middle(number % self.size.0, number / self.size.0)
     }
 
     /// How many cells are of a kind.
@@ -93,7 +113,9 @@ impl GridMap {
         self.map_from_world * world / self.resolution_m
     }
 
-    fn to_world(&self, x_cells: f64, y_cells: f64) -> Point {
+    /// A place in the world, by columns and rows from the lower left corner, in parts of cells.
+    #[must_use]
+    pub fn place_of(&self, x_cells: f64, y_cells: f64) -> Point {
         self.world_from_map * Point::new(x_cells * self.resolution_m, y_cells * self.resolution_m)
     }
 
@@ -188,8 +210,8 @@ impl GridMap {
             let (axis, at, from) = run[0];
             let (at, from, to) = (at as f64, from as f64, (from + run.len()) as f64);
             faces.push(match axis {
-                0 => (self.to_world(at, from), self.to_world(at, to)),
-                _ => (self.to_world(from, at), self.to_world(to, at)),
+                0 => (self.place_of(at, from), self.place_of(at, to)),
+                _ => (self.place_of(from, at), self.place_of(to, at)),
             });
         }
         faces

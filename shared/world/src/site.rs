@@ -1,13 +1,16 @@
 //! A world and what is known of its ways: for who sets tasks in it and judges how they were done. The robot is told
 //! none of it.
 
-use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_4;
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
 
 use guidance::TravelLine;
 use guidance::se2::{Point, wrap_angle};
 
-use crate::World;
+use crate::{GridMap, World};
 
 /// A side of a way, as one walks along it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,6 +45,34 @@ pub struct Opening {
     pub line: TravelLine,
     /// Where its floor ends at an edge, along that line, metres.
     pub edge_m: Option<f64>,
+    /// What is behind it, where it need not be a straight corridor.
+    pub behind: Option<Arc<Behind>>,
+}
+
+/// What is behind an opening in a floor plan: how far one has walked in there, beyond the wall of the corridor.
+#[derive(Debug, Clone)]
+pub struct Behind {
+    map: Arc<GridMap>,
+    /// By number of a cell, metres.
+    depths_m: HashMap<usize, f32>,
+}
+
+impl Behind {
+    pub(crate) fn new(map: Arc<GridMap>, depths_m: impl Iterator<Item = (usize, f64)>) -> Self {
+        Self { map, depths_m: depths_m.map(|(cell, depth_m)| (cell, depth_m as f32)).collect() }
+    }
+
+    /// How far inside a place is, metres; none: it is not behind the opening, or far behind it.
+    #[must_use]
+    pub fn depth_m(&self, place: Point) -> Option<f64> {
+        self.depths_m.get(&self.map.number_at(place)?).map(|depth_m| f64::from(*depth_m))
+    }
+}
+
+impl PartialEq for Behind {
+    fn eq(&self, other: &Self) -> bool {
+        self.depths_m == other.depths_m
+    }
 }
 
 impl Opening {
@@ -175,6 +206,7 @@ fn corners(line: &TravelLine, width_m: f64) -> Vec<Opening> {
             side,
             line: on,
             edge_m: None,
+            behind: None,
         }));
     }
     corners
@@ -183,6 +215,8 @@ fn corners(line: &TravelLine, width_m: f64) -> Vec<Opening> {
 /// A world whose ways are known.
 #[derive(Debug, Clone)]
 pub struct Site {
+    /// The file of its floor plan; "generated" where it has none.
+    pub place: Arc<str>,
     /// What stands and walks there.
     pub world: World,
     /// Its corridor.

@@ -50,6 +50,10 @@ pub struct EvaluateArgs {
     /// Write pictures (SVG) of the first twelve episodes, and of twelve that went wrong, into this folder
     #[arg(long, value_name = "FOLDER")]
     pub pictures: Option<PathBuf>,
+    /// Walk nothing: tell what the first N tasks ask for; with --pictures draw them, too (task-0.svg, ...)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
+    #[arg(conflicts_with_all = ["outcomes", "paired", "merge"])]
+    pub explain: Option<u32>,
     /// Write what became of each episode into this file, a line of JSON for each
     #[arg(long, value_name = "FILE", conflicts_with = "paired")]
     pub outcomes: Option<PathBuf>,

@@ -1,5 +1,6 @@
 //! `guidedog evaluate`: many episodes, on all cores, and what became of them.
 
+mod explain;
 mod figures;
 mod floor;
 mod log;
@@ -51,6 +52,9 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     let settings = crate::prepare::load(profile, args.config.as_deref())?;
     let evaluation = Evaluation::of(args, settings)?;
     args.pictures.as_ref().map_or(Ok(()), |folder| may_write(folder))?;
+    if let Some(count) = args.explain {
+        return explain::explain(&evaluation, args, count, as_json);
+    }
     let head = evaluation.head(args);
     let outcomes = evaluation.logged(args, &head)?;
     let mut report = report(head, &outcomes);
@@ -357,6 +361,7 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     } else {
         let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();
         config.places = Places::Plans(Arc::new(plans.map_err(Failure::of_input)?), worlds);
+        config.has_time = true;
     }
     config.check_tasks().map_err(|error| Failure::input(format!("{}: {error}", world_names(args).join(", "))))?;
     Ok(config)

@@ -2,8 +2,10 @@
 
 use std::fmt::Write;
 
+use episodes::{Goal, Task};
+use guidance::Se2;
 use guidance::se2::Point;
-use world::{Bodies, Cell, GridMap, SeenBy, World};
+use world::{Bodies, Cell, GridMap, SeenBy, Site, World};
 
 use super::outcome::Outcome;
 
@@ -13,6 +15,9 @@ const SCALE: f64 = 24.0;
 const OVER_M: f64 = 0.35;
 /// What is shown about the walk, metres.
 const AROUND_M: f64 = 4.0;
+/// Of a task so much of the way is shown, metres, and dots of that distance where it has been done.
+const SHOWN_M: f64 = 18.0;
+const DOT_M: f64 = 0.2;
 
 /// A drawing in the world's metres.
 struct Drawing {
@@ -53,6 +58,16 @@ impl Drawing {
         let _ = write!(self.out, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{:.1}\" {style}/>", radius_m * SCALE);
     }
 
+    /// The whole, with a line of text.
+    fn text(mut self, text: &str) -> String {
+        for (i, sentence) in text.split_inclusive(". ").enumerate() {
+            let style = format!("x=\"8\" y=\"{}\" font-family=\"sans-serif\" font-size=\"14\"", 18 * (i + 1));
+            let _ = write!(self.out, "<text {style}>{}</text>", sentence.trim());
+        }
+        self.out.push_str("</svg>");
+        self.out
+    }
+
     /// What stands and walks there, and where the floor lies lower or is dark.
     fn world(&mut self, world: &World) {
         let polygon = |fill: &str| format!("fill=\"{fill}\" stroke=\"#b60\"");
@@ -85,19 +100,77 @@ impl Drawing {
         }
     }
 
+    /// What is not free of a floor plan, and what is off it: each run of cells of a row is one rectangle.
     fn map(&mut self, map: &GridMap) {
-        let cell = map.resolution_m() * SCALE;
-        let (columns, rows) = map.size();
-        for (column, row) in (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row))) {
-            let middle = map.middle(column, row);
-            if self.shows(&middle) && map.cell(column as i64, row as i64) != Cell::Free {
-                let (x, y) = self.pixels(&middle);
-                let (x, y) = (x - cell / 2.0, y - cell / 2.0);
-                let place = format!("x=\"{x:.1}\" y=\"{y:.1}\" width=\"{cell:.1}\" height=\"{cell:.1}\"");
-                let _ = write!(self.out, "<rect {place} fill=\"#555\"/>");
+        let corners = [self.min, Point::new(self.max.x, self.min.y), self.max, Point::new(self.min.x, self.max.y)];
+        let cells = corners.map(|corner| map.cell_of(corner));
+        let of = |at: fn(&(i64, i64)) -> i64| {
+            let all = || cells.iter().map(at);
+            all().min().unwrap_or(0)..=all().max().unwrap_or(0)
+        };
+        let columns: Vec<i64> = of(|cell| cell.0).collect();
+        for row in of(|cell| cell.1) {
+            let is_free = |column: &i64| map.cell(*column, row) == Cell::Free;
+            for run in columns.chunk_by(|a, b| is_free(a) == is_free(b)).filter(|run| !is_free(&run[0])) {
+                let (from, to) = (run[0] as f64, (run[run.len() - 1] + 1) as f64);
+                let outline = [(from, 0.0), (to, 0.0), (to, 1.0), (from, 1.0)]
+                    .map(|(column, up)| map.place_of(column, row as f64 + up));
+                self.lines("polygon", outline.iter(), "fill=\"#555\"");
             }
         }
     }
+}
+
+/// The picture of a task: red is the robot as the cue is given, blue the handler; green is where the handler has
+/// arrived, grey the way that is meant, and each circle a place where the course can be left.
+#[must_use]
+pub fn task(task: &Task, site: &Site, handler: &Se2, words: &str, bodies: &Bodies) -> String {
+    let robot = place(&task.world_from_robot);
+    let foot_m = site.course.line.foot(robot).way_m;
+    let (mut min, mut max) = (robot, robot);
+    let near = site.course.line.part((foot_m - 3.0).max(0.0), foot_m + SHOWN_M);
+    let shown = near.iter().flat_map(|line| line.corners()).chain(task.line.corners());
+    for place in shown.filter(|place| (*place - robot).norm() < SHOWN_M) {
+        (min, max) = (min.inf(place), max.sup(place));
+    }
+    let around = nalgebra::Vector2::repeat(AROUND_M);
+    // Room for the words.
+    max.x = max.x.max(min.x + SHOWN_M);
+    let mut drawing = Drawing::new(min - around, max + around);
+    drawing.world(&site.world);
+    let line = |color: &str, width: u32| format!("fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"");
+    let (columns, rows) = ((max - min).x + 2.0 * AROUND_M, (max - min).y + 2.0 * AROUND_M);
+    let places = (0..(rows / DOT_M) as usize)
+        .flat_map(|row| (0..(columns / DOT_M) as usize).map(move |column| (column as f64 * DOT_M, row as f64 * DOT_M)));
+    for (x_m, y_m) in places {
+        let at = min - around + nalgebra::Vector2::new(x_m, y_m);
+        let way_m = task.line.foot(at).way_m;
+        let is_place = task.goal != Goal::BeforeEdge && !matches!(task.goal, Goal::Along(_));
+        let facing = Se2::new(at.coords, task.line.at(way_m).rotation.angle());
+        if is_place && task.is_done(&facing, way_m) {
+            drawing.disc(&at, 0.03, "fill=\"#2a2\"");
+        }
+    }
+    drawing.lines("polyline", task.line.corners().iter(), &format!("{} stroke-dasharray=\"6\"", line("#777", 2)));
+    if let Goal::Along(to_m) = task.goal {
+        drawing.disc(&place(&task.line.at(to_m)), 0.3, &line("#2a2", 3));
+    }
+    for opening in &site.course.openings {
+        drawing.disc(&place(&site.course.line.at(opening.way_m)), 0.12, &line("#888", 1));
+        drawing.lines("polyline", opening.line.corners().iter(), &line("#bbb", 1));
+    }
+    for (pose, radius_m, color) in
+        [(&task.world_from_robot, bodies.robot_radius_m, "#d33"), (handler, bodies.handler_radius_m, "#36c")]
+    {
+        drawing.disc(&place(pose), radius_m, &line(color, 2));
+        let nose = pose * Point::new(radius_m + 0.4, 0.0);
+        drawing.lines("polyline", [place(pose), nose].iter(), &line(color, 2));
+    }
+    drawing.text(words)
+}
+
+fn place(pose: &Se2) -> Point {
+    Point::from(pose.translation.vector)
 }
 
 /// The picture of an episode that was traced; nothing where it was not. Red is the robot, blue the handler; green is
@@ -131,7 +204,5 @@ pub fn svg(outcome: &Outcome, bodies: &Bodies) -> String {
         _ => "not followed",
     };
     let text = format!("{:?}, {followed}, {} collisions, {:.1} m", report.cue, report.collisions, report.distance_m);
-    let style = "x=\"8\" y=\"18\" font-family=\"sans-serif\" font-size=\"14\"";
-    let _ = write!(drawing.out, "<text {style}>{text}</text></svg>");
-    drawing.out
+    drawing.text(&text)
 }

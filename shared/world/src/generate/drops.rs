@@ -8,7 +8,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::layout::{FULL, Plan, Stretch};
-use super::{GeneratorConfig, between, furnish, populate_course};
+use super::{GENERATED, GeneratorConfig, between, furnish, populate_course};
 use crate::World;
 use crate::floor::{DarkFloor, Hole, Stairs, overlap, rectangle};
 use crate::prism::Prism;
@@ -79,7 +79,7 @@ fn site(config: &GeneratorConfig, kind: DropKind, random: &mut ChaCha8Rng) -> Op
     let dark = dark_floor(&made.course, random);
     let world = World::new(DEFAULT_CEILING_M, made.prisms).with_holes(made.holes).with_dark_floor(dark);
     let people = populate_course(config, &made.course, &world, random);
-    Some(Site { world: world.with_people(people), course: made.course, drop: kind })
+    Some(Site { place: GENERATED.into(), world: world.with_people(people), course: made.course, drop: kind })
 }
 
 /// A world on its way.

@@ -194,6 +194,7 @@ impl Plan {
             side: branch.side,
             line: self.branch_line(branch),
             edge_m: None,
+            behind: None,
         };
         let openings = ways.map(opening).collect();
         Course::new(line, self.width_m, openings)
