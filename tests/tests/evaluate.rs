@@ -88,6 +88,28 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
     }
 }
 
+#[test]
+fn what_tasks_ask_for_is_told_and_drawn() {
+    let Some(maps) = test_data::data("maps") else { return };
+    let place = Place::new();
+    let (map, folder) = (maps.join("utexas_gdc/3.yaml"), place.path().join("tasks"));
+    let (map, folder) = (map.to_string_lossy(), folder.to_string_lossy());
+    let args = ["--policy", "geometric", "--worlds", &map, "--explain", "6", "--pictures", &folder];
+    let tasks = report(&place, &args)["tasks"].as_array().expect("tasks").clone();
+    assert_eq!(tasks.len(), 6);
+    for (number, task) in tasks.iter().enumerate() {
+        let words = task["explanation"].as_str().expect("words");
+        let cue = task["cue"].as_str().expect("a cue");
+        assert!(words.to_lowercase().starts_with(cue) && words.contains(" Done when "), "{words}");
+        assert_eq!(task["place"], *map);
+        let picture = fs::read_to_string(format!("{folder}/task-{number}.svg")).expect("a picture");
+        assert!(picture.starts_with("<svg ") && picture.contains("Done when"), "{picture}");
+    }
+    let lines = String::from_utf8(evaluate(&place, &args).stdout).expect("text");
+    let told: Vec<&str> = lines.lines().collect();
+    assert!(told.len() == 6 && told[5].contains(tasks[5]["explanation"].as_str().expect("words")), "{lines}");
+}
+
 /// Worlds whose floor ends, the robot on legs.
 fn drops(place: &Place, episodes: &str, camera: &str) -> Value {
     let args = ["--policy", "geometric", "--tasks", "drops", "--noise", "legged", "--camera", camera];

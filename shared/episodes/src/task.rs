@@ -24,6 +24,8 @@ pub const STILL_M: f64 = 0.3;
 pub const STILL_DECISIONS: usize = 10;
 /// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
 const BESIDE_M: f64 = 1.0;
+/// Who is so near to an opening on a map may be beside it, metres.
+const PASSED_M: f64 = 0.4;
 /// A cue to turn is due so far before the opening's middle, metres.
 const DUE_M: f64 = 1.5;
 /// A decision leads on by so much at the most, metres, and with pauses a way takes so many times as long.
@@ -121,6 +123,9 @@ impl Task {
         let task =
             |line: TravelLine, goal: Goal| Some(Self { cue, world_from_robot, line, goal, width_m: course.width_m });
         let Some(side) = side_of(cue) else {
+            if cue == CueKind::Forward && !has_way_on(course, handler_way_m) {
+                return None;
+            }
             let to_m = (handler_way_m + ON_M).min(course.line.length_m() - END_M);
             return if cue == CueKind::Stop {
                 task(course.line.clone(), Goal::Stand(Vec::new()))
@@ -130,6 +135,11 @@ impl Task {
                 task(course.line.clone(), Goal::Along(to_m))
             };
         };
+        if course.mapped.is_some()
+            && course.openings.iter().any(|o| o.side == side && is_beside(o, handler_way_m, way_m))
+        {
+            return None;
+        }
         let first = course.next(side, way_m, TURN_REACH_M);
         let beside = first.filter(|first| first.far_edge_m() - way_m < BESIDE_M);
         let meant = match beside {
@@ -184,6 +194,17 @@ impl Task {
             }),
         }
     }
+}
+
+/// Whether a corridor goes on as far as *forward* asks, or ends before: on a map it may fork, or lead into the open.
+fn has_way_on(course: &Course, handler_way_m: f64) -> bool {
+    course.mapped.is_none_or(|mapped| mapped.has_end) || handler_way_m + ON_M <= course.line.length_m() - END_M
+}
+
+/// Whether robot or handler are beside an opening: it is not clear whether they mean it, or have passed it.
+fn is_beside(opening: &Opening, handler_way_m: f64, way_m: f64) -> bool {
+    let [from_m, to_m] = [handler_way_m - PASSED_M, way_m + PASSED_M];
+    opening.far_edge_m() > from_m && opening.way_m - opening.width_m / 2.0 < to_m
 }
 
 fn side_of(cue: CueKind) -> Option<Side> {

@@ -2,7 +2,7 @@
 //!
 //! The middle of the free space is a network of ways (`ways`). A course is walked along it as a person would walk on
 //! (`walk`). Where robot and handler can leave it is found a second time without that network (`aside`): where the two
-//! disagree nobody could say what is meant, and no task is set. What stands and walks there is added, as to generated
+//! disagree it is not clear what is meant, and no task is set. What stands and walks there is added, as to generated
 //! worlds.
 
 mod aside;
@@ -25,7 +25,7 @@ use rand_chacha::ChaCha8Rng;
 
 use crate::generate::{GeneratorConfig, furnish_course, populate_course};
 use crate::grid_map::GridMap;
-use crate::site::{Course, DropKind, Opening, Side, Site};
+use crate::site::{Course, DropKind, Mapped, Opening, Side, Site};
 use crate::world::DEFAULT_CEILING_M;
 use crate::{World, WorldError};
 use aside::{Gap, Mouth};
@@ -34,12 +34,12 @@ use walk::{Branch, End, Walk};
 use ways::{Along, PAIR_M, Ways};
 
 /// Of the floor within this of a person, metres, one sees a share: a corridor 2 m wide shows 0.36 of it, one of 3.4 m
-/// 0.59, a hall nearly all. Where it is more than `OPEN` for longer than a junction, metres, nobody can say which way is
-/// meant.
+/// 0.59, a hall nearly all. Where it is more than `OPEN` for longer than a junction, metres, it is not clear which way
+/// is meant.
 const SEEN_M: f64 = 3.5;
 const SEEN_RAYS: usize = 48;
 const OPEN: f64 = 0.55;
-/// Where more of the rays leave the map, nobody knows what is beside.
+/// Where more of the rays leave the map, it is not known what is beside.
 const OFF_MAP: f64 = 0.05;
 const JUNCTION_M: f64 = 4.0;
 /// A course is looked at every so far, metres.
@@ -48,10 +48,13 @@ const STEP_M: f64 = 0.4;
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
 /// An opening's own way is followed for so far, metres.
 const BRANCH_M: f64 = 10.0;
-/// A way off that nobody could name leads on for no more than this, metres: no task is set where it would be next.
+/// A way off that is not clear leads on for no more than this, metres: no task is set where it would be next.
 const UNCLEAR_M: f64 = 0.3;
 /// The way off a course begins so far from its middle, metres: nearer, it still turns.
 const OFF_M: f64 = 0.8;
+/// A narrower way is not clear: whether two go through side by side depends on centimetres that a map does not tell,
+/// metres.
+const CLEAR_M: f64 = 1.1;
 /// A way to the side leads aside by half of this at the least, this far in, metres.
 const DEEP_M: f64 = 2.0;
 /// A gap in a wall is that of an opening so near to it, metres.
@@ -61,6 +64,8 @@ const FREE_STEP_M: f64 = 0.1;
 /// Who is so near to the middle of a way is on it, metres; the way has its direction so far ahead.
 const NEAR_M: f64 = 1.5;
 const AHEAD_M: f64 = 1.0;
+/// So much of the way that somebody came belongs to their course, metres.
+const BEHIND_M: f64 = 6.0;
 /// Draws of a start until a course of use is found.
 const TRIES: usize = 400;
 /// Of so many courses the longest is taken: it has more to ask for.
@@ -119,8 +124,9 @@ impl FloorPlan {
         let (stretch, i) = near;
         let last = self.ways.stretch(stretch).cells.len() - 1;
         let courses = [(true, i), (false, last - i)].into_iter().filter_map(|(is_forth, from)| {
-            let course = self.course_from(Along { stretch, is_forth }, from)?;
-            let off_rad = course.line.heading_error_rad(AHEAD_M, heading_rad).abs();
+            let course = self.course_through(Along { stretch, is_forth }, from)?;
+            let way_m = course.line.foot(at).way_m;
+            let off_rad = course.line.heading_error_rad(way_m + AHEAD_M, heading_rad).abs();
             Some((course, off_rad))
         });
         courses.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, off_rad)| *off_rad < FRAC_PI_2).map(|(course, _)| course)
@@ -170,17 +176,34 @@ impl FloorPlan {
 
     /// The corridor of who walks on from there.
     fn course_from(&self, along: Along, from: usize) -> Option<Course> {
-        let walk = self.walk(along, from, LENGTH_M[1]);
-        let whole = self.line(&walk)?;
+        self.course_of(&self.walk(along, from, LENGTH_M[1]))
+    }
+
+    /// The same, with some of the way that they came.
+    fn course_through(&self, along: Along, from: usize) -> Option<Course> {
+        let mut walk = self.walk(along, from, LENGTH_M[1]);
+        let back = Along { is_forth: !along.is_forth, ..along };
+        let mut came = self.walk(back, self.ways.stretch(along.stretch).cells.len() - 1 - from, BEHIND_M).cells;
+        came.truncate((BEHIND_M / self.map.resolution_m()) as usize);
+        came.reverse();
+        came.pop();
+        walk.cells.splice(0..0, came);
+        self.course_of(&walk)
+    }
+
+    fn course_of(&self, walk: &Walk) -> Option<Course> {
+        let whole = self.line(walk)?;
         let narrow_m = self.narrow_m(&whole);
         let line = whole.part(0.0, narrow_m.min(LENGTH_M[1])).filter(|line| line.length_m() >= LENGTH_M[0])?;
         let mut rooms: Vec<f64> =
             (0..line.length_m() as usize).map(|way_m| self.room_m(place(&line.at(way_m as f64)))).collect();
         rooms.sort_by(f64::total_cmp);
         let width_m = 2.0 * rooms[rooms.len() / 2];
-        let ends_there = line.length_m() > whole.length_m() - 0.1 && walk.end == End::Wall;
-        let openings = self.openings(&line, width_m, &walk, ends_there);
-        Some(Course::new(line, width_m, openings))
+        let ends_there =
+            line.length_m() > whole.length_m() - 0.1 && walk.end == End::Wall && !self.leads_on(&line, width_m);
+        let openings = self.openings(&line, width_m, walk, ends_there);
+        let mapped = Some(Mapped { has_end: ends_there });
+        Some(Course { mapped, ..Course::new(line, width_m, openings) })
     }
 
     /// How far a line is a corridor, metres: to where it is wider than one for longer than a junction.
@@ -224,8 +247,8 @@ impl FloorPlan {
         (0..).map(|i| FREE_STEP_M * f64::from(i)).take_while(free).last().unwrap_or(0.0)
     }
 
-    /// What leads off a course: the branches of its walk, and every other place where it can be left, of which nobody
-    /// could say what it is.
+    /// What leads off a course: the branches of its walk, and every other place where it can be left, which is not
+    /// clear.
     fn openings(&self, line: &TravelLine, width_m: f64, walk: &Walk, ends_there: bool) -> Vec<Opening> {
         let mut openings: Vec<Opening> =
             walk.branches.iter().filter_map(|branch| self.opening(line, width_m, branch)).collect();
@@ -272,7 +295,7 @@ impl FloorPlan {
         let off = off.part(OFF_M.min(off.length_m() / 2.0), off.length_m())?;
         let places: Vec<Point> = std::iter::once(place(&at)).chain(off.corners().iter().copied()).collect();
         let way = TravelLine::new(&places)?;
-        let is_clear = branch.is_aside() && leads_aside(&at, side, width_m, &way);
+        let is_clear = branch.is_aside() && mouth_m >= CLEAR_M && leads_aside(&at, side, width_m, &way);
         let behind = is_clear.then(|| self.behind(line, width_m, &Mouth { way_m: foot.way_m, width_m: mouth_m }, &way));
         let Some(behind) = behind.flatten().map(Arc::new) else {
             return unclear(line, Gap { side, from_m: foot.way_m, to_m: foot.way_m });
@@ -289,7 +312,7 @@ fn leads_aside(at: &Se2, side: Side, width_m: f64, way: &TravelLine) -> bool {
     aside_m > width_m / 2.0 + DEEP_M / 2.0 && there.x.abs() < aside_m
 }
 
-/// A place where a course can be left, of which nobody could say whether it is meant.
+/// A place where a course can be left, and of which it is not clear whether it is meant.
 fn unclear(line: &TravelLine, gap: Gap) -> Option<Opening> {
     let way_m = f64::midpoint(gap.from_m, gap.to_m);
     let at = line.at(way_m);

@@ -100,6 +100,15 @@ pub struct Course {
     pub openings: Vec<Opening>,
     /// Where its floor ends at an edge, along its middle, metres.
     pub edge_m: Option<f64>,
+    /// What is known of it where it is a floor plan's; none: it was generated, and all of it is known.
+    pub mapped: Option<Mapped>,
+}
+
+/// What is known of a corridor of a floor plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Mapped {
+    /// Its line ends where the corridor does: at a wall. Otherwise it forks there, or leads into the open.
+    pub has_end: bool,
 }
 
 /// A corridor that itself turns by so much, radians,
@@ -124,7 +133,7 @@ impl Course {
             }
         }
         openings.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
-        Self { line, width_m, openings, edge_m: None }
+        Self { line, width_m, openings, edge_m: None, mapped: None }
     }
 
     /// The first opening to a side whose farther edge is ahead of that way and whose middle is within `reach_m`.

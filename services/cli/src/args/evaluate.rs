@@ -156,6 +156,7 @@ Examples:
   guidedog evaluate --policy guide --episodes 2000
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
   guidedog evaluate --policy guide --tasks timing --pictures pictures
+  guidedog evaluate --worlds floor.yaml --explain 20 --pictures tasks
   guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
   guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
   guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json
@@ -166,12 +167,15 @@ refused and counted as one collision; beside a robot that stands, a handler who 
 push on; who walks into them is counted as hit_by_others. Most people stop where robot or handler is within 1.2
 m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Intervals are of 95 %.
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
-handler is 2 m inside the opening asked for and within 20 degrees of its axis, or stands still in the corridor
-where there is none within 15 m of way (who gives the cue within 1 m of an opening's farther edge may mean it or
-what comes next); stop, the robot does not move any more (on legs: half a second later). An error of
-orientation is corrected where the handler's third metre of way leads within 10 degrees of the corridor;
-orientation_faced counts who faces so at its end. Judged where the corridor goes on for 5 m; who never comes so
-far has corrected nothing.
+handler is 2 m inside the opening asked for (in generated worlds within 20 degrees of its axis), or stands still
+in the corridor where there is none within 15 m of way (in generated worlds, who gives the cue within 1 m of an
+opening's farther edge may mean it or what comes next); stop, the robot does not move any more (on legs: half a
+second later). An error of orientation is corrected where the handler's third metre of way leads within 10
+degrees of the corridor; orientation_faced counts who faces so at its end. Judged where the corridor goes on for
+5 m; who never comes so far has corrected nothing.
+On maps a course goes round corners and over crossings, to where it ends or forks or a hall or room begins. A side
+way counts from 0.98 m of width on; where one could leave the corridor and it is not clear whether that is meant, no
+task is set. An episode has more decisions where its way is long. --explain tells what each task asks for.
 --tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends
 across the corridor, in a branch, beside it, or in a hole with a way past it. Before a low step the robot waits, and
 the handler says forward. low_steps_announced counts the steps that the robot took. Where a footprint leaves the

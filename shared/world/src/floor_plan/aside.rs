@@ -10,20 +10,25 @@ use super::FloorPlan;
 use super::flood::flood;
 use crate::site::{Behind, Side};
 
-/// Who can be so far to a side, beyond the corridor, has left it, metres.
+/// A body that gets so far to a side, beyond the corridor, has left it, metres.
 const LEFT_M: f64 = 1.0;
-/// A body of this radius goes there, metres: that of the pair side by side, without the room that they keep.
-const BODY_M: f64 = 0.45;
+/// A body of this radius goes there, metres. Half of the pair side by side is 0.45 m wide, but a map may be off by as
+/// much.
+const BODY_M: f64 = 0.40;
 /// Places that are so near to each other are one, metres.
 const SAME_M: f64 = 0.6;
 /// Beside a course's ends it cannot be told what is beside and what is ahead, metres.
 const END_M: f64 = 0.6;
+/// A person goes through a door of twice this, metres.
+const PERSON_M: f64 = 0.33;
+/// A person who gets so far beyond the end of a course has gone on, metres.
+const ON_M: f64 = 0.4;
 /// A course is looked at every so far, metres.
 const EVERY_M: f64 = 0.2;
 /// A handler has so much room where they stand inside, metres.
 const HANDLER_M: f64 = 0.25;
 /// What is behind an opening is looked at so deep, metres.
-const DEPTH_M: f64 = 14.0;
+const DEPTH_M: f64 = 5.0;
 /// The corridor's own floor is so much wider than its middle tells, metres; its floor is looked at for so far to both
 /// sides of an opening.
 const WALL_M: f64 = 0.15;
@@ -77,15 +82,33 @@ impl FloorPlan {
         gaps
     }
 
+    /// Whether a person can go on beyond a course's end, straight on or askew: through a door, for example.
+    pub(super) fn leads_on(&self, line: &TravelLine, width_m: f64) -> bool {
+        let end = line.at(line.length_m());
+        let from = line.at(line.length_m() - END_M);
+        let far_m = width_m / 2.0 + END_M + LEFT_M;
+        let seed = self.map.number_at(super::place(&from));
+        let reached = flood(&self.map, seed, far_m, |cell, _| self.room.of_cell(cell) >= PERSON_M);
+        reached.iter().any(|reached| {
+            let there = end.inverse() * self.map.middle_of(reached.cell);
+            there.x > ON_M && there.x > there.y.abs()
+        })
+    }
+
     /// What is behind an opening whose middle is `branch`: a handler has walked in so far, beyond the wall of the
     /// corridor. None where it soon leads back into the corridor: a way round a pillar is no way off.
     pub(super) fn behind(&self, line: &TravelLine, width_m: f64, mouth: &Mouth, branch: &TravelLine) -> Option<Behind> {
         let from_m = (mouth.way_m - BESIDE_M).max(0.0);
         let near = line.part(from_m, mouth.way_m + BESIDE_M)?;
+        // The corridor goes on before the part that is looked at, and beyond it.
+        let ends = [(near.at(0.0), -1.0), (near.at(near.length_m()), 1.0)];
         let in_corridor = |place: Point| {
-            let foot = near.foot(place);
-            let is_beside = foot.way_m > 0.0 && foot.way_m < near.length_m();
-            is_beside && foot.left_m.abs() < width_m / 2.0 + WALL_M
+            let wall_m = width_m / 2.0 + WALL_M;
+            let is_beyond = ends.iter().any(|(end, sign)| {
+                let there = end.inverse() * place;
+                sign * there.x >= 0.0 && there.y.abs() < wall_m
+            });
+            is_beyond || near.foot(place).left_m.abs() < wall_m
         };
         let goes = |cell: usize, _| self.room.of_cell(cell) >= HANDLER_M && !in_corridor(self.map.middle_of(cell));
         // The first place of its middle that is beyond the wall.

@@ -5,7 +5,7 @@ use crate::grid_map::{Cell, GridMap};
 /// What stands free and fills this share of the box about it is furniture up to this length, metres; what does not may
 /// be walls between doors, and is furniture only where it is shorter.
 const FILLED: f64 = 0.3;
-const FURNITURE_M: f64 = 4.0;
+const FURNITURE_M: f64 = 6.5;
 const POST_M: f64 = 1.5;
 const THIN_M: f64 = 0.6;
 

@@ -1,5 +1,5 @@
 //! Walking on along the ways of a floor plan, as a person would who was told to go on: straight over crossings, round
-//! corners, to where the way ends or nobody could say which way is on.
+//! corners, to where the way ends or it is not clear which way is on.
 
 use std::f64::consts::PI;
 
@@ -15,8 +15,7 @@ const ASIDE_RAD: f64 = 0.95;
 /// Of several that lead on the one is meant that turns by so much less than all others, and by at most so much.
 const CLEARLY_RAD: f64 = 0.35;
 const ON_RAD: f64 = 0.7;
-/// A way that turns back by more than this is not the way round a corner, radians; nor is it a side way whose side
-/// anybody could name.
+/// A way that turns back by more than this is not the way round a corner, radians, and no clear way to a side.
 const BACK_RAD: f64 = 2.3;
 /// Directions are taken over so much way, metres,
 const LOOK_M: f64 = 1.5;
@@ -32,6 +31,10 @@ const ONE_CROSSING_M: f64 = 1.5;
 /// A line ends so far before a wall, metres, and goes on straight for at most so far to get there.
 const BEFORE_WALL_M: f64 = 0.3;
 const TO_WALL_M: f64 = 4.0;
+/// A way does not end where so much more than the room about it is free straight on, metres.
+const STRAIGHT_ON_M: f64 = 1.0;
+/// A corner is as wide as a way for so far, metres.
+const CORNER_M: f64 = 2.5;
 
 /// What ends a walk.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -55,7 +58,7 @@ pub(super) struct Branch {
 }
 
 impl Branch {
-    /// Whether anybody would say that it leads to the side.
+    /// Whether it clearly leads to the side.
     pub(super) fn is_aside(&self) -> bool {
         (ASIDE_RAD..BACK_RAD).contains(&self.turn_rad.abs())
     }
@@ -73,6 +76,8 @@ pub(super) struct Walk {
 
 /// What a walk meets at a joint.
 struct Crossing {
+    /// The direction of the walk, radians.
+    heading_rad: f64,
     /// Each with the cells that lead from the joint to where it begins.
     branches: Vec<(Branch, Vec<usize>)>,
 }
@@ -89,7 +94,7 @@ impl FloorPlan {
             }
             joints.push(joint);
             let crossing = self.crossing(along, &walk.cells);
-            let on = Self::on(&crossing);
+            let on = self.on(&crossing, joint);
             walk.branches.extend(crossing.branches.iter().enumerate().filter(|(i, _)| on != Ok(*i)).map(|(_, b)| b.0));
             match on {
                 Err(end) => {
@@ -107,8 +112,8 @@ impl FloorPlan {
         walk
     }
 
-    /// Which of the branches leads on.
-    fn on(crossing: &Crossing) -> Result<usize, End> {
+    /// Which of the branches leads on from a joint.
+    fn on(&self, crossing: &Crossing, joint: usize) -> Result<usize, End> {
         let turns = |most_rad: f64| {
             let all = crossing.branches.iter().enumerate().map(|(i, (branch, _))| (i, branch.turn_rad.abs()));
             let mut turns: Vec<(usize, f64)> = all.filter(|(_, turn_rad)| *turn_rad <= most_rad).collect();
@@ -119,9 +124,27 @@ impl FloorPlan {
             ([(on, _)], _) => Ok(*on),
             ([(on, first), (_, second), ..], _) if *first <= ON_RAD && second - first >= CLEARLY_RAD => Ok(*on),
             ([_, ..], _) => Err(End::Fork),
-            ([], [(corner, _)]) => Ok(*corner),
+            ([], [(corner, _)]) if self.is_corner(&crossing.branches[*corner].0) => Ok(*corner),
+            ([], _) if self.goes_straight_on(crossing, joint) => Err(End::Fork),
+            ([], []) => Err(End::Wall),
+            ([], [_]) => Err(End::Fork),
             ([], _) => Err(End::Wall),
         }
+    }
+
+    /// Whether the only way from a joint is the corridor's own way round a corner, and not a door at its end.
+    fn is_corner(&self, branch: &Branch) -> bool {
+        let cells = self.ways.cells(branch.along);
+        let near = (CORNER_M / self.map.resolution_m()) as usize;
+        cells.iter().take(near).all(|cell| 2.0 * self.room.of_cell(*cell) >= super::CLEAR_M)
+    }
+
+    /// Whether it is free straight on beyond a joint, though no way leads there: it is not clear that it ends.
+    fn goes_straight_on(&self, crossing: &Crossing, joint: usize) -> bool {
+        let from = self.map.middle_of(self.ways.joints[joint].cell);
+        let direction = Vector2::new(crossing.heading_rad.cos(), crossing.heading_rad.sin());
+        let room_m = self.room.of_cell(self.ways.joints[joint].cell);
+        self.goes_m(from, direction, TO_WALL_M + room_m, BEFORE_WALL_M) > room_m + STRAIGHT_ON_M
     }
 
     /// What leads off where a stretch ends; `cells` are those walked so far.
@@ -129,7 +152,7 @@ impl FloorPlan {
         let joint = self.ways.end(along);
         let heading_rad = self.heading_rad(cells.iter().rev(), self.about_m(joint)) + PI;
         let back = Along { is_forth: !along.is_forth, ..along };
-        let mut crossing = Crossing { branches: Vec::new() };
+        let mut crossing = Crossing { heading_rad, branches: Vec::new() };
         let (mut joints, mut todo) = (vec![joint], vec![(joint, Vec::new())]);
         while let Some((here, lead)) = todo.pop() {
             for off in self.ways.leading_off(here).filter(|off| *off != back) {

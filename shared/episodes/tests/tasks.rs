@@ -1,0 +1,84 @@
+//! Tasks on real floor plans against what two readers said of them.
+
+use std::collections::HashMap;
+
+use guidance::se2::{Point, se2};
+use guidedog_episodes::{Config, Goal, Task};
+use messages::{CueKind, Pose2};
+use world::FloorPlan;
+
+/// A task of the table.
+struct Row<'a> {
+    map: &'a str,
+    cue: CueKind,
+    world_from_robot: Pose2,
+    asks: &'a str,
+    /// The opening, or where the handler has to come to.
+    at: Option<Point>,
+    /// What the two readers said.
+    judged: [&'a str; 2],
+}
+
+/// Answers are the same that name places so near to each other, metres.
+const SAME_M: f64 = 1.5;
+
+fn rows(table: &str) -> Vec<Row<'_>> {
+    let lines = table.lines().filter(|line| !line.starts_with('#')).skip(1);
+    let row = |line| {
+        let [map, cue, x, y, yaw, asks, at_x, at_y, a, b] = *Vec::from_iter(str::split(line, '\t')) else {
+            panic!("ten columns: {line}")
+        };
+        let number = |text: &str| text.parse::<f64>().ok();
+        let world_from_robot = [x, y, yaw].map(|text| number(text).expect("a number"));
+        let at = number(at_x).zip(number(at_y)).map(|(x, y)| Point::new(x, y));
+        Row {
+            map,
+            cue: CueKind::from_name(cue).expect("a cue"),
+            world_from_robot: Pose2::new(world_from_robot[0], world_from_robot[1], world_from_robot[2]),
+            asks,
+            at,
+            judged: [a, b],
+        }
+    };
+    lines.map(row).collect()
+}
+
+/// What a task asks for and where, as the table tells it.
+fn told(task: &Task) -> (&'static str, Option<Point>) {
+    let place = |pose: guidance::Se2| Point::from(pose.translation.vector);
+    match &task.goal {
+        Goal::Along(to_m) => ("along", Some(place(task.line.at(*to_m)))),
+        Goal::Into(openings) => ("into", openings.first().map(|opening| place(opening.line.at(0.0)))),
+        Goal::Stand(openings) => ("stand", openings.first().map(|opening| place(opening.line.at(0.0)))),
+        Goal::BeforeEdge => ("before_edge", None),
+    }
+}
+
+#[test]
+fn tasks_on_floor_plans_are_what_readers_would_mean() {
+    let Some(maps) = test_data::data("maps") else { return };
+    let robot_from_handler = se2(Config::default().robot_from_handler);
+    let mut plans: HashMap<&str, FloorPlan> = HashMap::new();
+    let (mut set, mut right, mut lost) = (0, 0, Vec::new());
+    for (number, row) in rows(include_str!("tasks.tsv")).iter().enumerate() {
+        let file = maps.join(row.map.strip_prefix("maps/").unwrap_or(row.map));
+        let plan = plans.entry(row.map).or_insert_with(|| FloorPlan::load(&file).expect("a map"));
+        let pose = se2(row.world_from_robot);
+        let course = plan.course_at(&pose);
+        let task = course.and_then(|course| Task::at(&course, row.cue, pose, &robot_from_handler));
+        let answer = task.as_ref().map(told);
+        let is_same = answer.is_some_and(|(asks, at)| {
+            let near = at.zip(row.at).is_none_or(|(a, b)| (a - b).norm() < SAME_M);
+            asks == row.asks && (near || asks == "stand")
+        });
+        set += usize::from(task.is_some());
+        // A judgement holds for the answer that was judged; where none is set any more, nothing is asked.
+        let is_right = row.judged.iter().all(|judged| *judged == "right");
+        right += usize::from(is_same && is_right);
+        if task.is_some() && !(is_same && is_right) {
+            lost.push(format!("{number}: {} {:?} {:?} for {} {:?}", row.map, row.cue, answer, row.asks, row.judged));
+        }
+    }
+    assert!(set >= 150, "at {set} places of the table a task is set: the others were clear as well");
+    assert!(right as f64 >= 0.97 * set as f64, "{right} of {set}:\n{}", lost.join("\n"));
+}
