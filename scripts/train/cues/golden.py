@@ -84,6 +84,7 @@ def cases() -> list[dict[str, Any]]:
     quiet, loud = -60.0, -20.0
     silence = (20, "other", 1.0, quiet)
     talk = [silence, (16, "other", 1.0, loud), (4, "other", 1.0, quiet)]
+    in_talk = [*talk, (8, "other", 1.0, quiet)]
     said_loudly = [(4, "other", 1.0, quiet), (5, "other", 1.0, 0.0), (3, "left", 0.9, quiet), silence]
     return [
         case(
@@ -187,16 +188,42 @@ def cases() -> list[dict[str, Any]]:
                 (5, "other", 1.0, loud),
                 (3, "left", 0.9, quiet),
                 (8, "other", 1.0, quiet),
-                (3, "stop", 0.88, loud),
-                (4, "other", 1.0, quiet),
-                (1, "stop", 0.95, loud),
-                (4, "other", 1.0, quiet),
-                (2, "stop", 0.88, loud),
                 (3, "stop", 0.95, loud),
                 (80, "other", 1.0, quiet),
                 (5, "other", 1.0, loud),
                 (3, "left", 0.9, quiet),
                 (20, "other", 1.0, quiet),
+                (1, "stop", 0.88, loud),
+                silence,
+            ],
+        ),
+        case(
+            "in talk a stop in doubt counts when it is said again",
+            rules,
+            [*in_talk, (3, "stop", 0.88, loud), (6, "other", 1.0, quiet), (1, "stop", 0.88, loud), silence],
+        ),
+        case(
+            "in talk a stop in doubt does not count when it flickers, or is said again much later",
+            rules,
+            [
+                *in_talk,
+                (1, "stop", 0.88, loud),
+                (1, "other", 1.0, quiet),
+                (1, "stop", 0.88, loud),
+                (32, "other", 1.0, quiet),
+                (1, "stop", 0.88, loud),
+                silence,
+            ],
+        ),
+        case(
+            "a stop in doubt ends what waits",
+            rules,
+            [
+                silence,
+                (13, "other", 1.0, loud),
+                (3, "other", 1.0, quiet),
+                (5, "other", 1.0, loud),
+                (2, "left", 0.9, loud),
                 (1, "stop", 0.88, loud),
                 silence,
             ],

@@ -26,6 +26,8 @@ word. A voice that is much softer, a television in the next room beside a handle
 talk. In talk
 1. no direction becomes a candidate; one that waits already goes on waiting;
 2. *stop* has besides to be at or above `talk_stop` in `talk_stop_steps` steps in a row. Its score is their lowest.
+   One that is not is in doubt: it ends what is waiting. When the next doubt begins within `AGAIN`, but not within
+   `FLICKER`, of the first, it counts: somebody says it again. While the robot stands by a stop no stop is in doubt.
 
 Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
 level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
@@ -49,6 +51,8 @@ import numpy as np
 
 from words import LABELS
 
+# A stop in doubt counts that is said again so long after the first.
+FLICKER_S, AGAIN_S = 0.4, 1.5
 STEP_S, FRAME_S, FRAMES = 0.02, 0.01, 2
 # Frames: no less than reach, wait_max (to the end of a step) and segment_max together, and no less than talk.
 MEMORY = 640
@@ -127,6 +131,8 @@ class Recogniser:
         self.streak = [0] * len(LABELS)
         self.lowest = [1.0] * len(LABELS)
         self.surely, self.surely_lowest = 0, 1.0  # the same of a stop in talk
+        self.doubted: int | None = None  # the step in which a doubt began
+        self.stands = self.stopped
         self.waiting: Candidate | None = None
         self.silent_until = {"stop": 0, "direction": 0}
 
@@ -139,6 +145,8 @@ class Recogniser:
         self.count(probabilities)
         refractory = steps(self.rules.refractory_s)
         score = self.stop_score()
+        if score is None and self.streak[STOP] >= self.rules.stop_steps:
+            self.waiting = None
         if score is not None:
             self.waiting, self.stopped = None, True
             if self.step < self.silent_until["stop"]:
@@ -184,9 +192,19 @@ class Recogniser:
         """The score of a stop that counts now."""
         if self.streak[STOP] < self.rules.stop_steps:
             return None
-        if not self.in_talk():
+        if self.stands or not self.in_talk():
             return self.lowest[STOP]
-        return self.surely_lowest if self.surely >= self.rules.talk_stop_steps else None
+        if self.surely >= self.rules.talk_stop_steps:
+            return self.surely_lowest
+        return self.lowest[STOP] if self.streak[STOP] == self.rules.stop_steps and self.is_again() else None
+
+    def is_again(self) -> bool:
+        """A doubt begins: whether it is the second of late."""
+        before = None if self.doubted is None else self.step - self.doubted
+        if before is not None and before < steps(FLICKER_S):
+            return False
+        self.doubted = self.step
+        return before is not None and before <= steps(AGAIN_S)
 
     def threshold(self, word: int) -> float:
         if word == STOP:

@@ -163,6 +163,9 @@ impl Task {
     /// Decisions that are time enough for the way, pauses included.
     #[must_use]
     pub fn decisions(&self) -> usize {
+        if self.cue == CueKind::Stop {
+            return STILL_DECISIONS;
+        }
         let from_m = self.line.foot(Point::from(self.world_from_robot.translation.vector)).way_m;
         let to_m = match &self.goal {
             Goal::Along(to_m) => *to_m,

@@ -79,6 +79,6 @@ fn tasks_on_floor_plans_are_what_readers_would_mean() {
             lost.push(format!("{number}: {} {:?} {:?} for {} {:?}", row.map, row.cue, answer, row.asks, row.judged));
         }
     }
-    assert!(set >= 150, "at {set} places of the table a task is set: the others were clear as well");
+    assert!(set >= 175, "at {set} places of the table a task is set: the others were clear as well");
     assert!(right as f64 >= 0.97 * set as f64, "{right} of {set}:\n{}", lost.join("\n"));
 }

@@ -80,6 +80,17 @@ impl Levels {
             Some(floor_db) if level_db < floor_db => floor_db + self.rules.floor_fall * (level_db - floor_db),
             Some(floor_db) => level_db.min(floor_db + self.rules.floor_rise_db),
         });
+        self.remember(sound);
+    }
+
+    /// Frames pass that are not listened to: they count as silence, and tell nothing of what is always there.
+    pub fn pass(&mut self, frames: usize) {
+        for _ in 0..frames {
+            self.remember(Sound { level_db: f64::NEG_INFINITY, periodicity: 0.0 });
+        }
+    }
+
+    fn remember(&mut self, sound: Sound) {
         self.sounds.push_back(sound);
         if self.sounds.len() > MEMORY {
             self.sounds.pop_front();

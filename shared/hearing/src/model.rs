@@ -13,6 +13,8 @@ use crate::mel::{BANDS, Mel};
 use crate::rules::Rules;
 use crate::{LABELS, Probabilities};
 
+/// What is to be done about a manifest without the rules of talk.
+const EARLIER: &str = "\nthis head is of an earlier version: enrol anew (guidedog cue enrol)";
 /// What the head is fed with, and its version.
 const FEATURES: &str = "speech-embedding-96/2";
 /// Frames that one embedding is of.
@@ -117,7 +119,10 @@ impl Manifest {
     pub fn parse(path: &Path, bytes: &[u8]) -> Result<Self, SpeechError> {
         let wrong = |what: String| SpeechError::Content { path: path.to_owned(), what };
         let text = std::str::from_utf8(bytes).map_err(|error| wrong(error.to_string()))?;
-        let manifest: Self = toml::from_str(text).map_err(|error| wrong(error.to_string().trim_end().to_owned()))?;
+        let manifest: Self = toml::from_str(text).map_err(|error| {
+            let earlier = if error.message().contains("missing field `talk`") { EARLIER } else { "" };
+            wrong(format!("{}{earlier}", error.to_string().trim_end()))
+        })?;
         if manifest.features != FEATURES {
             return Err(wrong(format!("features = \"{}\", and this program makes \"{FEATURES}\"", manifest.features)));
         }

@@ -1,10 +1,11 @@
 //! From probabilities to cues: the rules, which are data, and who follows them. Pure.
 //!
-//! *stop* counts in a few steps, whatever else is heard. A direction has to be the surest word in steps in a row, in a
+//! *stop* counts in a few steps. A direction has to be the surest word in steps in a row, in a
 //! voice that stands out from what is always there, and to stand alone: it is given only once the sound that it is in
 //! has ended, and that was no longer than a word. *forward*, and *go*, which means the same, have to be surer after a
-//! stop. While somebody talks beside the word, no direction is taken, and *stop* has to be surer for longer: running
-//! speech has words in it that sound like cues. `scripts/train/cues/rules.py` is the same, step by step.
+//! stop. In talk, the handler's own or that of others, no direction is taken, and *stop* has to be surer for longer, or
+//! to be said again: running speech has words in it that sound like cues. `scripts/train/cues/rules.py` is the same,
+//! step by step.
 
 use messages::CueKind;
 use serde::Deserialize;
@@ -27,8 +28,17 @@ const VOICED_MAX_S: f64 = 0.1;
 const ABOVE_FLOOR_MAX_DB: f64 = 15.0;
 /// A direction follows its attention word within this.
 const ATTENTION_NS: u64 = 2 * messages::NS_PER_S;
+/// A stop in doubt counts when it is said again within the second time, but not within the first: one word flickers.
+const FLICKER_NS: u64 = messages::NS_PER_S * 4 / 10;
+const AGAIN_NS: u64 = messages::NS_PER_S * 3 / 2;
 /// Who has to say "stop" again says so within this.
 const REFRACTORY_MAX_S: f64 = 2.0;
+/// Frames that isolation may look back on, and the least that its reach has.
+const ISOLATION_MEMORY: usize = 256;
+const REACH_LEAST: usize = 10;
+/// What is talk: how much of a voice, and how far below the word, decibels.
+const TALK_VOICED_S: std::ops::RangeInclusive<f64> = 0.5..=3.0;
+const TALK_DEPTH_DB: std::ops::RangeInclusive<f64> = 6.0..=40.0;
 /// Places in [`LABELS`].
 const FORWARD: usize = 0;
 const STOP: usize = 3;
@@ -176,7 +186,10 @@ impl IsolationRules {
             return Err("isolation.quiet is not under wait_max: no direction would be given".to_owned());
         }
         // A wait ends with a step.
-        let seen_frames = MEMORY - FRAMES_A_STEP;
+        if count(self.reach, FRAME_NS) < REACH_LEAST {
+            return Err("isolation.reach is under 100 ms: no word would be seen".to_owned());
+        }
+        let seen_frames = ISOLATION_MEMORY - FRAMES_A_STEP;
         if [self.segment_max, self.wait_max, self.reach].map(|time| count(time, FRAME_NS)).iter().sum::<usize>()
             > seen_frames
         {
@@ -206,8 +219,15 @@ impl TalkRules {
             let remembered_ms = MEMORY as u64 * FRAME_NS / 1_000_000;
             return Err(format!("talk.reach is over {remembered_ms} ms: what is older is not remembered"));
         }
-        if voiced == 0 {
-            return Err("talk.voiced is less than a frame: no direction would be given, in silence either".to_owned());
+        if !TALK_VOICED_S.contains(&self.voiced.s()) {
+            let [least, most] = [TALK_VOICED_S.start(), TALK_VOICED_S.end()];
+            return Err(format!(
+                "talk.voiced is not in {least} to {most} s: a word would be talk, or talk would be none"
+            ));
+        }
+        if !TALK_DEPTH_DB.contains(&self.depth_db.get()) {
+            let [least, most] = [TALK_DEPTH_DB.start(), TALK_DEPTH_DB.end()];
+            return Err(format!("talk.depth_db is not in {least} to {most}: no talk would count, or any whisper"));
         }
         if late + voiced > reach {
             return Err("talk.voiced does not fit into talk.reach less isolation.reach: no talk would count".to_owned());
@@ -305,6 +325,8 @@ pub struct CueRules {
     streaks: [(u32, f32); WORDS],
     /// The same of *stop* where somebody talks.
     stop_in_talk: (u32, f32),
+    /// The step in which a stop in doubt began.
+    doubted: Option<u64>,
     /// Of *stop*, in what sounds while the robot itself speaks.
     stop_aside: (u32, f32),
     waiting: Option<Candidate>,
@@ -333,6 +355,7 @@ impl CueRules {
             step: 0,
             streaks: [(0, 1.0); WORDS],
             stop_in_talk: (0, 1.0),
+            doubted: None,
             stop_aside: (0, 1.0),
             waiting: None,
             is_stopped: false,
@@ -365,6 +388,7 @@ impl CueRules {
     /// A step passes in which no direction is listened for.
     pub fn pass(&mut self) {
         self.step += 1;
+        self.levels.pass(FRAMES_A_STEP);
         self.forget();
     }
 
@@ -389,14 +413,14 @@ impl CueRules {
     pub fn take_only_stop(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
         let step = self.begin(probabilities, sounds);
         self.forget();
-        self.sure_of_stop().and_then(|score| self.stop(step, score))
+        self.sure_of_stop(step).and_then(|score| self.stop(step, score))
     }
 
     /// Takes a step, with what each of its frames sounds like.
     pub fn take(&mut self, probabilities: &Probabilities, sounds: &[Sound; FRAMES_A_STEP]) -> Option<Heard> {
         let step = self.begin(probabilities, sounds);
         let refractory = count(self.rules.refractory, STEP_NS) as u64;
-        if let Some(score) = self.sure_of_stop() {
+        if let Some(score) = self.sure_of_stop(step) {
             return self.stop(step, score);
         }
         // The sound is looked at only where a word makes it matter.
@@ -438,14 +462,32 @@ impl CueRules {
         self.step - 1
     }
 
-    /// The score of *stop*, if it was probable enough for as many steps as it takes.
-    fn sure_of_stop(&self) -> Option<f32> {
+    /// The score of *stop*, if it was probable enough for as many steps as it takes. In talk it may be in doubt: it
+    /// ends what waits, and counts when it is said again. A false stop costs nothing while the robot stands by one.
+    fn sure_of_stop(&mut self, step: u64) -> Option<f32> {
         let (streak, score) = self.streaks[STOP];
         if streak < self.rules.stop.steps {
             return None;
         }
+        if self.stood || !self.is_talk() {
+            return Some(score);
+        }
         let (in_talk, surely) = self.stop_in_talk;
-        if self.is_talk() { (in_talk >= self.rules.talk.stop.steps).then_some(surely) } else { Some(score) }
+        if in_talk >= self.rules.talk.stop.steps {
+            return Some(surely);
+        }
+        (self.waiting, self.went) = (None, None);
+        (streak == self.rules.stop.steps && self.is_again(step)).then_some(score)
+    }
+
+    /// A doubt begins: whether it is the second of late.
+    fn is_again(&mut self, step: u64) -> bool {
+        let before = self.doubted.map(|doubted| step - doubted);
+        if before.is_some_and(|before| before < FLICKER_NS / STEP_NS) {
+            return false;
+        }
+        self.doubted = Some(step);
+        before.is_some_and(|before| before <= AGAIN_NS / STEP_NS)
     }
 
     /// Whether a direction may be given now, as far as its attention word goes.

@@ -184,7 +184,7 @@ impl FloorPlan {
         let mut walk = self.walk(along, from, LENGTH_M[1]);
         let back = Along { is_forth: !along.is_forth, ..along };
         let mut came = self.walk(back, self.ways.stretch(along.stretch).cells.len() - 1 - from, BEHIND_M).cells;
-        came.truncate((BEHIND_M / self.map.resolution_m()) as usize);
+        self.cut(&mut came, BEHIND_M);
         came.reverse();
         came.pop();
         walk.cells.splice(0..0, came);
@@ -193,8 +193,8 @@ impl FloorPlan {
 
     fn course_of(&self, walk: &Walk) -> Option<Course> {
         let whole = self.line(walk)?;
-        let narrow_m = self.narrow_m(&whole);
-        let line = whole.part(0.0, narrow_m.min(LENGTH_M[1])).filter(|line| line.length_m() >= LENGTH_M[0])?;
+        let reach_m = whole.length_m().min(LENGTH_M[1]);
+        let line = whole.part(0.0, self.narrow_m(&whole, reach_m)).filter(|line| line.length_m() >= LENGTH_M[0])?;
         let mut rooms: Vec<f64> =
             (0..line.length_m() as usize).map(|way_m| self.room_m(place(&line.at(way_m as f64)))).collect();
         rooms.sort_by(f64::total_cmp);
@@ -207,8 +207,8 @@ impl FloorPlan {
     }
 
     /// How far a line is a corridor, metres: to where it is wider than one for longer than a junction.
-    fn narrow_m(&self, line: &TravelLine) -> f64 {
-        let looks = (line.length_m() / STEP_M) as usize;
+    fn narrow_m(&self, line: &TravelLine, reach_m: f64) -> f64 {
+        let looks = (reach_m / STEP_M) as usize;
         let is_wide: Vec<bool> = (0..=looks).map(|i| self.is_open(place(&line.at(STEP_M * i as f64)))).collect();
         let runs = is_wide.chunk_by(|a, b| a == b);
         let mut from = 0;
@@ -219,7 +219,7 @@ impl FloorPlan {
             }
             from += run.len();
         }
-        line.length_m()
+        reach_m
     }
 
     /// Whether so much of the floor around could be seen, without furniture, that it is a hall or a room; or the map
@@ -271,14 +271,6 @@ impl FloorPlan {
         openings
     }
 
-    /// The least room about the middle of a walk between two ways, metres.
-    fn narrowest_m(&self, walk: &Walk, [from_m, to_m]: [f64; 2]) -> f64 {
-        let cells = (from_m / self.map.resolution_m()) as usize..(to_m / self.map.resolution_m()) as usize;
-        let last = walk.cells.len() - 1;
-        let near = &walk.cells[cells.start.min(last)..=cells.end.min(last)];
-        near.iter().map(|cell| self.room.of_cell(*cell)).fold(f64::INFINITY, f64::min)
-    }
-
     /// The opening into a branch of the walk.
     fn opening(&self, line: &TravelLine, width_m: f64, branch: &Branch) -> Option<Opening> {
         let side = if branch.turn_rad > 0.0 { Side::Left } else { Side::Right };
@@ -290,7 +282,8 @@ impl FloorPlan {
         }
         let walk = self.walk(branch.along, 0, BRANCH_M);
         let off = self.line(&walk)?;
-        let mouth_m = 2.0 * self.narrowest_m(&walk, [OFF_M, width_m / 2.0 + DEEP_M]);
+        let off = off.part(0.0, BRANCH_M)?;
+        let mouth_m = 2.0 * self.narrowest_m(&walk.cells, [OFF_M.min(width_m / 2.0), width_m / 2.0 + DEEP_M]);
         let at = line.at(foot.way_m);
         let off = off.part(OFF_M.min(off.length_m() / 2.0), off.length_m())?;
         let places: Vec<Point> = std::iter::once(place(&at)).chain(off.corners().iter().copied()).collect();

@@ -173,9 +173,10 @@ opening's farther edge may mean it or what comes next); stop, the robot does not
 second later). An error of orientation is corrected where the handler's third metre of way leads within 10
 degrees of the corridor; orientation_faced counts who faces so at its end. Judged where the corridor goes on for
 5 m; who never comes so far has corrected nothing.
-On maps a course goes round corners and over crossings, to where it ends or forks or a hall or room begins. A side
-way counts from 0.98 m of width on; where one could leave the corridor and it is not clear whether that is meant, no
-task is set. An episode has more decisions where its way is long. --explain tells what each task asks for.
+On maps a course goes round corners and over crossings, to where it ends or forks or a hall or room begins. A
+side way is asked for from 1.15 m of width on; where one could leave the corridor and it is not clear whether
+that is meant, as through a door of 0.8 to 1.1 m, no task is set. An episode has more decisions where its way is
+long. --explain tells what each task asks for.
 --tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends
 across the corridor, in a branch, beside it, or in a hole with a way past it. Before a low step the robot waits, and
 the handler says forward. low_steps_announced counts the steps that the robot took. Where a footprint leaves the

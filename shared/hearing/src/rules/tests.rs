@@ -40,15 +40,18 @@ fn rules_by_which_everything_or_nothing_would_be_a_cue_are_refused() {
         ("/start/go", json!(0.0), "a threshold of 0"),
         ("/isolation/wait_max", json!("800ms"), "too old to be accepted"),
         ("/isolation/wait_max", json!("180ms"), "no direction would be given"),
-        ("/isolation/segment_max", json!("5s"), "over 6380 ms together"),
+        ("/isolation/segment_max", json!("1200ms"), "over 2540 ms together"),
+        ("/isolation/reach", json!("4ms"), "no word would be seen"),
         ("/refractory", json!("1h"), "said again would not count"),
         ("/voice/periodicity", json!(0.95), "no word would be a cue"),
         ("/voice/voiced", json!("200ms"), "no word would be a cue"),
         ("/voice/above_floor_db", json!(20), "no word would be a cue"),
         ("/talk/reach", json!("6410ms"), "over 6400 ms: what is older is not remembered"),
         ("/talk/reach", json!("1790ms"), "no talk would count"),
-        ("/talk/voiced", json!("5210ms"), "no talk would count"),
-        ("/talk/voiced", json!("4ms"), "no direction would be given"),
+        ("/talk/voiced", json!("3100ms"), "not in 0.5 to 3 s"),
+        ("/talk/voiced", json!("400ms"), "not in 0.5 to 3 s"),
+        ("/talk/depth_db", json!(5), "not in 6 to 40"),
+        ("/talk/depth_db", json!(41), "not in 6 to 40"),
         ("/talk/stop/threshold", json!(0.96), "none would count while somebody talks"),
         ("/talk/stop/steps", json!(13), "none would count while somebody talks"),
         ("/talk/stop/threshold", json!(0.5), "laxer than stop"),
@@ -192,17 +195,55 @@ fn in_talk_a_stop_that_is_not_sure_for_long_does_not_count_where_only_a_stop_doe
 
 #[test]
 fn in_talk_no_attention_word_is_heard() {
-    let said = |talked: usize| {
+    let said = |talked: usize, pause: usize| {
         let mut listener = CueRules::new(serde_json::from_value(rules()).expect("rules"), true);
         let _ = hear(&mut listener, 80, &NOTHING, -60.0);
         let _ = hear(&mut listener, talked, &NOTHING, -10.0);
-        let _ = hear(&mut listener, 40, &NOTHING, -60.0);
+        let _ = hear(&mut listener, pause, &NOTHING, -60.0);
         let _ = hear(&mut listener, 8, &[0.0, 0.0, 0.0, 0.0, 1.0, 0.0], -10.0);
+        // The direction itself comes when the talk is over, but not two seconds after the attention word.
+        let _ = hear(&mut listener, 80, &NOTHING, -60.0);
         let _ = hear(&mut listener, 8, &LEFT, -10.0);
         hear(&mut listener, 24, &NOTHING, -60.0)
     };
-    assert_eq!(said(25), [CueKind::Left]);
-    assert_eq!(said(60), []);
+    assert_eq!(said(25, 180), [CueKind::Left]);
+    assert_eq!(said(50, 180), []);
+}
+
+const DOUBTED: Probabilities = [0.0, 0.0, 0.0, 0.7, 0.0, 0.3];
+
+/// A listener in talk.
+fn in_talk() -> CueRules {
+    let mut listener = listener();
+    for (steps, level_db) in [(80, -60.0), (60, -10.0), (40, -60.0)] {
+        assert_eq!(hear(&mut listener, steps, &NOTHING, level_db), []);
+    }
+    listener
+}
+
+#[test]
+fn in_talk_a_stop_in_doubt_counts_when_it_is_said_again_and_at_once_where_the_robot_stands() {
+    let again = |pause: usize| {
+        let mut listener = in_talk();
+        assert_eq!(hear(&mut listener, 6, &DOUBTED, -10.0), [], "it is in doubt");
+        let _ = hear(&mut listener, pause, &NOTHING, -60.0);
+        hear(&mut listener, 6, &DOUBTED, -10.0)
+    };
+    assert_eq!(again(4), [], "one word flickers");
+    assert_eq!(again(40), [CueKind::Stop]);
+    assert_eq!(again(130), [], "much later");
+    let mut listener = in_talk();
+    listener.stands(true);
+    assert_eq!(hear(&mut listener, 6, &DOUBTED, -10.0), [CueKind::Stop]);
+}
+
+#[test]
+fn talk_holds_no_stop_back_while_the_robot_speaks_and_ages_meanwhile() {
+    let mut listener = in_talk();
+    assert!(aside(&mut listener).is_some());
+    let mut listener = in_talk();
+    (0..300).for_each(|_| listener.pass());
+    assert_eq!(hear(&mut listener, 6, &DOUBTED, -10.0), [CueKind::Stop], "what was talk is six seconds old");
 }
 
 #[test]

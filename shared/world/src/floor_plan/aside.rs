@@ -17,7 +17,7 @@ const LEFT_M: f64 = 1.0;
 const BODY_M: f64 = 0.40;
 /// Places that are so near to each other are one, metres.
 const SAME_M: f64 = 0.6;
-/// Beside a course's ends it cannot be told what is beside and what is ahead, metres.
+/// So near to a course's ends it is not clear what is beside, and what is before or behind, metres.
 const END_M: f64 = 0.6;
 /// A person goes through a door of twice this, metres.
 const PERSON_M: f64 = 0.33;
@@ -59,15 +59,20 @@ impl FloorPlan {
     pub(super) fn gaps(&self, line: &TravelLine, width_m: f64) -> Vec<Gap> {
         let ways_m: Vec<f64> = (0..=(line.length_m() / EVERY_M) as usize).map(|i| EVERY_M * i as f64).collect();
         let frames: Vec<Se2> = ways_m.iter().map(|way_m| line.at(*way_m)).collect();
-        let seeds = frames.iter().filter_map(|frame| self.map.number_at(super::place(frame)));
+        let cells: Vec<(usize, usize)> = (frames.iter().enumerate())
+            .filter_map(|(i, frame)| Some((i, self.map.number_at(super::place(frame))?)))
+            .collect();
+        let seeds = cells.iter().map(|(_, cell)| *cell);
         let far_m = width_m / 2.0 + LEFT_M;
-        let reached = flood(&self.map, seeds, far_m + 0.3, |cell, _| self.room.of_cell(cell) >= BODY_M);
+        let reached = flood(&self.map, seeds, far_m + 0.3, |cell| self.room.of_cell(cell) >= BODY_M);
         let mut left: Vec<(Side, f64)> = Vec::new();
         for reached in reached.iter().filter(|reached| reached.way_m >= far_m) {
-            let Some(frame) = frames.get(reached.seed) else { continue };
-            let way_m = ways_m[reached.seed];
-            let aside_m = (frame.inverse() * self.map.middle_of(reached.cell)).y;
-            if aside_m.abs() >= width_m / 2.0 && (END_M..line.length_m() - END_M).contains(&way_m) {
+            let (frame, way_m) = (frames[cells[reached.seed].0], ways_m[cells[reached.seed].0]);
+            let there = frame.inverse() * self.map.middle_of(reached.cell);
+            let aside_m = there.y;
+            // What lies ahead of its end is no way to a side.
+            let is_ahead = way_m > line.length_m() - END_M && there.x > aside_m.abs();
+            if aside_m.abs() >= width_m / 2.0 && way_m >= END_M && !is_ahead {
                 left.push((if aside_m > 0.0 { Side::Left } else { Side::Right }, way_m));
             }
         }
@@ -88,7 +93,7 @@ impl FloorPlan {
         let from = line.at(line.length_m() - END_M);
         let far_m = width_m / 2.0 + END_M + LEFT_M;
         let seed = self.map.number_at(super::place(&from));
-        let reached = flood(&self.map, seed, far_m, |cell, _| self.room.of_cell(cell) >= PERSON_M);
+        let reached = flood(&self.map, seed, far_m, |cell| self.room.of_cell(cell) >= PERSON_M);
         reached.iter().any(|reached| {
             let there = end.inverse() * self.map.middle_of(reached.cell);
             there.x > ON_M && there.x > there.y.abs()
@@ -110,11 +115,11 @@ impl FloorPlan {
             });
             is_beyond || near.foot(place).left_m.abs() < wall_m
         };
-        let goes = |cell: usize, _| self.room.of_cell(cell) >= HANDLER_M && !in_corridor(self.map.middle_of(cell));
+        let goes = |cell: usize| self.room.of_cell(cell) >= HANDLER_M && !in_corridor(self.map.middle_of(cell));
         // The first place of its middle that is beyond the wall.
         let steps = (branch.length_m() / EVERY_M) as usize;
         let places = (0..=steps).map(|i| super::place(&branch.at(EVERY_M * i as f64)));
-        let mut seeds = places.filter_map(|place| self.map.number_at(place).filter(|cell| goes(*cell, 0)));
+        let mut seeds = places.filter_map(|place| self.map.number_at(place).filter(|cell| goes(*cell)));
         let reached = flood(&self.map, seeds.next(), DEPTH_M, goes);
         let is_back = |place: Point| {
             let foot = near.foot(place);

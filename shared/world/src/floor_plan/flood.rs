@@ -23,7 +23,7 @@ pub(super) fn flood(
     map: &GridMap,
     seeds: impl IntoIterator<Item = usize>,
     most_m: f64,
-    is_passable: impl Fn(usize, usize) -> bool,
+    is_passable: impl Fn(usize) -> bool,
 ) -> Vec<Reached> {
     let (width, height) = map.size();
     let most = (most_m / map.resolution_m() * 10.0) as u32;
@@ -31,7 +31,7 @@ pub(super) fn flood(
     let mut costs = vec![0u32; width * height];
     let mut todo = BinaryHeap::new();
     for (seed, cell) in seeds.into_iter().enumerate() {
-        if is_passable(cell, seed) && costs[cell] == 0 {
+        if is_passable(cell) && costs[cell] == 0 {
             costs[cell] = 1;
             todo.push(Reverse((1, cell, seed)));
         }
@@ -51,7 +51,7 @@ pub(super) fn flood(
             }
             let next = y as usize * width + x as usize;
             let next_cost = cost + STEP[usize::from(dx != 0 && dy != 0)];
-            if next_cost - 1 <= most && (costs[next] == 0 || costs[next] > next_cost) && is_passable(next, seed) {
+            if next_cost - 1 <= most && (costs[next] == 0 || costs[next] > next_cost) && is_passable(next) {
                 costs[next] = next_cost;
                 todo.push(Reverse((next_cost, next, seed)));
             }

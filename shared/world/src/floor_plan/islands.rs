@@ -34,7 +34,11 @@ pub(super) fn without_furniture(map: &GridMap) -> GridMap {
                 }
             }
         }
-        if is_furniture(&island, width, map.resolution_m()) {
+        let is_at_edge = |cell: &usize| {
+            let (column, row) = (cell % width, cell / width);
+            column == 0 || row == 0 || column + 1 == width || row + 1 == height
+        };
+        if is_furniture(&island, width, map.resolution_m()) && !island.iter().any(is_at_edge) {
             furniture.extend(island);
         }
     }

@@ -23,9 +23,9 @@ const LEAST_LOOK_M: f64 = 0.4;
 /// beginning so much of the room about a joint away from it, at most so far, metres.
 const ABOUT_JOINT: f64 = 0.8;
 const ABOUT_JOINT_MAX_M: f64 = 1.5;
-/// A line is smoothed over so many cells to either side, and has a corner every so many.
-const SMOOTH: usize = 8;
-const CORNER_EVERY: usize = 6;
+/// A line is smoothed over so much way to either side, metres, and has a corner every so far.
+const SMOOTH_M: f64 = 0.4;
+const CORNER_EVERY_M: f64 = 0.3;
 /// Joints are one crossing where one is within the room about the other, and no farther than this, metres.
 const ONE_CROSSING_M: f64 = 1.5;
 /// A line ends so far before a wall, metres, and goes on straight for at most so far to get there.
@@ -90,7 +90,7 @@ impl FloorPlan {
         while way_m < most_m {
             let joint = self.ways.end(along);
             if joints.contains(&joint) {
-                return walk;
+                break;
             }
             joints.push(joint);
             let crossing = self.crossing(along, &walk.cells);
@@ -110,6 +110,17 @@ impl FloorPlan {
             }
         }
         walk
+    }
+
+    /// As many of these cells as lead so far, metres.
+    pub(super) fn cut(&self, cells: &mut Vec<usize>, most_m: f64) {
+        let mut way_m = 0.0;
+        let steps = cells.windows(2).take_while(|pair| {
+            way_m += self.length_m(pair);
+            way_m <= most_m
+        });
+        let count = steps.count() + 1;
+        cells.truncate(count);
     }
 
     /// Which of the branches leads on from a joint.
@@ -135,8 +146,7 @@ impl FloorPlan {
     /// Whether the only way from a joint is the corridor's own way round a corner, and not a door at its end.
     fn is_corner(&self, branch: &Branch) -> bool {
         let cells = self.ways.cells(branch.along);
-        let near = (CORNER_M / self.map.resolution_m()) as usize;
-        cells.iter().take(near).all(|cell| 2.0 * self.room.of_cell(*cell) >= super::CLEAR_M)
+        2.0 * self.narrowest_m(&cells, [0.0, CORNER_M]) >= super::CLEAR_M
     }
 
     /// Whether it is free straight on beyond a joint, though no way leads there: it is not clear that it ends.
@@ -157,7 +167,7 @@ impl FloorPlan {
         while let Some((here, lead)) = todo.pop() {
             for off in self.ways.leading_off(here).filter(|off| *off != back) {
                 let (next, cells) = (self.ways.end(off), self.ways.cells(off));
-                if self.is_one_crossing(here, next) {
+                if self.is_one_crossing(here, next) && self.length_m(&cells) <= 2.0 * ONE_CROSSING_M {
                     if !joints.contains(&next) {
                         joints.push(next);
                         todo.push((next, lead.iter().chain(&cells[1..]).copied().collect()));
@@ -201,20 +211,38 @@ impl FloorPlan {
         (to - from).y.atan2((to - from).x)
     }
 
+    /// The least room about cells between two ways along them, metres; of fewer cells about the last one.
+    pub(super) fn narrowest_m(&self, cells: &[usize], [from_m, to_m]: [f64; 2]) -> f64 {
+        let mut way_m = 0.0;
+        let mut narrowest_m = f64::INFINITY;
+        for pair in cells.windows(2) {
+            way_m += self.length_m(pair);
+            if way_m > to_m {
+                break;
+            }
+            if way_m >= from_m {
+                narrowest_m = narrowest_m.min(self.room.of_cell(pair[1]));
+            }
+        }
+        if narrowest_m.is_finite() { narrowest_m } else { cells.last().map_or(0.0, |cell| self.room.of_cell(*cell)) }
+    }
+
     fn length_m(&self, cells: &[usize]) -> f64 {
         cells.windows(2).map(|pair| (self.map.middle_of(pair[1]) - self.map.middle_of(pair[0])).norm()).sum()
     }
 
     /// The line along the middle of a walk, to just before the wall where it ends at one.
     pub(super) fn line(&self, walk: &Walk) -> Option<TravelLine> {
+        let cells_of = |way_m: f64| (way_m / self.map.resolution_m()).round().max(1.0) as usize;
+        let (most, every) = (cells_of(SMOOTH_M), cells_of(CORNER_EVERY_M));
         let raw: Vec<Point> = walk.cells.iter().map(|cell| self.map.middle_of(*cell)).collect();
         let smooth = |i: usize| {
             // As far to one side as to the other, so that the ends stay.
-            let reach = SMOOTH.min(i).min(raw.len() - 1 - i);
+            let reach = most.min(i).min(raw.len() - 1 - i);
             let near = &raw[i - reach..=i + reach];
             Point::from(near.iter().map(|place| place.coords).sum::<Vector2<f64>>() / near.len() as f64)
         };
-        let mut places: Vec<Point> = (0..raw.len()).step_by(CORNER_EVERY).map(smooth).collect();
+        let mut places: Vec<Point> = (0..raw.len()).step_by(every).map(smooth).collect();
         places.extend(raw.last());
         if walk.end == End::Wall {
             let before = places[places.len().saturating_sub(4)];

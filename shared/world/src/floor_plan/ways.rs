@@ -108,12 +108,21 @@ impl Ways {
 
     /// Takes away what is only a niche, the least first, and joins what then goes on as one.
     fn prune(&mut self, map: &GridMap, room: &Room) {
+        let niche_m = |ways: &Self, number: usize| ways.depth_m(number, room).filter(|depth_m| *depth_m < NICHE_M);
         loop {
-            let depths = (0..self.stretches.len()).filter_map(|i| Some((i, self.depth_m(i, room)?)));
-            let least = depths.min_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, depth_m)| *depth_m < NICHE_M);
-            let Some((niche, _)) = least else { return };
-            let joints = self.remove(niche);
-            joints.iter().for_each(|joint| self.join(map, *joint));
+            let depths = (0..self.stretches.len()).filter_map(|i| Some((niche_m(self, i)?, i)));
+            let mut niches: Vec<(f64, usize)> = depths.collect();
+            if niches.is_empty() {
+                return;
+            }
+            niches.sort_by(|a, b| a.0.total_cmp(&b.0));
+            for (_, number) in niches {
+                // It may have become part of another one, or the only way from where it begins.
+                if niche_m(self, number).is_some() {
+                    let joints = self.remove(number);
+                    joints.iter().for_each(|joint| self.join(map, *joint));
+                }
+            }
         }
     }
 
