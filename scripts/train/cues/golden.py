@@ -234,7 +234,7 @@ def cases() -> list[dict[str, Any]]:
             [(20, "other", 1.0, quiet), (16, "other", 1.0, -20.0), *said_loudly],
         ),
         case(
-            "a voice that is softer than that is none",
+            "a voice that is softer than that is no talk",
             rules,
             [(20, "other", 1.0, quiet), (16, "other", 1.0, -20.1), *said_loudly],
         ),

@@ -21,13 +21,13 @@ Voice. Of the frames of the last `reach`, those of the step too, at least `voice
 `periodicity`, and the highest level is above `floor` + `above_floor`.
 
 Talk. Of the frames of the last `talk`, without those of the last `reach` (the word itself is in those), at least
-`talk_voiced` are voiced and not more than `talk_depth` below the peak of the last `reach`: somebody talks beside the
+`talk_voiced` are voiced and not more than `talk_depth` below the peak of the last `reach`: that is talk beside the
 word. A voice that is much softer, a television in the next room beside a handler who speaks into a microphone, is no
 talk. In talk
 1. no direction becomes a candidate; one that waits already goes on waiting;
 2. *stop* has besides to be at or above `talk_stop` in `talk_stop_steps` steps in a row. Its score is their lowest.
    One that is not is in doubt: it ends what is waiting. When the next doubt begins within `AGAIN`, but not within
-   `FLICKER`, of the first, it counts: somebody says it again. While the robot stands by a stop no stop is in doubt.
+   `FLICKER`, of the first, it counts: it is said again. While the robot stands by a stop no stop is in doubt.
 
 Isolation. When a candidate is made, after that step's levels were heard, a frame is called loud from then on if its
 level is above `floor` + `margin` and above `peak` - `depth`, both as of then; peak is the highest level of the last
@@ -226,7 +226,7 @@ class Recogniser:
         return voiced >= frames(self.rules.voiced_s) and self.peak_db() > self.floor + self.rules.above_floor_db
 
     def in_talk(self) -> bool:
-        """Whether somebody has talked of late, about as loud as what is heard now."""
+        """Whether it is talk: of late, and about as loud as what is heard now."""
         least, periodicity = self.peak_db() - self.rules.talk_depth_db, self.rules.periodicity
         sounds = zip(reversed(self.levels), reversed(self.periodicities))
         before = islice(sounds, frames(self.rules.reach_s), frames(self.rules.talk_s))

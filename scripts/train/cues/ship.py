@@ -107,7 +107,7 @@ def found_at(cue: str, heard: Heard, rules: Rules) -> list[int]:
             continue
         only = tuple(threshold if name == cue else OFF for name in DIRECTIONS)
         tried = dataclasses.replace(rules, directions=only, stop=threshold if cue == "stop" else OFF, starts=(0.0, 0.0))
-        # As if nobody talked: else what starts the robot could be less sure, since no stream here would show it.
+        # Without the rule of talk: with it, no stream here would show how sure a word has to be that starts the robot.
         tried = dataclasses.replace(tried, talk_s=rules.reach_s)
         made.append(len(detect(tried, heard.probabilities, heard.levels, heard.periodicities)))
     return made

@@ -24,11 +24,11 @@ pub const STILL_M: f64 = 0.3;
 pub const STILL_DECISIONS: usize = 10;
 /// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
 const BESIDE_M: f64 = 1.0;
-/// Who is so near to an opening on a map may be beside it, metres.
+/// A pair within this distance of an opening on a map may be beside it, metres.
 const PASSED_M: f64 = 0.4;
 /// A cue to turn is due so far before the opening's middle, metres.
 const DUE_M: f64 = 1.5;
-/// A decision leads on by so much at the most, metres, and with pauses a way takes so many times as long.
+/// The longest way of a decision, metres; and how many times longer a way takes with pauses.
 const DECISION_M: f64 = 0.25;
 const PAUSES: f64 = 2.0;
 /// Who is inside has so much way before them, metres: the robot is there, and the wall at the end.

@@ -73,7 +73,7 @@ pub struct Rules {
     pub isolation: IsolationRules,
     /// When a direction is in a voice.
     pub voice: VoiceRules,
-    /// When somebody talks, and what counts then.
+    /// When it is talk, and what counts then.
     pub talk: TalkRules,
 }
 
@@ -157,7 +157,7 @@ pub struct VoiceRules {
     pub above_floor_db: Positive,
 }
 
-/// When somebody talks: by the frames within `reach`, without the newest, within [`IsolationRules::reach`], which hold
+/// When it is talk: by the frames within `reach`, without the newest, within [`IsolationRules::reach`], which hold
 /// the word itself. Then no direction is taken.
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -235,7 +235,7 @@ impl TalkRules {
         let Stop { threshold, steps } = self.stop;
         if threshold.get() > STOP_THRESHOLD_MAX || steps > STOP_STEPS_MAX {
             let limits = format!("threshold over {STOP_THRESHOLD_MAX} or steps over {STOP_STEPS_MAX}");
-            return Err(format!("talk.stop has a {limits}: none would count while somebody talks"));
+            return Err(format!("talk.stop has a {limits}: no stop would count in talk"));
         }
         if threshold.get() < stop.threshold.get() || steps < stop.steps {
             return Err("talk.stop is laxer than stop: talk makes a stop less certain, not more".to_owned());
@@ -323,7 +323,7 @@ pub struct CueRules {
     step: u64,
     /// Steps in a row in which a word was probable enough, and the least it was.
     streaks: [(u32, f32); WORDS],
-    /// The same of *stop* where somebody talks.
+    /// The same of *stop* in talk.
     stop_in_talk: (u32, f32),
     /// The step in which a stop in doubt began.
     doubted: Option<u64>,
@@ -508,7 +508,7 @@ impl CueRules {
         self.stop_in_talk = longer(self.stop_in_talk, probabilities[STOP], self.rules.talk.stop.threshold);
     }
 
-    /// Whether somebody has talked of late, about as loud as what is heard now.
+    /// Whether it is talk: of late, and about as loud as what is heard now.
     fn is_talk(&self) -> bool {
         let TalkRules { reach, voiced, depth_db, .. } = self.rules.talk;
         let periodicity = self.rules.voice.periodicity.get();

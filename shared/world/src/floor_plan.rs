@@ -42,15 +42,15 @@ const OPEN: f64 = 0.55;
 /// Where more of the rays leave the map, it is not known what is beside.
 const OFF_MAP: f64 = 0.05;
 const JUNCTION_M: f64 = 4.0;
-/// A course is looked at every so far, metres.
+/// Distance between the places of a course that are looked at, metres.
 const STEP_M: f64 = 0.4;
 /// A line is of use from this length on, and long enough at that, metres.
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
-/// An opening's own way is followed for so far, metres.
+/// Length for which an opening's own way is followed, metres.
 const BRANCH_M: f64 = 10.0;
 /// A way off that is not clear leads on for no more than this, metres: no task is set where it would be next.
 const UNCLEAR_M: f64 = 0.3;
-/// The way off a course begins so far from its middle, metres: nearer, it still turns.
+/// Distance from a course's middle at which the way off begins, metres: nearer, it still turns.
 const OFF_M: f64 = 0.8;
 /// A narrower way is not clear: whether two go through side by side depends on centimetres that a map does not tell,
 /// metres.
@@ -61,14 +61,15 @@ const DEEP_M: f64 = 2.0;
 const SAME_M: f64 = 1.2;
 /// What is free straight on is looked at in steps of so much, metres.
 const FREE_STEP_M: f64 = 0.1;
-/// Who is so near to the middle of a way is on it, metres; the way has its direction so far ahead.
+/// A pose within this distance of the middle of a way is on it, metres; its direction is taken as far ahead as the
+/// second length.
 const NEAR_M: f64 = 1.5;
 const AHEAD_M: f64 = 1.0;
-/// So much of the way that somebody came belongs to their course, metres.
+/// Length of the way behind a pose that belongs to its course, metres.
 const BEHIND_M: f64 = 6.0;
 /// Draws of a start until a course of use is found.
 const TRIES: usize = 400;
-/// Of so many courses the longest is taken: it has more to ask for.
+/// Courses that are drawn, of which the longest is taken: it has more to ask for.
 const DRAWN: usize = 3;
 
 /// A floor plan with its ways.

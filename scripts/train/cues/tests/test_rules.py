@@ -26,7 +26,7 @@ EXPECTED = {
     "in talk a stop in doubt does not count when it flickers, or is said again much later": [],
     "a stop in doubt ends what waits": [],
     "a voice that is softer than the word by the depth is talk": [],
-    "a voice that is softer than that is none": ["left"],
+    "a voice that is softer than that is no talk": ["left"],
     "a noise before a stop is no talk": ["stop"],
     "a direction that waits already as talk begins is given": ["left"],
     "a voice that is as loud as what is always there is no direction": [],

@@ -10,7 +10,7 @@ use super::FloorPlan;
 use super::flood::flood;
 use crate::site::{Behind, Side};
 
-/// A body that gets so far to a side, beyond the corridor, has left it, metres.
+/// A body that gets this far to a side, beyond the corridor, has left it, metres.
 const LEFT_M: f64 = 1.0;
 /// A body of this radius goes there, metres. Half of the pair side by side is 0.45 m wide, but a map may be off by as
 /// much.
@@ -21,9 +21,9 @@ const SAME_M: f64 = 0.6;
 const END_M: f64 = 0.6;
 /// A person goes through a door of twice this, metres.
 const PERSON_M: f64 = 0.33;
-/// A person who gets so far beyond the end of a course has gone on, metres.
+/// A person who gets this far beyond the end of a course has gone on, metres.
 const ON_M: f64 = 0.4;
-/// A course is looked at every so far, metres.
+/// Distance between the places of a course that are looked at, metres.
 const EVERY_M: f64 = 0.2;
 /// A handler has so much room where they stand inside, metres.
 const HANDLER_M: f64 = 0.25;
@@ -100,7 +100,7 @@ impl FloorPlan {
         })
     }
 
-    /// What is behind an opening whose middle is `branch`: a handler has walked in so far, beyond the wall of the
+    /// What is behind an opening whose middle is `branch`: how far a handler has walked in, beyond the wall of the
     /// corridor. None where it soon leads back into the corridor: a way round a pillar is no way off.
     pub(super) fn behind(&self, line: &TravelLine, width_m: f64, mouth: &Mouth, branch: &TravelLine) -> Option<Behind> {
         let from_m = (mouth.way_m - BESIDE_M).max(0.0);

@@ -23,7 +23,7 @@ const LEAST_LOOK_M: f64 = 0.4;
 /// beginning so much of the room about a joint away from it, at most so far, metres.
 const ABOUT_JOINT: f64 = 0.8;
 const ABOUT_JOINT_MAX_M: f64 = 1.5;
-/// A line is smoothed over so much way to either side, metres, and has a corner every so far.
+/// Length over which a line is smoothed to either side, and distance between its corners, metres.
 const SMOOTH_M: f64 = 0.4;
 const CORNER_EVERY_M: f64 = 0.3;
 /// Joints are one crossing where one is within the room about the other, and no farther than this, metres.
@@ -33,7 +33,7 @@ const BEFORE_WALL_M: f64 = 0.3;
 const TO_WALL_M: f64 = 4.0;
 /// A way does not end where so much more than the room about it is free straight on, metres.
 const STRAIGHT_ON_M: f64 = 1.0;
-/// A corner is as wide as a way for so far, metres.
+/// Length over which a corner is as wide as a way, metres.
 const CORNER_M: f64 = 2.5;
 
 /// What ends a walk.
@@ -112,7 +112,7 @@ impl FloorPlan {
         walk
     }
 
-    /// As many of these cells as lead so far, metres.
+    /// Cuts cells to those within this length, metres.
     pub(super) fn cut(&self, cells: &mut Vec<usize>, most_m: f64) {
         let mut way_m = 0.0;
         let steps = cells.windows(2).take_while(|pair| {
