@@ -77,8 +77,10 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
         (&["--episodes", "0"], "0 is not in 1..=1000000"),
         (&["--config", &rod], "handler.model of the configuration is \"rod\""),
         (&["--config", &stout], "no corridor with room for robot and handler"),
-        (&["--worlds", "generated", "nowhere.yaml"], "generated ones or maps, not both"),
-        (&["--worlds", "nowhere.yaml", "--tasks", "orientation"], "generated ones, no maps"),
+        (&["--worlds", "generated", "nowhere.yaml"], "or maps, not two of them"),
+        (&["--worlds", "generated", "buildings"], "or maps, not two of them"),
+        (&["--worlds", "buildings", "--tasks", "drops"], "is of --worlds generated"),
+        (&["--worlds", "nowhere.yaml", "--tasks", "orientation"], "empty corridors: --worlds generated"),
         (&["--paired", "--beta-test", "1"], "--paired compares with episodes without the shield"),
         (&["--pictures", "/dev/null/pictures"], "/dev/null/pictures: Not a directory"),
     ] {

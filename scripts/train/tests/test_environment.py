@@ -99,6 +99,7 @@ def test_what_is_no_option_or_no_action_is_told():
     ("frames", (0, 17, 2.0, None), "is no whole number from 1 to 16"),
     ("orientation_max_deg", (-1, 181), "is no angle from 0 to 180"),
     ("walked_before", (-0.1, 1.1), "is no share from 0 to 1"),
+    ("buildings", (-0.1, 1.1), "is no share from 0 to 1"),
     ("time_penalty", (float("nan"), float("inf"), "much"), "is no finite number"),
     ("memory", (0, 1.0, "no", None), "is neither True nor False"),
     ("maps", ([], "plan.yaml", [1]), "is no list of floor plans"),

@@ -2,7 +2,7 @@
 
 use guidance::contact;
 use guidance::se2::{Point, pose2};
-use guidance::shield::{choose, masked_at_edge, suppress};
+use guidance::shield::{choose, leaves_only_stop, masked_at_edge, most_wanted_motion, suppress};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, InteractionModel, Judgement, Pose, Se2, Shield,
     ShieldConfig, TiltWatch,
@@ -363,15 +363,18 @@ impl Core {
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
         running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
-        running.drawn = if suppressed.all_unsafe {
+        // Where only stop is left, it is the shield that stops.
+        let is_held = leaves_only_stop(running.unsafe_mask, count);
+        running.drawn = if is_held {
             Outcome::AllUnsafe
         } else if running.index == ActionTable::STOP {
             Outcome::Stop
         } else {
             Outcome::Granted
         };
-        running.judgement = self.judgements[if suppressed.all_unsafe { wanted } else { running.index }];
-        self.wait_at_edge(now_ns, wanted, &running);
+        let told = if is_held { most_wanted_motion(&probabilities, wanted) } else { running.index };
+        running.judgement = self.judgements[told];
+        self.wait_at_edge(now_ns, told, &running);
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
     }

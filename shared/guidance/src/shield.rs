@@ -325,6 +325,23 @@ fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -
         && !judgements.iter().enumerate().any(is_left)
 }
 
+/// Whether a mask of so many actions leaves none that moves.
+#[must_use]
+pub fn leaves_only_stop(unsafe_mask: u32, count: usize) -> bool {
+    (0..count).all(|action| action == ActionTable::STOP || unsafe_mask >> action & 1 == 1)
+}
+
+/// The policy's first choice, `wanted`; where that is to stop, its first choice of the actions that move.
+#[must_use]
+pub fn most_wanted_motion(probabilities: &[f64], wanted: usize) -> usize {
+    if wanted != ActionTable::STOP {
+        return wanted;
+    }
+    let moving = (0..probabilities.len()).filter(|action| *action != ActionTable::STOP);
+    // The first of equals.
+    moving.rev().max_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b])).unwrap_or(wanted)
+}
+
 /// Chooses an action of decision `n`.
 #[must_use]
 pub fn choose(probabilities: &[f64], draw: Draw, decision: u64) -> usize {

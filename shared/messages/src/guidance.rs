@@ -314,7 +314,7 @@ pub enum Outcome {
     Granted,
     /// Judged: the action drawn is stop, which needs no permit.
     Stop,
-    /// Judged: every action of the decision is unsafe (hold).
+    /// Judged: the shield leaves no action but stop (hold). The cause is that of the motion that the policy wanted most.
     AllUnsafe,
     /// Judged: the running action is no longer free (hold until the next decision).
     RemainderUnsafe,
@@ -501,7 +501,7 @@ mirrored! {
         pub outcome: Outcome,
         /// What the verdict answers.
         pub cause: PermitCause,
-        /// Whether every action of the decision was unsafe.
+        /// Whether the shield left no action but stop.
         pub all_unsafe: bool,
         /// Streams that the run declares absent: bit `TopicId as u8`.
         pub absent_streams: u32,

@@ -271,7 +271,7 @@ stops! {
     AllUnsafe = 22, "all_unsafe" {
         class: Hold,
         holds_a_cue: true, latched_by_locomotion: false,
-        meaning: "every action would hit something",
+        meaning: "the shield leaves no action but stop: every motion would hit something",
         advice: "make way, or take robot and handler out by hand",
     }
     RemainderUnsafe = 23, "remainder_unsafe" {

@@ -331,7 +331,9 @@ impl Speaker {
         };
         let is_its_track = self.track.0 == (cue.header.incarnation, cue.header.seq);
         match state.limited_by.kind {
-            StopKind::PolicyStop if is_its_track && self.track.1.turn_missed(cue.kind) => Sentence::news(missed),
+            StopKind::PolicyStop | StopKind::AllUnsafe if is_its_track && self.track.1.turn_missed(cue.kind) => {
+                Sentence::news(missed)
+            }
             StopKind::PolicyStop if actions != 0 && self.unsafe_mask & actions == actions => Sentence::news(blocked),
             _ => Sentence::stop(&state.limited_by),
         }

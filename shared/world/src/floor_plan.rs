@@ -23,7 +23,7 @@ use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::generate::{GeneratorConfig, furnish_course, populate_course};
+use crate::generate::{GeneratorConfig, Kinds, furnish_course, populate_course};
 use crate::grid_map::GridMap;
 use crate::site::{Course, DropKind, Mapped, Opening, Side, Site};
 use crate::world::DEFAULT_CEILING_M;
@@ -48,8 +48,6 @@ const STEP_M: f64 = 0.4;
 const LENGTH_M: [f64; 2] = [8.0, 34.0];
 /// Length for which an opening's own way is followed, metres.
 const BRANCH_M: f64 = 10.0;
-/// A way off that is not clear leads on for no more than this, metres: no task is set where it would be next.
-const UNCLEAR_M: f64 = 0.3;
 /// Distance from a course's middle at which the way off begins, metres: nearer, it still turns.
 const OFF_M: f64 = 0.8;
 /// A narrower way is not clear: whether two go through side by side depends on centimetres that a map does not tell,
@@ -154,7 +152,7 @@ impl FloorPlan {
             };
             [to(1.0), to(-1.0)]
         };
-        let things = furnish_course(config, &course, free, &mut random);
+        let things = furnish_course(config, &course, free, Kinds::Usual, &mut random);
         let furnished = world().with_prisms(things.iter().cloned());
         let people = populate_course(config, &course, &furnished, &mut random);
         Some(Site { place: self.place.clone(), world: furnished.with_people(people), course, drop: DropKind::None })
@@ -308,11 +306,7 @@ fn leads_aside(at: &Se2, side: Side, width_m: f64, way: &TravelLine) -> bool {
 
 /// A place where a course can be left, and of which it is not clear whether it is meant.
 fn unclear(line: &TravelLine, gap: Gap) -> Option<Opening> {
-    let way_m = f64::midpoint(gap.from_m, gap.to_m);
-    let at = line.at(way_m);
-    let end = at * Point::new(0.0, gap.side.sign() * UNCLEAR_M);
-    let (width_m, line) = (gap.to_m - gap.from_m + 2.0 * PAIR_M, TravelLine::new(&[place(&at), end])?);
-    Some(Opening { way_m, width_m, side: gap.side, line, edge_m: None, behind: None })
+    Opening::unclear(line, f64::midpoint(gap.from_m, gap.to_m), gap.to_m - gap.from_m + 2.0 * PAIR_M, gap.side)
 }
 
 fn place(pose: &Se2) -> Point {

@@ -4,6 +4,7 @@
 //! worlds have what makes such buildings hard: bends, junctions, dead ends, doors, pillars, boxes below and above the
 //! lidar's plane, hanging curtains, glass that the lidar looks through, people.
 
+mod building;
 mod crowd;
 mod drops;
 mod furnish;
@@ -21,7 +22,7 @@ use layout::Plan;
 pub use drops::generate_drops;
 
 pub(crate) use crowd::populate_course;
-pub(crate) use furnish::furnish_course;
+pub(crate) use furnish::{Kinds, furnish_course};
 
 /// What a generated world is like. Shares are probabilities, 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,6 +41,9 @@ pub struct GeneratorConfig {
     pub people: f64,
     /// What is left free beside a thing, at the least, metres.
     pub passage_m: f64,
+    /// Share of corridors that are like those of buildings: rooms behind doorways, alcoves, narrow openings, uneven
+    /// walls, frames, doors across the corridor, radiators and benches.
+    pub buildings: f64,
 }
 
 impl Default for GeneratorConfig {
@@ -52,7 +56,16 @@ impl Default for GeneratorConfig {
             glass: 0.06,
             people: 0.35,
             passage_m: 1.35,
+            buildings: 0.0,
         }
+    }
+}
+
+impl GeneratorConfig {
+    /// Corridors like those of buildings alone.
+    #[must_use]
+    pub fn of_buildings() -> Self {
+        Self { buildings: 1.0, ..Self::default() }
     }
 }
 
@@ -65,7 +78,12 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let plan = Plan::draw(config, &mut random);
     let mut prisms = plan.walls(config, &mut random);
-    prisms.extend(furnish::things(config, &plan, &mut random));
+    prisms.extend(plan.fittings(config, &mut random));
+    let things = match plan.building {
+        Some(_) => plan.furnish_building(config, prisms.clone(), &mut random),
+        None => furnish::things(config, &plan, &mut random),
+    };
+    prisms.extend(things);
     let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());
     let people = populate_course(config, &course, &world, &mut random);
     Site { place: GENERATED.into(), world: world.with_people(people), course, drop: DropKind::None }

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use guidance::TravelLine;
-use guidance::se2::{Point, wrap_angle};
+use guidance::se2::{Point, Se2, wrap_angle};
 
 use crate::{GridMap, World};
 
@@ -49,33 +49,65 @@ pub struct Opening {
     pub behind: Option<Arc<Behind>>,
 }
 
-/// What is behind an opening in a floor plan: how far one has walked in there, beyond the wall of the corridor.
+/// What is behind an opening: how far one is inside, beyond the wall of the corridor.
 #[derive(Debug, Clone)]
-pub struct Behind {
-    map: Arc<GridMap>,
-    /// By number of a cell, metres.
-    depths_m: HashMap<usize, f32>,
+pub enum Behind {
+    /// Cells of a floor plan.
+    Cells {
+        /// The floor plan.
+        map: Arc<GridMap>,
+        /// How far one has walked in, by number of a cell, metres.
+        depths_m: HashMap<usize, f32>,
+    },
+    /// A room.
+    Room {
+        /// Where its doorway is, x inwards.
+        world_from_door: Se2,
+        /// How far it reaches to the right of that and to the left, y, metres.
+        across_m: [f64; 2],
+    },
 }
 
 impl Behind {
-    pub(crate) fn new(map: Arc<GridMap>, depths_m: impl Iterator<Item = (usize, f64)>) -> Self {
-        Self { map, depths_m: depths_m.map(|(cell, depth_m)| (cell, depth_m as f32)).collect() }
+    pub(crate) fn of_cells(map: Arc<GridMap>, depths_m: impl Iterator<Item = (usize, f64)>) -> Self {
+        Self::Cells { map, depths_m: depths_m.map(|(cell, depth_m)| (cell, depth_m as f32)).collect() }
     }
 
     /// How far inside a place is, metres; none: it is not behind the opening, or far behind it.
     #[must_use]
     pub fn depth_m(&self, place: Point) -> Option<f64> {
-        self.depths_m.get(&self.map.number_at(place)?).map(|depth_m| f64::from(*depth_m))
+        match self {
+            Self::Cells { map, depths_m } => depths_m.get(&map.number_at(place)?).map(|depth_m| f64::from(*depth_m)),
+            Self::Room { world_from_door, across_m: [right_m, left_m] } => {
+                let at = world_from_door.inverse() * place;
+                (at.x >= 0.0 && (*right_m..=*left_m).contains(&at.y)).then_some(at.x)
+            }
+        }
     }
 }
 
 impl PartialEq for Behind {
     fn eq(&self, other: &Self) -> bool {
-        self.depths_m == other.depths_m
+        match (self, other) {
+            (Self::Cells { depths_m: a, .. }, Self::Cells { depths_m: b, .. }) => a == b,
+            (
+                Self::Room { world_from_door: a, across_m: across_a },
+                Self::Room { world_from_door: b, across_m: across_b },
+            ) => a == b && across_a == across_b,
+            _ => false,
+        }
     }
 }
 
 impl Opening {
+    /// A place where a way can be left, and of which it is not clear whether it is meant. None where the way is too
+    /// short to tell.
+    pub(crate) fn unclear(main: &TravelLine, way_m: f64, width_m: f64, side: Side) -> Option<Self> {
+        let at = main.at(way_m);
+        let [from, to] = [0.0, side.sign() * UNCLEAR_M].map(|left_m| at * Point::new(0.0, left_m));
+        Some(Self { way_m, width_m, side, line: TravelLine::new(&[from, to])?, edge_m: None, behind: None })
+    }
+
     /// Where its farther edge is, along the main way, metres.
     #[must_use]
     pub fn far_edge_m(&self) -> f64 {
@@ -100,11 +132,11 @@ pub struct Course {
     pub openings: Vec<Opening>,
     /// Where its floor ends at an edge, along its middle, metres.
     pub edge_m: Option<f64>,
-    /// What is known of it where it is a floor plan's; none: it was generated, and all of it is known.
+    /// What is known of it where it is a building's; none: it was generated, and all of it is known.
     pub mapped: Option<Mapped>,
 }
 
-/// What is known of a corridor of a floor plan.
+/// What is known of a corridor of a building, or of one that is like those.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Mapped {
     /// Its line ends where the corridor does: at a wall. Otherwise it forks there, or leads into the open.
@@ -121,6 +153,8 @@ const SAME_M: f64 = 2.0;
 const ALONG_RAD: f64 = 0.1;
 /// Ways are looked at every so far, metres.
 const LOOK_M: f64 = 0.25;
+/// A way off that is not clear leads on for no more than this, metres: no task is set where it would be next.
+const UNCLEAR_M: f64 = 0.3;
 
 impl Course {
     /// A corridor with what leads off it, and its own sharp corners as ways to turn into.

@@ -128,3 +128,88 @@ fn an_opening_is_asked_for_until_its_far_edge_is_passed() {
         assert!(asked(opening.way_m - 15.1).is_none_or(|found| found.way_m < opening.way_m));
     }
 }
+
+/// The cells of 0.1 m that a disc of that radius comes to from a place, by whole numbers of them.
+fn reached(world: &World, from: Point, radius_m: f64) -> std::collections::HashSet<(i32, i32)> {
+    let place = |(i, j): (i32, i32)| Point::new(0.1 * f64::from(i), 0.1 * f64::from(j));
+    let start = ((from.x / 0.1).round() as i32, (from.y / 0.1).round() as i32);
+    let (mut reached, mut open) = (std::collections::HashSet::from([start]), vec![start]);
+    while let Some((i, j)) = open.pop() {
+        for next in [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)] {
+            let is_free = || world.clearance(place(next), TALL, radius_m) >= radius_m;
+            // Who comes so far has come out of the world.
+            assert!(reached.len() < 20_000, "there is a gap in the walls");
+            if !reached.contains(&next) && is_free() {
+                reached.insert(next);
+                open.push(next);
+            }
+        }
+    }
+    reached
+}
+
+#[test]
+fn two_side_by_side_come_everywhere_in_a_corridor_like_those_of_buildings() {
+    // Half of what robot and handler need side by side, and what a grid of 0.1 m costs.
+    let radius_m = 0.49 + 0.05;
+    let (mut ways, mut shut) = (0, Vec::new());
+    for seed in 0..300 {
+        let site = generate(&GeneratorConfig::of_buildings(), seed);
+        let (course, world) = (&site.course, &site.world);
+        let length_m = course.line.length_m();
+        let at = |line: &TravelLine, way_m: f64| Point::from(line.at(way_m).translation.vector);
+        let is_free = |way_m: &f64| world.clearance(at(&course.line, *way_m), TALL, 0.65) >= 0.65;
+        let Some(from_m) = (0..40).map(|i| 0.7 + 0.1 * f64::from(i)).find(is_free) else {
+            panic!("seed {seed}: nowhere to begin");
+        };
+        let reached = reached(world, at(&course.line, from_m), radius_m);
+        let comes_to = |place: Point| {
+            let away_m =
+                |cell: &(i32, i32)| (Point::new(0.1 * f64::from(cell.0), 0.1 * f64::from(cell.1)) - place).norm();
+            reached.iter().map(away_m).fold(f64::INFINITY, f64::min) < 0.8
+        };
+        if !comes_to(at(&course.line, length_m - 0.8)) {
+            shut.push(format!("seed {seed}: not to the end, {:.2} m wide", course.width_m));
+        }
+        for opening in course.openings.iter().filter(|opening| opening.line.length_m() > 2.5) {
+            let inside_m = (course.width_m / 2.0 + 2.0).min(opening.line.length_m() - 0.7);
+            if !comes_to(at(&opening.line, inside_m)) {
+                let is_room = opening.behind.is_some();
+                shut.push(format!(
+                    "seed {seed}: {:.2} m wide at {:.1} of {length_m:.1} m, room: {is_room} {:?} {:.1}",
+                    opening.width_m,
+                    opening.way_m,
+                    opening.side,
+                    opening.line.length_m()
+                ));
+            }
+            ways += 1;
+        }
+    }
+    assert!(ways > 300 && shut.is_empty(), "of {ways}: {shut:#?}");
+}
+
+#[test]
+fn what_makes_real_floors_hard_is_in_generated_buildings() {
+    let sites = sites(&GeneratorConfig::of_buildings());
+    let openings: Vec<&Opening> = sites.iter().flat_map(|site| &site.course.openings).collect();
+    let count = |has: &dyn Fn(&Opening) -> bool| openings.iter().filter(|opening| has(opening)).count();
+    let is_clear = |opening: &Opening| opening.line.length_m() > 1.0;
+    let prisms = |has: &dyn Fn(&guidedog_world::Prism) -> bool| {
+        sites.iter().filter(|site| site.world.prisms().iter().any(has)).count()
+    };
+    let high = |p: &guidedog_world::Prism, z0: [f64; 2], z1: [f64; 2]| {
+        p.solid && (z0[0]..=z0[1]).contains(&p.z0_m) && (z1[0]..=z1[1]).contains(&p.z1_m)
+    };
+    for (what, count) in [
+        ("rooms", count(&|o| o.behind.is_some())),
+        ("openings 1.2 to 1.5 m wide", count(&|o| is_clear(o) && o.width_m < 1.5)),
+        ("places that are not clear", count(&|o| !is_clear(o))),
+        ("doors open inwards", prisms(&|p| p.solid && p.z1_m == 2.05)),
+        ("radiators", prisms(&|p| high(p, [0.1, 0.1], [0.5, 0.9]))),
+        ("benches", prisms(&|p| high(p, [0.0, 0.38], [0.45, 0.45]))),
+        ("fire extinguishers", prisms(&|p| p.outline.len() >= 8 && high(p, [0.0, 0.5], [0.6, 1.1]))),
+    ] {
+        assert!(count >= 20, "{what}: {count} in {} worlds", sites.len());
+    }
+}

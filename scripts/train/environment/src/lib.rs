@@ -86,6 +86,13 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
                     one_of(&key, &text(), &[("start", RewardMeasure::Start), ("line", RewardMeasure::Line)])?;
             }
             "maps" => config.places = Places::Plans(Arc::new(plans(&value)?), GeneratorConfig::default()),
+            "buildings" => {
+                let share = within(&key, &value, 1.0, "share")?;
+                match &mut config.places {
+                    Places::Generated(worlds) => worlds.buildings = share,
+                    _ => return Err(wrong("buildings is of generated worlds, and maps are given".to_owned())),
+                }
+            }
             "memory" => {
                 let remembers = value.extract::<bool>();
                 let remembers = remembers.map_err(|_| wrong(format!("memory = {value} is neither True nor False")))?;

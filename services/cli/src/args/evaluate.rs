@@ -14,8 +14,9 @@ pub struct EvaluateArgs {
     /// beside it
     #[arg(long, value_name = "guide|geometric|FILE", default_value = "guide", value_parser = policy_model())]
     pub policy: PolicyModel,
-    /// `generated`, or ROS maps (`MAP.yaml`), one or more
-    #[arg(long, value_name = "generated|MAP.yaml", num_args = 1.., default_value = "generated")]
+    /// `generated`; `buildings`, generated corridors whose walls are like those of real floors; or ROS maps
+    /// (`MAP.yaml`), one or more
+    #[arg(long, value_name = "generated|buildings|MAP.yaml", num_args = 1.., default_value = "generated")]
     pub worlds: Vec<PathBuf>,
     /// Episodes: one cue and a hundred decisions each
     #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
@@ -157,6 +158,7 @@ Examples:
   guidedog evaluate --policy geometric --worlds floor.yaml --noise ideal --json
   guidedog evaluate --policy guide --tasks timing --pictures pictures
   guidedog evaluate --worlds floor.yaml --explain 20 --pictures tasks
+  guidedog evaluate --worlds buildings --policy geometric --noise legged
   guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
   guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
   guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json
@@ -177,6 +179,9 @@ On maps a course goes round corners and over crossings, to where it ends or fork
 side way is asked for from 1.15 m of width on; where one could leave the corridor and it is not clear whether
 that is meant, as through a door of 0.8 to 1.1 m, no task is set. An episode has more decisions where its way is
 long. --explain tells what each task asks for.
+--worlds buildings: rooms behind doorways, alcoves, openings from 0.8 m of width on, oblique and uneven walls, door
+frames, doors across the corridor, pillars at corners, radiators, benches. Widths and counts lie within those of 11
+real floors. A side way is asked for from 1.2 m of width on.
 --tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends
 across the corridor, in a branch, beside it, or in a hole with a way past it. Before a low step the robot waits, and
 the handler says forward. low_steps_announced counts the steps that the robot took. Where a footprint leaves the

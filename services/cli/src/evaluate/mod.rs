@@ -29,8 +29,9 @@ use outcome::{Outcome, Way, walk};
 
 /// Cues are given so much too early or too late, metres.
 const TIMING_M: f64 = 5.0;
-/// What `--worlds` calls those that are no maps.
+/// What `--worlds` calls those that are no maps: corridors, and corridors like those of buildings.
 const GENERATED: &str = "generated";
+const BUILDINGS: &str = "buildings";
 /// Pictures of the first episodes, and of so many that went wrong.
 const PICTURES: usize = 12;
 
@@ -103,14 +104,17 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
             "--paired compares with episodes without the shield, which those of --beta-test 1 are themselves",
         );
     }
-    if args.worlds.len() > 1 && args.worlds.iter().any(|path| path == Path::new(GENERATED)) {
-        return refused("--worlds has generated ones or maps, not both");
+    let is_word = |path: &PathBuf| [GENERATED, BUILDINGS].map(Path::new).contains(&path.as_path());
+    if args.worlds.len() > 1 && args.worlds.iter().any(is_word) {
+        return refused("--worlds has \"generated\", \"buildings\" or maps, not two of them");
     }
-    if args.tasks == TasksArg::Orientation && !are_generated(args) {
-        return refused("--tasks orientation is of straight, empty corridors: generated ones, no maps");
+    if args.tasks == TasksArg::Orientation && args.worlds != [Path::new(GENERATED)] {
+        return refused("--tasks orientation is of straight, empty corridors: --worlds generated");
     }
-    if args.tasks == TasksArg::Drops && !are_generated(args) {
-        return refused("--tasks drops is of generated worlds: maps tell of no floor");
+    if args.tasks == TasksArg::Drops && args.worlds != [Path::new(GENERATED)] {
+        return refused(
+            "--tasks drops is of --worlds generated: maps tell of no floor, and the others have even floor",
+        );
     }
     Ok(())
 }
@@ -123,8 +127,13 @@ fn may_write(folder: &Path) -> Result<(), Failure> {
     std::fs::write(&probe, "").and_then(|()| std::fs::remove_file(&probe)).map_err(failed)
 }
 
-fn are_generated(args: &EvaluateArgs) -> bool {
-    args.worlds == [Path::new(GENERATED)]
+/// The kind of worlds that `--worlds` means, where it names no maps.
+fn generated(args: &EvaluateArgs) -> Option<GeneratorConfig> {
+    match args.worlds[..] {
+        [ref word] if word == Path::new(GENERATED) => Some(GeneratorConfig::default()),
+        [ref word] if word == Path::new(BUILDINGS) => Some(GeneratorConfig::of_buildings()),
+        _ => None,
+    }
 }
 
 fn world_names(args: &EvaluateArgs) -> Vec<String> {
@@ -341,7 +350,7 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     config.arrival = Arrival { must_be_free: args.tasks == TasksArg::Drops, ..Arrival::DENSE };
     config.measure = episodes::RewardMeasure::Start;
     config.reward.motion_penalty = 0.0;
-    let mut worlds = GeneratorConfig::default();
+    let mut worlds = generated(args).unwrap_or_default();
     match args.tasks {
         TasksArg::Mixed => {}
         TasksArg::Orientation => {
@@ -356,7 +365,8 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     }
     if args.tasks == TasksArg::Drops {
         config.places = Places::Drops(worlds);
-    } else if are_generated(args) {
+    } else if generated(args).is_some() {
+        config.has_time = worlds.buildings > 0.0;
         config.places = Places::Generated(worlds);
     } else {
         let plans = args.worlds.iter().map(|path| FloorPlan::load(path)).collect::<Result<Vec<_>, _>>();

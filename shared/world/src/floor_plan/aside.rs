@@ -134,7 +134,7 @@ impl FloorPlan {
         if rooms.map(|reached| self.map.middle_of(reached.cell)).any(is_back) {
             return None;
         }
-        Some(Behind::new(
+        Some(Behind::of_cells(
             Arc::clone(&self.map),
             reached.into_iter().map(|reached| (reached.cell, reached.way_m + WALL_M)),
         ))

@@ -70,7 +70,7 @@ fn site(config: &GeneratorConfig, kind: DropKind, random: &mut ChaCha8Rng) -> Op
     let free_m = |_| [made.course.width_m / 2.0; 2];
     made.prisms.extend(match &made.plan {
         Some(plan) => furnish::things(config, plan, random),
-        None => furnish::furnish_course(config, &made.course, free_m, random),
+        None => furnish::furnish_course(config, &made.course, free_m, furnish::Kinds::Usual, random),
     });
     // Things stand on floor.
     let over_hole = |prism: &Prism| made.holes.iter().any(|hole| overlap(&hole.outline, &prism.outline));
@@ -134,7 +134,7 @@ fn corridor(config: &GeneratorConfig, kind: DropKind, random: &mut ChaCha8Rng) -
             beyond(&near, [length_m, plan.width_m], askew_rad, random)
         }
         DropKind::Turn => {
-            let ways: Vec<_> = plan.branches.iter().filter(|branch| branch.is_way).collect();
+            let ways: Vec<_> = plan.branches.iter().filter(|branch| branch.is_way()).collect();
             let line = plan.branch_line(ways.get(random.random_range(0..ways.len().max(1)))?);
             let opening = course.openings.iter_mut().find(|opening| opening.line == line)?;
             let from_m = plan.width_m / 2.0 + between(random, [0.5, 2.0]);

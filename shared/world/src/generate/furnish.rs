@@ -21,17 +21,26 @@ const CLOTH_M: f64 = 0.06;
 const LEAF_M: f64 = 0.85;
 const LEAF_THICK_M: f64 = 0.04;
 
+/// Which things stand along a course.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kinds {
+    /// Boxes, tables, pillars, curtains and doors.
+    Usual,
+    /// Those, and radiators, fire extinguishers, benches and bins.
+    OfBuildings,
+}
+
 /// All things of a generated corridor, and one in some branches.
 pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8Rng) -> Vec<Prism> {
     let course = plan.course();
-    let mut things = furnish_course(config, &course, |_| [course.width_m / 2.0; 2], random);
-    for branch in plan.branches.iter().filter(|branch| branch.is_way) {
+    let mut things = furnish_course(config, &course, |_| [course.width_m / 2.0; 2], Kinds::Usual, random);
+    for branch in plan.branches.iter().filter(|branch| branch.is_way()) {
         let line = plan.branch_line(branch);
         let from_m = plan.width_m / 2.0 + branch.width_m.max(1.5) + 1.5;
         if line.length_m() > from_m + 1.5 && random.random_bool((2.0 * config.clutter_per_m).min(0.5)) {
             let way_m = between(random, [from_m, line.length_m() - 1.0]);
             let course = Course::new(line, branch.width_m, Vec::new());
-            things.extend(thing(config, &course, [branch.width_m / 2.0; 2], [way_m, 0.5], random));
+            things.extend(thing(config, &course, [branch.width_m / 2.0; 2], [way_m, 0.5], Kinds::Usual, random));
         }
     }
     things
@@ -43,6 +52,7 @@ pub(crate) fn furnish_course(
     config: &GeneratorConfig,
     course: &Course,
     free_m: impl Fn(f64) -> [f64; 2],
+    kinds: Kinds,
     random: &mut ChaCha8Rng,
 ) -> Vec<Prism> {
     let mut things = Vec::new();
@@ -52,7 +62,7 @@ pub(crate) fn furnish_course(
         let at_mouth =
             |opening: &Opening| (opening.way_m - way_m).abs() < opening.width_m / 2.0 + length_m / 2.0 + MOUTH_M;
         if !course.openings.iter().any(at_mouth) {
-            things.extend(thing(config, course, free_m(way_m), [way_m, length_m], random));
+            things.extend(thing(config, course, free_m(way_m), [way_m, length_m], kinds, random));
         }
         way_m += APART_M + length_m + between(random, [0.0, 2.0 / config.clutter_per_m]);
     }
@@ -65,6 +75,7 @@ fn thing(
     course: &Course,
     [left_m, right_m]: [f64; 2],
     [way_m, length_m]: [f64; 2],
+    kinds: Kinds,
     random: &mut ChaCha8Rng,
 ) -> Option<Prism> {
     let side = if random.random_bool(0.5) { 1.0 } else { -1.0 };
@@ -83,7 +94,11 @@ fn thing(
     let wall_m = if side > 0.0 { left_m } else { -right_m };
     let at_wall = |depth_m: f64| beside(course, way_m, wall_m - side * depth_m / 2.0);
     let cuboid = |z: [f64; 2]| Some(Prism::cuboid(at_wall(depth_m), [length_m, depth_m], yaw_rad, z));
-    match random.random_range(0..10) {
+    let kind = match kinds {
+        Kinds::Usual => random.random_range(0..10),
+        Kinds::OfBuildings => random.random_range(0..18),
+    };
+    match kind {
         // Above the lidar's plane, and below it.
         0..=2 => cuboid([0.0, between(random, [0.5, 1.9])]),
         3..=4 => cuboid([0.0, between(random, [0.12, 0.33])]),
@@ -98,6 +113,24 @@ fn thing(
             let hung =
                 Prism::cuboid(at_wall(depth_m), [CLOTH_M, depth_m], yaw_rad, [between(random, [0.05, 0.3]), 2.2]);
             Some(hung)
+        }
+        // A radiator, a bench, a fire extinguisher, a bin.
+        10..=12 => Some(Prism::cuboid(
+            at_wall(depth_m.min(0.15)),
+            [between(random, [0.5, 1.4]), depth_m.min(0.15)],
+            yaw_rad,
+            [0.1, between(random, [0.5, 0.9])],
+        )),
+        13..=14 => {
+            let z = if random.random_bool(0.5) { [0.0, 0.45] } else { [0.38, 0.45] };
+            Some(Prism::cuboid(at_wall(depth_m.min(0.5)), [between(random, [0.8, 1.4]), depth_m.min(0.5)], yaw_rad, z))
+        }
+        15..=16 => {
+            Some(Prism::pillar(at_wall(0.17), 0.085, [between(random, [0.0, 0.5]), between(random, [0.6, 1.1])]))
+        }
+        17 => {
+            let radius_m = (depth_m / 2.0).min(0.22);
+            Some(Prism::pillar(at_wall(2.0 * radius_m), radius_m, [0.0, between(random, [0.3, 0.8])]))
         }
         // A door's leaf, ajar.
         _ => {

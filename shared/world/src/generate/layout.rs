@@ -1,6 +1,7 @@
 //! The plan of a generated world: the corridor, its branches, and the walls of both.
 
 use std::f64::consts::{FRAC_PI_2, PI};
+use std::sync::Arc;
 
 use guidance::TravelLine;
 use guidance::se2::{Point, Se2, wrap_angle};
@@ -8,9 +9,10 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
+use super::building::{Gate, Room, draw_width_m, uneven};
 use super::{GeneratorConfig, between};
 use crate::prism::{Prism, SeenBy};
-use crate::site::{Course, Opening, Side, rounded};
+use crate::site::{Course, Mapped, Opening, Side, rounded};
 use crate::world::DEFAULT_CEILING_M;
 
 /// A bend is a polygon with corners of so much, radians.
@@ -39,11 +41,35 @@ pub(super) struct Branch {
     pub(super) way_m: f64,
     pub(super) width_m: f64,
     /// Off the right angle, radians, counter-clockwise.
-    skew_rad: f64,
+    pub(super) skew_rad: f64,
     /// From the corridor's wall to the end, metres.
-    length_m: f64,
-    /// Deep enough to be a way; otherwise a door or a niche.
-    pub(super) is_way: bool,
+    pub(super) length_m: f64,
+    /// What one would say of it who is asked to turn there.
+    pub(super) leads: Leads,
+    /// A doorway into a room; otherwise its walls go straight on.
+    pub(super) room: Option<Room>,
+}
+
+/// Whether a branch is a way to turn into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Leads {
+    /// It is a niche, or a door that is shut or too narrow.
+    Nowhere,
+    /// Two people would not say the same.
+    Unclear,
+    /// Two can walk into it, and it is deep.
+    Somewhere,
+}
+
+impl Branch {
+    pub(super) fn is_way(&self) -> bool {
+        self.leads == Leads::Somewhere
+    }
+
+    /// Half of the width that it takes behind its mouth, metres.
+    fn half_behind_m(&self) -> f64 {
+        self.width_m / 2.0 + self.room.map_or(0.0, |room| room.beyond_m[0].max(room.beyond_m[1]))
+    }
 }
 
 /// The plan.
@@ -53,16 +79,25 @@ pub(super) struct Plan {
     pub(super) width_m: f64,
     pub(super) stretches: Vec<Stretch>,
     pub(super) branches: Vec<Branch>,
+    /// Where a door stands across the corridor, metres of way; none in a corridor that is like no building's.
+    pub(super) building: Option<Vec<Gate>>,
 }
 
 impl Plan {
     pub(super) fn draw(config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Self {
-        let width_m = between(random, config.width_m);
+        // Without such worlds nothing is drawn, and the others stay what they always were.
+        let is_building = config.buildings > 0.0 && random.random_bool(config.buildings);
+        let width_m = if is_building { draw_width_m(random) } else { between(random, config.width_m) };
         let (line, stretches) = corridor(config, width_m, random);
-        let mut plan = Self { line, width_m, stretches, branches: Vec::new() };
+        let mut plan = Self { line, width_m, stretches, branches: Vec::new(), building: None };
         plan.draw_end(random);
-        plan.draw_branches(random);
-        plan.draw_doors(random);
+        if is_building {
+            plan.draw_sides(random);
+            plan.building = Some(plan.draw_gates(random));
+        } else {
+            plan.draw_branches(random);
+            plan.draw_doors(random);
+        }
         plan.branches.sort_by(|a, b| a.way_m.total_cmp(&b.way_m));
         plan
     }
@@ -77,7 +112,7 @@ impl Plan {
         let way_m = self.line.length_m() - width_m / 2.0;
         for side in [Side::Left, Side::Right] {
             let length_m = between(random, [4.0, 11.0]);
-            self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, is_way: true });
+            self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, leads: Leads::Somewhere, room: None });
         }
         if self.branches.len() < before + 2 {
             self.branches.truncate(before);
@@ -97,7 +132,7 @@ impl Plan {
                 };
                 for &side in sides {
                     let length_m = between(random, [4.0, 11.0]);
-                    self.add(Branch { side, way_m, width_m, skew_rad, length_m, is_way: true });
+                    self.add(Branch { side, way_m, width_m, skew_rad, length_m, leads: Leads::Somewhere, room: None });
                 }
                 way_m += width_m + between(random, [2.5, 10.0]);
             }
@@ -113,14 +148,14 @@ impl Plan {
                 let length_m =
                     if random.random_bool(0.3) { between(random, [2.0, 4.0]) } else { between(random, [0.08, 0.35]) };
                 let width_m = between(random, [0.75, 0.95]);
-                self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, is_way: false });
+                self.add(Branch { side, way_m, width_m, skew_rad: 0.0, length_m, leads: Leads::Nowhere, room: None });
                 way_m += between(random, [2.0, 8.0]);
             }
         }
     }
 
     /// Adds a branch where there is room for it.
-    fn add(&mut self, branch: Branch) {
+    pub(super) fn add(&mut self, branch: Branch) {
         let half = |branch: &Branch| {
             branch.width_m / 2.0 / branch.skew_rad.cos() + self.width_m / 2.0 * branch.skew_rad.tan().abs()
         };
@@ -132,7 +167,7 @@ impl Plan {
         let in_stretch = self.stretches.iter().any(|stretch| {
             let room_m = half(&branch) + 0.3;
             let ahead_m =
-                if branch.is_way && stretch.to_m > end_m - 1e-6 { half(&branch) + DEAD_END_M } else { room_m };
+                if branch.is_way() && stretch.to_m > end_m - 1e-6 { half(&branch) + DEAD_END_M } else { room_m };
             branch.way_m - room_m >= stretch.from_m
                 && (branch.way_m + ahead_m <= stretch.to_m || at_end && branch.way_m <= stretch.to_m)
         });
@@ -146,17 +181,18 @@ impl Plan {
         let line = self.branch_line(branch);
         let begin_m = self.width_m / 2.0 / branch.skew_rad.cos() + 0.4;
         let mut way_m = begin_m;
+        let half_m = branch.half_behind_m();
         while way_m < line.length_m() + branch.width_m / 2.0 {
             let place = line.at(line.length_m().min(way_m)) * Point::new((way_m - line.length_m()).max(0.0), 0.0);
-            let off_corridor = self.line.foot(place).left_m.abs() > (self.width_m + branch.width_m) / 2.0 + 0.2;
+            let off_corridor = self.line.foot(place).left_m.abs() > self.width_m / 2.0 + half_m + 0.2;
             // Near its own mouth a branch is as near to the corridor as it is long there.
-            let at_mouth = way_m - self.width_m / 2.0 < branch.width_m / 2.0 + 0.6;
+            let at_mouth = way_m - self.width_m / 2.0 < half_m + 0.6;
             if !(off_corridor || at_mouth) {
                 return false;
             }
             let apart = |other: &Branch| {
                 let foot = self.branch_line(other).foot(place);
-                foot.left_m.abs() > (other.width_m + branch.width_m) / 2.0 + 0.2
+                foot.left_m.abs() > other.half_behind_m() + half_m + 0.2
             };
             if !self
                 .branches
@@ -171,7 +207,7 @@ impl Plan {
     }
 
     /// Direction of a branch where the corridor is at its middle.
-    fn branch_frame(&self, branch: &Branch) -> Se2 {
+    pub(super) fn branch_frame(&self, branch: &Branch) -> Se2 {
         let at = self.line.at(branch.way_m);
         let yaw_rad = at.rotation.angle() + branch.side.sign() * FRAC_PI_2 + branch.skew_rad;
         Se2::new(at.translation.vector, wrap_angle(yaw_rad))
@@ -187,17 +223,26 @@ impl Plan {
 
     pub(super) fn course(&self) -> Course {
         let line = rounded(&self.line, self.width_m / 2.0);
-        let ways = self.branches.iter().filter(|branch| branch.is_way);
-        let opening = |branch: &Branch| Opening {
-            way_m: line.foot(Point::from(self.line.at(branch.way_m).translation.vector)).way_m,
-            width_m: branch.width_m / branch.skew_rad.cos(),
-            side: branch.side,
-            line: self.branch_line(branch),
-            edge_m: None,
-            behind: None,
+        let opening = |branch: &Branch| {
+            let way_m = line.foot(Point::from(self.line.at(branch.way_m).translation.vector)).way_m;
+            let width_m = branch.width_m / branch.skew_rad.cos();
+            match branch.leads {
+                Leads::Nowhere => None,
+                Leads::Unclear => Opening::unclear(&line, way_m, width_m, branch.side),
+                Leads::Somewhere => Some(Opening {
+                    way_m,
+                    width_m,
+                    side: branch.side,
+                    line: self.branch_line(branch),
+                    edge_m: None,
+                    behind: self.behind(branch).map(Arc::new),
+                }),
+            }
         };
-        let openings = ways.map(opening).collect();
-        Course::new(line, self.width_m, openings)
+        let openings = self.branches.iter().filter_map(opening).collect();
+        // As on a floor plan nobody can say what is meant beside an opening.
+        let mapped = self.building.as_ref().map(|_| Mapped { has_end: true });
+        Course { mapped, ..Course::new(line, self.width_m, openings) }
     }
 
     /// All walls.
@@ -210,11 +255,11 @@ impl Plan {
             for branch in self.branches.iter().filter(|branch| branch.side == side) {
                 let [near, far] = self.mouth(branch);
                 let (near_m, far_m) = (edge.foot(near).way_m, edge.foot(far).way_m);
-                self.add_wall(edge.part(from_m, near_m), config, random, &mut walls);
+                self.add_wall(edge.part(from_m, near_m), side, config, random, &mut walls);
                 walls.push(self.branch_walls(branch, near, far));
                 from_m = far_m;
             }
-            self.add_wall(edge.part(from_m, edge.length_m()), config, random, &mut walls);
+            self.add_wall(edge.part(from_m, edge.length_m()), side, config, random, &mut walls);
         }
         for way_m in [0.0, self.line.length_m()] {
             let at = self.line.at(way_m);
@@ -226,11 +271,16 @@ impl Plan {
     fn add_wall(
         &self,
         line: Option<TravelLine>,
+        side: Side,
         config: &GeneratorConfig,
         random: &mut ChaCha8Rng,
         walls: &mut Vec<Prism>,
     ) {
-        let Some(line) = line else { return };
+        let Some(mut line) = line else { return };
+        if self.building.is_some() {
+            let room_m = (self.width_m - config.passage_m) / 2.0;
+            line = uneven(&line, side, room_m, random);
+        }
         let glass = random.random_bool(config.glass) && line.length_m() > 1.5;
         if !glass {
             walls.push(Prism::wall(line.corners().to_vec(), FULL));
@@ -265,7 +315,7 @@ impl Plan {
     }
 
     /// Where a branch's sides meet the corridor's wall: the near and the far edge.
-    fn mouth(&self, branch: &Branch) -> [Point; 2] {
+    pub(super) fn mouth(&self, branch: &Branch) -> [Point; 2] {
         let frame = self.branch_frame(branch);
         let along = self.line.at(branch.way_m).rotation.angle();
         let edge = |left_m: f64| {
@@ -286,7 +336,19 @@ impl Plan {
             let left_m = (frame.inverse() * mouth).y;
             frame * Point::new(end_m, left_m)
         };
-        Prism::wall(vec![near, corner(near), corner(far), far], FULL)
+        let Some(room) = branch.room else {
+            return Prism::wall(vec![near, corner(near), corner(far), far], FULL);
+        };
+        let jamb_m = self.width_m / 2.0 + room.wall_m;
+        let place = |x_m: f64, mouth: Point| {
+            let left_m = (frame.inverse() * mouth).y;
+            let beyond_m = room.beyond_m[if left_m > 0.0 { 0 } else { 1 }];
+            let wall = left_m + beyond_m.copysign(left_m);
+            [frame * Point::new(x_m, left_m), frame * Point::new(x_m, wall)]
+        };
+        let [[near_jamb, near_wall], [far_jamb, far_wall]] = [near, far].map(|mouth| place(jamb_m, mouth));
+        let [near_end, far_end] = [near, far].map(|mouth| place(end_m, mouth)[1]);
+        Prism::wall(vec![near, near_jamb, near_wall, near_end, far_end, far_wall, far_jamb, far], FULL)
     }
 }
 
