@@ -57,8 +57,9 @@ impl PolicyService {
         let model = Model::named(named, &Expected::of(&settings)).map_err(TransportError::service)?;
         let library = settings.policy.onnx_runtime.as_deref();
         let config = GeometricConfig::of(&settings).map_err(TransportError::service)?;
-        let engine =
-            policies::named_engine(named, model.as_ref(), config, &table, library).map_err(TransportError::service)?;
+        let planner = settings.policy.planner;
+        let engine = policies::named_engine(named, model.as_ref(), config, planner, &table, library)
+            .map_err(TransportError::service)?;
         let built_in = || serde_json::json!({ "engine": PathBuf::from(named.clone()) });
         let about = model.as_ref().map_or_else(built_in, |model| model.about(&settings));
         io.tell(&FromChild::About { about });

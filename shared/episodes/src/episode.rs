@@ -348,8 +348,25 @@ impl Episode {
             }
             _ => {}
         }
+        if taken == ActionTable::STOP && self.cue != CueKind::Stop && !self.track.must_stand(self.cue) {
+            let held_by = self.held_by(action);
+            self.scenery.iter_mut().for_each(|scenery| scenery.score.held(held_by));
+        }
         let why = if action == ActionTable::STOP { self.why_none_leads_ahead() } else { why };
         self.count_stop(why, taken);
+    }
+
+    /// Why the robot stands: the cause that forbids what the policy wants, or, where it wants to stand and nothing else
+    /// is left, the cause that forbids the first motion; none: the policy stands although more is allowed.
+    fn held_by(&self, wanted: usize) -> UnsafeCause {
+        let is_left = |action| self.unsafe_mask >> action & 1 == 0;
+        let mut motions = (0..self.velocities.len()).filter(|action| *action != ActionTable::STOP);
+        let asked = match wanted {
+            ActionTable::STOP if motions.clone().any(is_left) => return UnsafeCause::None,
+            ActionTable::STOP => motions.next(),
+            wanted => Some(wanted),
+        };
+        asked.and_then(|action| self.judgements.get(action)).map_or(UnsafeCause::None, |judgement| judgement.cause)
     }
 
     /// Why a policy stands that has no way ahead: the floor, where it forbids every action that leads ahead.

@@ -21,7 +21,7 @@ pub use config::{Arrival, Config, HandlerRanges, Handlers, Harness, NoTask, Nois
 pub use episode::{Episode, Step};
 pub use excess::{Excess, OpenFloor};
 pub use explain::explain;
-pub use score::{FloorReport, Report, Score, StepCounts};
+pub use score::{FloorReport, Held, Report, Score, StepCounts};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;
 pub use walked::Walked;

@@ -57,6 +57,9 @@ pub struct Report {
     pub all_unsafe: u32,
     /// Decisions whose action was one that the shield forbade.
     pub unsafe_taken: u32,
+    /// Decisions in which the robot stood under a cue that moves it, by what held it.
+    #[serde(default)]
+    pub held: Held,
     /// What became of the floor under them.
     pub floor: FloorReport,
     /// The sum of rewards.
@@ -68,6 +71,23 @@ pub struct Report {
     pub corrected: Option<bool>,
     /// At its end the handler faced within 10 degrees of the travel line; none likewise.
     pub faces_line: Option<bool>,
+}
+
+/// Decisions in which the robot stood, by what held it: the policy, or what the shield saw.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Held {
+    /// The policy stood although more was allowed.
+    pub policy: u32,
+    /// A beam of the lidar, or what its beams do not show.
+    pub lidar: u32,
+    /// A point that the camera sees.
+    pub camera: u32,
+    /// A point that is remembered.
+    pub memory: u32,
+    /// A place where a motion did not get before.
+    pub contact: u32,
+    /// An edge, a step, or floor that was not seen.
+    pub floor: u32,
 }
 
 /// What became of robot and handler where the floor ends.
@@ -161,6 +181,7 @@ impl Score {
             walked_m: 0.0,
             all_unsafe: 0,
             unsafe_taken: 0,
+            held: Held::default(),
             floor: FloorReport::begin(task, kind, team.to_edge_m(world)),
             reward: 0.0,
             longest_freeze: 0,
@@ -267,6 +288,23 @@ impl Score {
     pub fn judged(&mut self, all_unsafe: bool, unsafe_taken: bool) {
         self.report.all_unsafe += u32::from(all_unsafe);
         self.report.unsafe_taken += u32::from(unsafe_taken);
+    }
+
+    /// The robot stands under a cue that moves it, held by that; none: by the policy.
+    pub fn held(&mut self, by: UnsafeCause) {
+        let held = &mut self.report.held;
+        *match by {
+            UnsafeCause::None => &mut held.policy,
+            UnsafeCause::Beam | UnsafeCause::Unknown | UnsafeCause::Unseen => &mut held.lidar,
+            UnsafeCause::Point | UnsafeCause::Second => &mut held.camera,
+            UnsafeCause::Memory => &mut held.memory,
+            UnsafeCause::Contact => &mut held.contact,
+            UnsafeCause::DropOff
+            | UnsafeCause::FloorUnseen
+            | UnsafeCause::StepUp
+            | UnsafeCause::LowStepDown
+            | UnsafeCause::LowStepUp => &mut held.floor,
+        } += 1;
     }
 
     /// What a decision was rewarded with.

@@ -221,7 +221,7 @@ impl Beams {
     /// stamp in the robot frame of now.
     pub fn seen_from(&self, now_from_stamped: &Se2, seen: &mut Self) {
         if *now_from_stamped == Se2::identity() {
-            seen.clone_from(self);
+            seen.copy_from(self);
             return;
         }
         seen.beams.clear();
@@ -243,6 +243,19 @@ impl Beams {
         (seen.increment_rad, seen.sigma_m, seen.whole_turn) = (self.increment_rad, self.sigma_m, self.whole_turn);
         seen.readings.copy_from(&self.readings);
         seen.unknown.clone_from(&self.unknown);
+    }
+
+    /// Takes over another's; `clone_from` would allocate.
+    fn copy_from(&mut self, other: &Self) {
+        let Self { beams, x, y, readings, unknown, .. } = self;
+        beams.clone_from(&other.beams);
+        x.clone_from(&other.x);
+        y.clone_from(&other.y);
+        readings.copy_from(&other.readings);
+        unknown.clone_from(&other.unknown);
+        let &Self { origin, first_rad, increment_rad, sigma_m, whole_turn, reversed, layout, .. } = other;
+        (self.origin, self.first_rad, self.increment_rad) = (origin, first_rad, increment_rad);
+        (self.sigma_m, self.whole_turn, self.reversed, self.layout) = (sigma_m, whole_turn, reversed, layout);
     }
 
     /// The beams, counter-clockwise.

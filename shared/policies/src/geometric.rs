@@ -36,7 +36,9 @@ const REST_SHARE: f64 = 0.05;
 const NEAR_M: f64 = 2.0;
 /// No robot walks so far, metres.
 const POSE_MAX_M: f64 = 1e6;
-/// A cost that no way on seen floor has, metres.
+/// Costs that no way to a goal has, metres: to stop, what leaves no room, and what leads over floor that was not seen.
+const STOP_M: f64 = 1e3;
+const UNSAFE_M: f64 = 1e4;
 const UNSEEN_M: f64 = 1e5;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
@@ -90,7 +92,7 @@ impl GeometricConfig {
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: settings.interaction()?,
-            shield: settings.watches_floor().then(|| settings.shield_config()),
+            shield: Some(settings.shield_config()),
             ..Self::default()
         })
     }
@@ -170,8 +172,8 @@ impl GeometricEngine {
     /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit.
     /// One-hot on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
     pub fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
-        match self.choose(observation) {
-            Some(worth) => probabilities(&worth),
+        match self.costs_m(observation) {
+            Some(costs_m) => probabilities(&costs_m),
             None => one_hot_stop(),
         }
     }
@@ -188,8 +190,9 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// The cost of each action, metres, infinite for those that do not exist; `None`: stand.
-    fn choose(&mut self, observation: &Observation) -> Option<[f64; MAX_ACTIONS]> {
+    /// The cost of each action, metres: to the goal, by the best way that begins with it. Behind all that have such a
+    /// way comes to stop, and behind that what the shield forbids. Infinite for those that do not exist. `None`: stand.
+    pub fn costs_m(&mut self, observation: &Observation) -> Option<[f64; MAX_ACTIONS]> {
         self.plan = Plan::Blind;
         if !believable(&observation.odom_from_robot) || !believable(&observation.start_from_robot) {
             return None;
@@ -222,12 +225,13 @@ impl GeometricEngine {
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
         let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams);
-        self.keep_to_seen_floor(observation, &mut costs);
+        self.heed_shield(observation, &mut costs);
         Some(costs)
     }
 
-    /// Puts the actions that lead over floor that was not seen behind all others: another one looks there first.
-    fn keep_to_seen_floor(&mut self, observation: &Observation, costs: &mut [f64; MAX_ACTIONS]) {
+    /// Puts the actions that the shield forbids behind to stop, and behind those what leads over floor that was not
+    /// seen: another one looks there first.
+    fn heed_shield(&mut self, observation: &Observation, costs: &mut [f64; MAX_ACTIONS]) {
         let Some((shield, (evidence, body))) = self.shield.as_mut().zip(observation.shield) else { return };
         let (team, robot_from_handler) = (&self.team, &self.robot_from_handler);
         let motions = self.table.actions().iter().map(|action| {
@@ -238,6 +242,8 @@ impl GeometricEngine {
         for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
             if judged.cause == UnsafeCause::FloorUnseen {
                 *cost += UNSEEN_M;
+            } else if !judged.safe {
+                *cost = cost.max(UNSAFE_M);
             }
         }
     }
@@ -291,8 +297,6 @@ impl GeometricEngine {
 
     /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not.
     fn weigh(&self, window: &Window, cost: &CostToGo, facing_rad: f64, beams: &Beams) -> [f64; MAX_ACTIONS] {
-        const UNSAFE_M: f64 = 1e4;
-        const STOP_M: f64 = 1e3;
         let scene = Scene {
             window,
             cost,
@@ -334,8 +338,8 @@ impl GeometricEngine {
     }
 }
 
-/// Nearly all for the least cost; the rest halves from rank to rank. Sums to 1.
-fn probabilities(costs: &[f64; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
+/// Probabilities of costs: nearly all for the least cost; the rest halves from rank to rank. Sums to 1.
+pub(crate) fn probabilities(costs: &[f64; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
     let mut ranked: Vec<usize> = (0..MAX_ACTIONS).filter(|action| costs[*action].is_finite()).collect();
     ranked.sort_by(|a, b| costs[*a].total_cmp(&costs[*b]));
     let mut shares = [0.0_f32; MAX_ACTIONS];

@@ -5,6 +5,7 @@
 pub mod geometric;
 mod learnt;
 mod model;
+mod planned;
 mod steps;
 
 use std::path::Path;
@@ -13,12 +14,13 @@ use guidance::cue::CueTrack;
 use guidance::se2::pose2;
 use guidance::{ActionTable, Evidence, HandlerBody, Se2};
 use messages::{CueKind, MAX_ACTIONS, ScanHeader};
-use settings::PolicyModel;
+use settings::{PlannerUse, PolicyModel};
 
 pub use geometric::{GeometricConfig, GeometricEngine};
 pub use inference::RuntimeError;
 pub use learnt::LearntEngine;
 pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, ModelKind, OBSERVATION, Trained};
+pub use planned::PlannedEngine;
 pub use steps::StepsEngine;
 
 /// Probabilities over the action table; those beyond it are 0.
@@ -67,24 +69,26 @@ pub trait Engine: Send {
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError>;
 }
 
+impl<'a> From<&Situation<'a>> for geometric::Observation<'a> {
+    fn from(situation: &Situation<'a>) -> Self {
+        Self {
+            scan: situation.scan,
+            ranges: situation.ranges,
+            obstacles: situation.evidence.depth.map_or(&[][..], guidance::DepthView::points),
+            shield: Some((situation.evidence, situation.handler)),
+            handler: Some(situation.handler.center),
+            odom_from_robot: pose2(&situation.odom_from_robot),
+            odometry_incarnation: situation.odometry_incarnation,
+            start_from_robot: pose2(&situation.start_from_robot),
+            cue: situation.cue,
+            cue_is_new: situation.cue_is_new,
+        }
+    }
+}
+
 impl Engine for GeometricEngine {
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
-        let depth = situation.evidence.depth;
-        Ok(Self::decide(
-            self,
-            &geometric::Observation {
-                scan: situation.scan,
-                ranges: situation.ranges,
-                obstacles: depth.map_or(&[][..], guidance::DepthView::points),
-                shield: Some((situation.evidence, situation.handler)),
-                handler: Some(situation.handler.center),
-                odom_from_robot: pose2(&situation.odom_from_robot),
-                odometry_incarnation: situation.odometry_incarnation,
-                start_from_robot: pose2(&situation.start_from_robot),
-                cue: situation.cue,
-                cue_is_new: situation.cue_is_new,
-            },
-        ))
+        Ok(Self::decide(self, &situation.into()))
     }
 }
 
@@ -132,29 +136,39 @@ pub fn named_engine(
     name: &PolicyModel,
     model: Option<&Model>,
     config: GeometricConfig,
+    planner: PlannerUse,
     table: &ActionTable,
     library: Option<&Path>,
 ) -> Result<Box<dyn Engine>, ModelError> {
     match name {
         PolicyModel::Steps => Ok(Box::new(StepsEngine::new(table, config.dt_s))),
-        PolicyModel::Guide | PolicyModel::Geometric | PolicyModel::File(_) => engine(model, config, table, library),
+        PolicyModel::Guide | PolicyModel::Geometric | PolicyModel::File(_) => {
+            engine(model, config, planner, table, library)
+        }
     }
 }
 
-/// The engine of a model; without one the geometric engine as it is built, for that team and table.
+/// The engine of a model; without one the geometric engine as it is built, for that team and table. What a network
+/// proposes the planner judges, as `planner` says.
 ///
 /// # Errors
 /// Where the runtime or the model cannot be loaded.
 pub fn engine(
     model: Option<&Model>,
     mut config: GeometricConfig,
+    planner: PlannerUse,
     table: &ActionTable,
     library: Option<&Path>,
 ) -> Result<Box<dyn Engine>, ModelError> {
     if let Some(Model { path, manifest, kind, .. }) = model {
         match kind {
             ModelKind::Learnt { bytes } => {
-                return Ok(Box::new(LearntEngine::load(path, bytes, manifest, table, library)?));
+                let network = Box::new(LearntEngine::load(path, bytes, manifest, table, library)?);
+                if planner == PlannerUse::Off {
+                    return Ok(network);
+                }
+                let geometric = GeometricEngine::new(config, table.clone());
+                return Ok(Box::new(PlannedEngine::new(network, geometric, planner)));
             }
             ModelKind::Geometric(tuning) => tuning.apply(&mut config),
         }

@@ -10,7 +10,7 @@ use guidance::{ActionTable, Beams, Evidence, HandlerBody};
 use guidedog_policies::{Expected, GeometricConfig, Model, ModelError, Pilot, Situation};
 use messages::{CueKind, ScanHeader};
 use onnx::{Network, bias, counting};
-use settings::PolicyModel;
+use settings::{PlannerUse, PolicyModel};
 use sha2::{Digest, Sha256};
 
 /// A folder of models.
@@ -42,7 +42,13 @@ fn pilot(path: &Path) -> Result<Pilot, ModelError> {
     let table = ActionTable::eight();
     let model = Model::load(path, &Expected { table: table.clone(), dt_ns: 500_000_000 })?;
     let library = library();
-    Ok(Pilot::new(guidedog_policies::engine(Some(&model), GeometricConfig::default(), &table, library.as_deref())?))
+    Ok(Pilot::new(guidedog_policies::engine(
+        Some(&model),
+        GeometricConfig::default(),
+        PlannerUse::Off,
+        &table,
+        library.as_deref(),
+    )?))
 }
 
 /// Decides in an empty hall.
@@ -154,7 +160,13 @@ fn the_shipped_policy_fits_this_build_and_walks_where_it_is_free() {
     let model = Model::named(&PolicyModel::Guide, &expected).expect("fits").expect("a model");
     assert!(model.manifest.trained.is_some());
     let library = library();
-    let engine = guidedog_policies::engine(Some(&model), GeometricConfig::default(), &table, library.as_deref());
+    let engine = guidedog_policies::engine(
+        Some(&model),
+        GeometricConfig::default(),
+        PlannerUse::Off,
+        &table,
+        library.as_deref(),
+    );
     let mut pilot = Pilot::new(engine.expect("loads"));
     let decided = decide(&mut pilot, CueKind::Forward, true, Se2::identity());
     assert!((decided.iter().sum::<f32>() - 1.0).abs() < 1e-3 && decided[ActionTable::STOP] < 0.5, "{decided:?}");
@@ -170,7 +182,7 @@ fn a_library_that_is_not_there_is_named() {
     let table = ActionTable::eight();
     let model = Model::load(&path, &Expected { table: table.clone(), dt_ns: 500_000_000 }).expect("fits");
     let nowhere = Some(Path::new("/nowhere/libonnxruntime.so"));
-    let error = guidedog_policies::engine(Some(&model), GeometricConfig::default(), &table, nowhere);
+    let error = guidedog_policies::engine(Some(&model), GeometricConfig::default(), PlannerUse::Off, &table, nowhere);
     let error = error.err().map(|error| error.to_string()).expect("refused");
     let running = library().map_or_else(|| "tract".to_owned(), |path| path.display().to_string());
     assert!(error.contains(&format!("runs its models by {running} already")), "{error}");

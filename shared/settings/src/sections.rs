@@ -36,7 +36,7 @@ pub use lidar::*;
 pub use locomotion::*;
 pub use max_age::MaxAge;
 pub use odometry::*;
-pub use policy::{ActionTableName, PolicyModel, PolicySettings, SwapSettings};
+pub use policy::{ActionTableName, PlannerUse, PolicyModel, PolicySettings, SwapSettings};
 pub use robot::{Origin, Response, Robot};
 pub use shield::{Choice, FloorSettings, MemorySettings, ShieldSettings, StepMaxSettings};
 pub(crate) use speak::check as check_speak;

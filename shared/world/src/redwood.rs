@@ -33,6 +33,8 @@ const GRID: [f32; 2] = [640.0, 480.0];
 /// One standard deviation of the disparity, and of the place that is read, pixels of that image.
 const DISPARITY_SIGMA: f32 = 0.027_778;
 const PLACE_SIGMA_PX: f32 = 0.25;
+/// No jitter is greater, standard deviations: see [`crate::noise::normals`].
+const NORMAL_MAX: f32 = 6.0;
 /// Farther is not seen, metres.
 const FARTHEST_M: f32 = 10.0;
 
@@ -42,6 +44,8 @@ pub(crate) struct Redwood {
     intensity: f32,
     width: usize,
     height: usize,
+    /// Its pixels are so coarse that each of them reads itself, however it is jittered.
+    reads_itself: bool,
     /// For each pixel 1, or 0 where it says nothing.
     says: Vec<u32>,
     /// For each of the depths the distortion of each pixel.
@@ -55,10 +59,13 @@ pub(crate) struct Redwood {
 impl Redwood {
     /// A camera of this resolution.
     pub(crate) fn new(intensity: f64, width: usize, height: usize, seed: u64) -> Self {
+        let most_px = PLACE_SIGMA_PX * intensity as f32 * NORMAL_MAX;
+        let sides = [Neighbours::of(width, GRID[0]), Neighbours::of(height, GRID[1])];
         let mut redwood = Self {
             intensity: intensity as f32,
             width,
             height,
+            reads_itself: sides.iter().all(|side| side.reads_itself(most_px)),
             says: vec![0; width * height],
             factors: std::array::from_fn(|_| vec![1.0; width * height]),
             clean: Vec::new(),
@@ -105,6 +112,11 @@ impl Redwood {
 
     /// Which depths a row's pixels read.
     fn read_neighbours(&mut self, row: usize, aside: &[f32], above: &[f32]) {
+        if self.reads_itself {
+            let own = &self.clean[row * self.width..][..self.width];
+            self.read_m.iter_mut().zip(own).for_each(|(depth_m, mm)| *depth_m = f32::from(*mm) * 0.001);
+            return;
+        }
         let sigma_px = PLACE_SIGMA_PX * self.intensity;
         let (across, down) = (Neighbours::of(self.width, GRID[0]), Neighbours::of(self.height, GRID[1]));
         for (column, ((depth_m, dx), dy)) in self.read_m.iter_mut().zip(aside).zip(above).enumerate() {
@@ -148,6 +160,11 @@ struct Neighbours {
 impl Neighbours {
     fn of(pixels: usize, grid: f32) -> Self {
         Self { last: pixels - 1, edge: grid - 1.0, step: grid / pixels as f32 }
+    }
+
+    /// Whether each pixel reads itself, wherever within `off` of its middle it reads.
+    fn reads_itself(&self, off: f32) -> bool {
+        (0..=self.last).all(|at| [-off, off].iter().all(|off| self.read(at, *off) == at))
     }
 
     /// Every second pixel of the grid is read; `off` is in its pixels.

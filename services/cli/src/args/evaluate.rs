@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use settings::{Choice, PolicyModel};
+use settings::{Choice, PlannerUse, PolicyModel};
 
 use super::policy::policy_model;
 
@@ -42,6 +42,9 @@ pub struct EvaluateArgs {
     /// How an action is chosen among those that are left, in place of the configuration's
     #[arg(long, value_enum)]
     pub choice: Option<ChoiceArg>,
+    /// What the built-in planner does with what a network proposes, in place of the configuration's
+    #[arg(long, value_enum)]
+    pub planner: Option<PlannerArg>,
     /// Worlds, handlers, noise and draws follow from it
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
@@ -151,6 +154,27 @@ impl From<ChoiceArg> for Choice {
     }
 }
 
+/// See [`settings::PlannerUse`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PlannerArg {
+    /// Nothing: the network decides
+    Off,
+    /// It judges each action by where it leads
+    Judge,
+    /// It decides alone for some seconds where robot and handler make no progress
+    TakeOver,
+}
+
+impl From<PlannerArg> for PlannerUse {
+    fn from(given: PlannerArg) -> Self {
+        match given {
+            PlannerArg::Off => Self::Off,
+            PlannerArg::Judge => Self::Judge,
+            PlannerArg::TakeOver => Self::TakeOver,
+        }
+    }
+}
+
 /// Examples of `guidedog evaluate --help`.
 pub const HELP: &str = "\
 Examples:
@@ -159,6 +183,7 @@ Examples:
   guidedog evaluate --policy guide --tasks timing --pictures pictures
   guidedog evaluate --worlds floor.yaml --explain 20 --pictures tasks
   guidedog evaluate --worlds buildings --policy geometric --noise legged
+  guidedog evaluate --policy guide --planner off
   guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
   guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
   guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json

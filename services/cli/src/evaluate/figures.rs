@@ -43,6 +43,15 @@ pub fn add(report: &mut Value, outcomes: &[Outcome]) {
         "orientation_faced": ratio(reports().filter_map(|r| r.faces_line)),
         "all_unsafe": share(|r| r.all_unsafe),
         "unsafe_taken": share(|r| r.unsafe_taken),
+        // Who is to stand is not held.
+        "held": {
+            "policy": mean(going().map(|r| f64::from(r.held.policy))),
+            "lidar": mean(going().map(|r| f64::from(r.held.lidar))),
+            "camera": mean(going().map(|r| f64::from(r.held.camera))),
+            "memory": mean(going().map(|r| f64::from(r.held.memory))),
+            "contact": mean(going().map(|r| f64::from(r.held.contact))),
+            "floor": mean(going().map(|r| f64::from(r.held.floor))),
+        },
         "longest_freeze": mean(going().map(|r| f64::from(r.longest_freeze))),
         "longest_freeze_max": going().map(|r| r.longest_freeze).max(),
         "reward": of(|r| r.reward),
@@ -99,6 +108,12 @@ pub fn text(report: &Value) -> String {
         ("gain of collision-free", "/difference/collision_free", 3),
         ("change of distance, share", "/difference/distance_share", 4),
         ("longest freeze, mean, decisions", "/longest_freeze", 2),
+        ("decisions held by the policy", "/held/policy", 2),
+        ("  by what the lidar sees", "/held/lidar", 2),
+        ("  by what the camera sees", "/held/camera", 2),
+        ("  by what is remembered", "/held/memory", 2),
+        ("  by a contact before", "/held/contact", 2),
+        ("  by the floor", "/held/floor", 2),
     ];
     lines.extend(rows.into_iter().filter_map(|(name, at, digits)| row(name, at, digits)));
     let us = |key: &str| number(report, &format!("/decision_us/{key}"));

@@ -17,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
-use settings::{Choice, HandlerModel, PolicyModel, Profile, Settings};
+use settings::{Choice, HandlerModel, PlannerUse, PolicyModel, Profile, Settings};
 use sha2::{Digest as _, Sha256};
 use world::{FloorPlan, GeneratorConfig};
 
@@ -163,6 +163,7 @@ fn word(choice: &impl clap::ValueEnum) -> Option<String> {
 /// What all episodes have in common.
 struct Evaluation {
     choice: Choice,
+    planner: PlannerUse,
     settings: Settings,
     config: Arc<Config>,
     model: Option<Model>,
@@ -176,14 +177,18 @@ impl Evaluation {
         let model = crate::prepare::model(&args.policy, &settings)?;
         let config = Arc::new(config(args, &settings)?);
         let choice = args.choice.map_or(settings.shield.choice, Into::into);
-        Ok(Self { choice, settings, config, model })
+        let planner = args.planner.map_or(settings.policy.planner, Into::into);
+        Ok(Self { choice, planner, settings, config, model })
     }
 
-    fn pilot(&self) -> Result<Pilot, Failure> {
+    /// A pilot for episodes with that suppression factor. Without a shield no planner asks one.
+    fn pilot(&self, beta: f64) -> Result<Pilot, Failure> {
         let table = self.settings.policy.actions.table();
-        let geometric = GeometricConfig::of(&self.settings).map_err(Failure::of_input)?;
+        let mut geometric = GeometricConfig::of(&self.settings).map_err(Failure::of_input)?;
+        geometric.shield = geometric.shield.filter(|_| beta < 1.0);
         let library = self.settings.policy.onnx_runtime.as_deref();
-        let engine = policies::engine(self.model.as_ref(), geometric, &table, library).map_err(Failure::of_input)?;
+        let engine = policies::engine(self.model.as_ref(), geometric, self.planner, &table, library)
+            .map_err(Failure::of_input)?;
         Ok(Pilot::new(engine))
     }
 
@@ -201,6 +206,7 @@ impl Evaluation {
             "tasks": word(&args.tasks),
             "camera": args.camera,
             "choice": self.choice,
+            "planner": self.planner,
             "seed": args.seed,
             "settings_sha256": serde_json::to_vec(&self.settings).ok().map(|text| sha256(&text)),
         });
@@ -248,7 +254,7 @@ impl Evaluation {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
         let way = Way { beta, choice: self.choice, traced: false };
-        let pilots = (0..workers).map(|_| self.pilot()).collect::<Result<Vec<_>, _>>()?;
+        let pilots = (0..workers).map(|_| self.pilot(beta)).collect::<Result<Vec<_>, _>>()?;
         let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
         let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
             let mut episode = self.episode()?;
@@ -285,7 +291,7 @@ impl Evaluation {
             let report = &outcomes[*number].report;
             report.collisions > 0 || !report.success
         };
-        let (mut episode, mut pilot) = (self.episode()?, self.pilot()?);
+        let (mut episode, mut pilot) = (self.episode()?, self.pilot(args.beta_test)?);
         let way = Way { beta: args.beta_test, choice: self.choice, traced: true };
         let numbers = 0..outcomes.len();
         let first = numbers.clone().take(PICTURES).map(|number| ("first", number));

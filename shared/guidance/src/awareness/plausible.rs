@@ -1,7 +1,7 @@
 //! What no age tells: a sensor that sends the same bytes again and again, and scans that cannot follow one another.
 
 use crate::scan::{BeamKind, Beams};
-use crate::se2::{Se2, about_bearing_rad};
+use crate::se2::{Point, Se2, about_bearing_rad};
 
 /// Who moved this far since the first of the equal frames sees something else, metres,
 const MOVED_M: f64 = 0.03;
@@ -81,29 +81,34 @@ type Sectors = [f64; SECTORS];
 /// Whether scans can follow one another: a lidar whose scale is suddenly another sees nothing where it was.
 #[derive(Debug, Clone, Default)]
 pub struct Succession {
-    /// The last scan that was accepted, in the robot frame of then, and where the robot was.
-    last: Option<(Beams, Se2)>,
-    moved: Beams,
+    /// Where the robot was when the last scan that was accepted was taken; none yet.
+    odom_from_then: Option<Se2>,
+    /// Where its beams ended on something, in the robot frame of then.
+    ends: Vec<Point>,
 }
 
 /// The nearest thing in each direction from the robot; infinite where none is.
-fn sectors(beams: &Beams) -> Sectors {
+fn sectors(ends: impl Iterator<Item = Point>) -> Sectors {
     let mut nearest = [f64::INFINITY; SECTORS];
-    for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit) {
-        let share = (about_bearing_rad(beam.end.coords) / std::f64::consts::TAU).rem_euclid(1.0);
+    for end in ends {
+        let share = (about_bearing_rad(end.coords) / std::f64::consts::TAU).rem_euclid(1.0);
         let sector = &mut nearest[((share * SECTORS as f64) as usize).min(SECTORS - 1)];
-        *sector = sector.min(beam.end.coords.norm());
+        *sector = sector.min(end.coords.norm());
     }
     nearest
+}
+
+fn hits(beams: &Beams) -> impl Iterator<Item = Point> {
+    beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit).map(|beam| beam.end)
 }
 
 impl Succession {
     /// Whether a scan, in the robot frame of its stamp, contradicts the last accepted one wholesale. One that does not
     /// takes its place. The robot was at `odom_from_robot` at that stamp.
     pub fn contradicts(&mut self, beams: &Beams, odom_from_robot: &Se2) -> bool {
-        if let Some((last, odom_from_then)) = &self.last {
-            last.seen_from(&(odom_from_robot.inverse() * odom_from_then), &mut self.moved);
-            let (now, then) = (sectors(beams), sectors(&self.moved));
+        if let Some(odom_from_then) = &self.odom_from_then {
+            let now_from_then = odom_from_robot.inverse() * odom_from_then;
+            let (now, then) = (sectors(hits(beams)), sectors(self.ends.iter().map(|end| now_from_then * end)));
             let both = || now.iter().zip(&then).filter(|(now, then)| now.is_finite() && then.is_finite());
             let differ =
                 both().filter(|(now, then)| (*now - *then).abs() > NEAR_M + NEAR_SHARE * now.min(**then)).count();
@@ -112,20 +117,15 @@ impl Succession {
                 return true;
             }
         }
-        match &mut self.last {
-            Some((last, odom_from_then)) => {
-                // Copied, into what is there already.
-                beams.seen_from(&Se2::identity(), last);
-                *odom_from_then = *odom_from_robot;
-            }
-            None => self.last = Some((beams.clone(), *odom_from_robot)),
-        }
+        self.odom_from_then = Some(*odom_from_robot);
+        self.ends.clear();
+        self.ends.extend(hits(beams));
         false
     }
 
     /// What was seen has no place any more.
     pub fn lose_place(&mut self) {
-        self.last = None;
+        self.odom_from_then = None;
     }
 }
 

@@ -100,12 +100,26 @@ impl ActionTableName {
     }
 }
 
+/// What the built-in planner does with what a network proposes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum PlannerUse {
+    /// Nothing: the network decides.
+    Off,
+    /// It judges each action by where it leads.
+    Judge,
+    /// It decides alone for some seconds where robot and handler make no progress.
+    TakeOver,
+}
+
 /// The policy.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
     /// What decides.
     pub model: PolicyModel,
+    /// What the built-in planner does with what a network proposes.
+    pub planner: PlannerUse,
     /// Which actions.
     pub actions: ActionTableName,
     /// Decision period.
@@ -120,6 +134,7 @@ impl Default for PolicySettings {
     fn default() -> Self {
         Self {
             model: PolicyModel::Guide,
+            planner: PlannerUse::Judge,
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
             onnx_runtime: None,
