@@ -40,6 +40,9 @@ const POSE_MAX_M: f64 = 1e6;
 const STOP_M: f64 = 1e3;
 const UNSAFE_M: f64 = 1e4;
 const UNSEEN_M: f64 = 1e5;
+/// A way out of a wedge costs so much less than to stop, metres; and takes away no more room than this, metres.
+const WAY_OUT_M: f64 = 100.0;
+const SAME_ROOM_M: f64 = 0.005;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -224,14 +227,18 @@ impl GeometricEngine {
         let cost = CostToGo::spread(&window, &goal.seeds, place);
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
+        self.ask_shield(observation);
         let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams);
-        self.heed_shield(observation, &mut costs);
+        // What leads over floor that was not seen comes last: another action looks there first.
+        for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
+            *cost += if judged.cause == UnsafeCause::FloorUnseen { UNSEEN_M } else { 0.0 };
+        }
         Some(costs)
     }
 
-    /// Puts the actions that the shield forbids behind to stop, and behind those what leads over floor that was not
-    /// seen: another one looks there first.
-    fn heed_shield(&mut self, observation: &Observation, costs: &mut [f64; MAX_ACTIONS]) {
+    /// What the shield says of each action; nothing where there is none to ask.
+    fn ask_shield(&mut self, observation: &Observation) {
+        self.judgements.clear();
         let Some((shield, (evidence, body))) = self.shield.as_mut().zip(observation.shield) else { return };
         let (team, robot_from_handler) = (&self.team, &self.robot_from_handler);
         let motions = self.table.actions().iter().map(|action| {
@@ -239,13 +246,6 @@ impl GeometricEngine {
             Motion::new(motion, motion * team.follow(&motion, robot_from_handler))
         });
         shield.judge_motions(motions, evidence, body, &mut self.judgements);
-        for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
-            if judged.cause == UnsafeCause::FloorUnseen {
-                *cost += UNSEEN_M;
-            } else if !judged.safe {
-                *cost = cost.max(UNSAFE_M);
-            }
-        }
     }
 
     /// Moves the handler and the history along with the robot's pose.
@@ -295,31 +295,53 @@ impl GeometricEngine {
         walked > 0.6 && size(first.inverse() * last) < 0.3 * walked
     }
 
-    /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not.
+    /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not. Where no
+    /// action leaves the room that is wished for, the look ahead is content with what the shield demands; where there is
+    /// no way even then, what does not take room away is better than to stop.
     fn weigh(&self, window: &Window, cost: &CostToGo, facing_rad: f64, beams: &Beams) -> [f64; MAX_ACTIONS] {
-        let scene = Scene {
-            window,
-            cost,
-            facing_rad,
-            team: &self.team,
-            table: &self.table,
-            reserve_m: self.config.reserve_m + 2.0 * beams.sigma_m,
-            last_motion: self.last_motion,
-            unrest: self.unrest,
+        let worth_with = |reserve_m: f64| {
+            let scene = Scene {
+                window,
+                cost,
+                facing_rad,
+                team: &self.team,
+                table: &self.table,
+                reserve_m,
+                last_motion: self.last_motion,
+                unrest: self.unrest,
+            };
+            scene.worth(&self.odom_from_robot, &self.robot_from_handler)
         };
-        let worth = scene.worth(&self.odom_from_robot, &self.robot_from_handler);
+        let has_way = |worth: &[Option<f64>]| worth.iter().any(Option::is_some);
+        let wished = worth_with(self.config.reserve_m + 2.0 * beams.sigma_m);
+        let worth = if has_way(&wished) { wished } else { worth_with(0.0) };
+        let is_wedged = !has_way(&worth);
         let margins_m = self.margins_m(window);
         let mut costs = [f64::INFINITY; MAX_ACTIONS];
         for (action, worth) in worth.into_iter().enumerate() {
+            // Without a shield to ask, what is known of obstacles decides.
+            let is_forbidden = self.judgements.get(action).map_or(margins_m[action] <= 0.0, |judged| !judged.safe);
             costs[action] = match worth {
                 _ if action == ActionTable::STOP => STOP_M,
-                Some(cost_m) if margins_m[action] > 0.0 => cost_m,
-                // The shield may allow it all the same: the roomier, the sooner.
-                _ if margins_m[action] > 0.0 => 2.0 * STOP_M - margins_m[action],
-                _ => UNSAFE_M - margins_m[action],
+                _ if is_forbidden => UNSAFE_M - margins_m[action],
+                Some(cost_m) => cost_m,
+                None if is_wedged => self.way_out(window, action),
+                // The roomier, the sooner.
+                None => 2.0 * STOP_M - margins_m[action],
             };
         }
         costs
+    }
+
+    /// The cost of an action of a team that is wedged: less than to stop where it takes no room away, and the less, the
+    /// more room it makes.
+    fn way_out(&self, window: &Window, action: usize) -> f64 {
+        let (robot, handler) = (&self.odom_from_robot, &self.robot_from_handler);
+        let motion = self.table.actions()[action].start_from_end();
+        let room_m = |robot: &Se2, handler: &Se2| self.team.room_m(window, &self.team.discs(robot, handler));
+        let (before_m, after_m) =
+            (room_m(robot, handler), room_m(&(robot * motion), &self.team.follow(&motion, handler)));
+        if after_m > before_m - SAME_ROOM_M { STOP_M - WAY_OUT_M - after_m } else { 2.0 * STOP_M - after_m }
     }
 
     /// For each action, the room that the shield would find, metres: from its hull to the nearest obstacle known.

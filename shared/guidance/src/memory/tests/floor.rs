@@ -180,3 +180,20 @@ fn a_robot_whose_place_is_lost_keeps_the_floor_and_the_edges_about_it() {
     let edges = bench.memory.edges();
     assert!(edges.iter().any(|edge| (0.7..0.9).contains(&edge.place.x) && edge.uncertainty_m >= 0.1), "{edges:?}");
 }
+
+#[test]
+fn a_pair_is_not_held_for_good_by_the_floor_it_stands_over() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees_handler = true;
+    bench.sees(0, 0.0, flat);
+    // The camera is covered from there on; they go on and come back, and what it saw is let go.
+    (1..=31).for_each(|step| bench.sees_nothing(200 * step, 0.1 * step as f64));
+    // They turn to and fro there, until drift has taken away what they trod on.
+    (1..=80).for_each(|turn| bench.turns(10_000 + 500 * turn, 0.35 * (turn % 2) as f64));
+    let between = Point::new(-0.4, -0.2);
+    assert!(floor(&bench, between.x, between.y) != Floor::Seen && !bench.memory.has_floor_near(between, 0.5));
+    let turned = bench.judge(Pose2::new(0.0, 0.0, 0.02));
+    assert!(turned.safe, "no part of them comes to new floor: {turned:?}");
+    let ahead = bench.judge(FORWARD);
+    assert_eq!((ahead.safe, ahead.cause), (false, UnsafeCause::FloorUnseen), "{ahead:?}");
+}
