@@ -314,7 +314,8 @@ pub enum Outcome {
     Granted,
     /// Judged: the action drawn is stop, which needs no permit.
     Stop,
-    /// Judged: the shield leaves no action but stop (hold). The cause is that of the motion that the policy wanted most.
+    /// Judged: the shield leaves no action but stop (hold). The cause is that of the motion that the policy wanted
+    /// most.
     AllUnsafe,
     /// Judged: the running action is no longer free (hold until the next decision).
     RemainderUnsafe,

@@ -295,9 +295,9 @@ impl GeometricEngine {
         walked > 0.6 && size(first.inverse() * last) < 0.3 * walked
     }
 
-    /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not. Where no
-    /// action leaves the room that is wished for, the look ahead is content with what the shield demands; where there is
-    /// no way even then, what does not take room away is better than to stop.
+    /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not. Where
+    /// no action leaves the room that is wished for, the look ahead is content with what the shield demands. Where
+    /// there is no way even then, what does not take room away is better than to stop.
     fn weigh(&self, window: &Window, cost: &CostToGo, facing_rad: f64, beams: &Beams) -> [f64; MAX_ACTIONS] {
         let worth_with = |reserve_m: f64| {
             let scene = Scene {

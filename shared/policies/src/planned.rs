@@ -1,9 +1,9 @@
 //! A network proposes, and the planner judges.
 //!
-//! The planner is the geometric engine: it looks eight actions ahead with robot and handler, by the interaction model,
-//! on the remembered map, and asks the shield of every first action. A network knows what mostly comes of an action; the
-//! planner knows where this one leads to. Measured on floor plans, both together are better than either
-//! (docs/evaluation.md). The network can be swapped; the planner is built in, and its time is bounded.
+//! The planner is the geometric engine: it looks eight actions ahead with robot and handler, by the interaction
+//! model, on the remembered map, and asks the shield of every first action. A network knows what mostly comes of an
+//! action; the planner knows where this one leads to. docs/evaluation.md has what each does alone and what both do
+//! together. The network can be swapped; the planner is built in, and its time is bounded.
 
 use std::collections::VecDeque;
 

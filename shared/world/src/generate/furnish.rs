@@ -20,6 +20,10 @@ const LEAST_M: f64 = 0.12;
 const CLOTH_M: f64 = 0.06;
 const LEAF_M: f64 = 0.85;
 const LEAF_THICK_M: f64 = 0.04;
+/// Depth of a radiator and of a bench; radius of a fire extinguisher, metres.
+const RADIATOR_M: f64 = 0.15;
+const BENCH_M: f64 = 0.5;
+const EXTINGUISHER_M: f64 = 0.085;
 
 /// Which things stand along a course.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -95,7 +99,7 @@ fn thing(
     let at_wall = |depth_m: f64| beside(course, way_m, wall_m - side * depth_m / 2.0);
     let cuboid = |z: [f64; 2]| Some(Prism::cuboid(at_wall(depth_m), [length_m, depth_m], yaw_rad, z));
     let kind = match kinds {
-        Kinds::Usual => random.random_range(0..10),
+        Kinds::Usual => random.random_range(0..10_u32),
         Kinds::OfBuildings => random.random_range(0..18),
     };
     match kind {
@@ -114,24 +118,7 @@ fn thing(
                 Prism::cuboid(at_wall(depth_m), [CLOTH_M, depth_m], yaw_rad, [between(random, [0.05, 0.3]), 2.2]);
             Some(hung)
         }
-        // A radiator, a bench, a fire extinguisher, a bin.
-        10..=12 => Some(Prism::cuboid(
-            at_wall(depth_m.min(0.15)),
-            [between(random, [0.5, 1.4]), depth_m.min(0.15)],
-            yaw_rad,
-            [0.1, between(random, [0.5, 0.9])],
-        )),
-        13..=14 => {
-            let z = if random.random_bool(0.5) { [0.0, 0.45] } else { [0.38, 0.45] };
-            Some(Prism::cuboid(at_wall(depth_m.min(0.5)), [between(random, [0.8, 1.4]), depth_m.min(0.5)], yaw_rad, z))
-        }
-        15..=16 => {
-            Some(Prism::pillar(at_wall(0.17), 0.085, [between(random, [0.0, 0.5]), between(random, [0.6, 1.1])]))
-        }
-        17 => {
-            let radius_m = (depth_m / 2.0).min(0.22);
-            Some(Prism::pillar(at_wall(2.0 * radius_m), radius_m, [0.0, between(random, [0.3, 0.8])]))
-        }
+        10.. => Some(of_building(kind, at_wall, depth_m, yaw_rad, random)),
         // A door's leaf, ajar.
         _ => {
             let (out_m, hinge) = (depth_m.min(LEAF_M), Point::new(0.0, wall_m));
@@ -140,6 +127,31 @@ fn thing(
             let middle = course.line.at(way_m) * (hinge + leaf / 2.0);
             let leaf_yaw_rad = yaw_rad + leaf.y.atan2(leaf.x);
             Some(Prism::cuboid(middle, [LEAF_M, LEAF_THICK_M], leaf_yaw_rad, [0.0, 2.05]))
+        }
+    }
+}
+
+/// A radiator, a bench, a fire extinguisher or a bin, at a wall. `at_wall` gives the middle of a thing of that depth.
+fn of_building(kind: u32, at_wall: impl Fn(f64) -> Point, room_m: f64, yaw_rad: f64, random: &mut ChaCha8Rng) -> Prism {
+    match kind {
+        10..=12 => {
+            let (depth_m, long_m) = (room_m.min(RADIATOR_M), between(random, [0.5, 1.4]));
+            let z = [0.1, between(random, [0.5, 0.9])];
+            Prism::cuboid(at_wall(depth_m), [long_m, depth_m], yaw_rad, z)
+        }
+        13..=14 => {
+            let (depth_m, long_m) = (room_m.min(BENCH_M), between(random, [0.8, 1.4]));
+            // On a plinth or on legs.
+            let z = if random.random_bool(0.5) { [0.0, 0.45] } else { [0.38, 0.45] };
+            Prism::cuboid(at_wall(depth_m), [long_m, depth_m], yaw_rad, z)
+        }
+        15..=16 => {
+            let z = [between(random, [0.0, 0.5]), between(random, [0.6, 1.1])];
+            Prism::pillar(at_wall(2.0 * EXTINGUISHER_M), EXTINGUISHER_M, z)
+        }
+        _ => {
+            let radius_m = (room_m / 2.0).min(0.22);
+            Prism::pillar(at_wall(2.0 * radius_m), radius_m, [0.0, between(random, [0.3, 0.8])])
         }
     }
 }
