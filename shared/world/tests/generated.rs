@@ -129,16 +129,22 @@ fn an_opening_is_asked_for_until_its_far_edge_is_passed() {
     }
 }
 
-/// The cells of 0.1 m that a disc of that radius comes to from a place, by whole numbers of them.
+/// Side of a cell, metres.
+const CELL_M: f64 = 0.05;
+
+fn middle_of((i, j): (i32, i32)) -> Point {
+    Point::new(CELL_M * f64::from(i), CELL_M * f64::from(j))
+}
+
+/// The cells that a disc of that radius comes to from a place.
 fn reached(world: &World, from: Point, radius_m: f64) -> std::collections::HashSet<(i32, i32)> {
-    let place = |(i, j): (i32, i32)| Point::new(0.1 * f64::from(i), 0.1 * f64::from(j));
-    let start = ((from.x / 0.1).round() as i32, (from.y / 0.1).round() as i32);
+    let start = ((from.x / CELL_M).round() as i32, (from.y / CELL_M).round() as i32);
     let (mut reached, mut open) = (std::collections::HashSet::from([start]), vec![start]);
     while let Some((i, j)) = open.pop() {
         for next in [(i + 1, j), (i - 1, j), (i, j + 1), (i, j - 1)] {
-            let is_free = || world.clearance(place(next), TALL, radius_m) >= radius_m;
+            let is_free = || world.clearance(middle_of(next), TALL, radius_m) >= radius_m;
             // Who comes so far has come out of the world.
-            assert!(reached.len() < 20_000, "there is a gap in the walls");
+            assert!(reached.len() < 80_000, "there is a gap in the walls");
             if !reached.contains(&next) && is_free() {
                 reached.insert(next);
                 open.push(next);
@@ -150,8 +156,8 @@ fn reached(world: &World, from: Point, radius_m: f64) -> std::collections::HashS
 
 #[test]
 fn two_side_by_side_come_everywhere_in_a_corridor_like_those_of_buildings() {
-    // Half of what robot and handler need side by side, and what a grid of 0.1 m costs.
-    let radius_m = 0.49 + 0.05;
+    // Half of what robot and handler need side by side, and half a cell.
+    let radius_m = 0.49 + CELL_M / 2.0;
     let (mut ways, mut shut) = (0, Vec::new());
     for seed in 0..300 {
         let site = generate(&GeneratorConfig::of_buildings(), seed);
@@ -164,8 +170,7 @@ fn two_side_by_side_come_everywhere_in_a_corridor_like_those_of_buildings() {
         };
         let reached = reached(world, at(&course.line, from_m), radius_m);
         let comes_to = |place: Point| {
-            let away_m =
-                |cell: &(i32, i32)| (Point::new(0.1 * f64::from(cell.0), 0.1 * f64::from(cell.1)) - place).norm();
+            let away_m = |cell: &(i32, i32)| (middle_of(*cell) - place).norm();
             reached.iter().map(away_m).fold(f64::INFINITY, f64::min) < 0.8
         };
         if !comes_to(at(&course.line, length_m - 0.8)) {

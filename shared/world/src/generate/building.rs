@@ -286,7 +286,7 @@ fn draw_leaf(random: &mut ChaCha8Rng) -> Option<Leaf> {
     let open_rad = match random.random_range(0..10) {
         0..=1 => return None,
         2..=3 => between(random, [0.5, 1.2]),
-        _ => between(random, [FRAC_PI_2 - 0.1, FRAC_PI_2 + 0.6]),
+        _ => between(random, [FRAC_PI_2, FRAC_PI_2 + 0.6]),
     };
     let hinge = if random.random_bool(0.5) { Side::Left } else { Side::Right };
     let seen_by = if random.random_bool(0.1) { SeenBy::Camera } else { SeenBy::Both };
