@@ -374,7 +374,9 @@ impl Gate {
             Outcome::Granted => {}
             Outcome::ActionEnded => return unusable(TopicId::PolicyAction),
             Outcome::Stop => return Err((StopReason::of(StopKind::PolicyStop), true)),
-            Outcome::AllUnsafe | Outcome::RemainderUnsafe => return Err((unsafe_reason(&permit), false)),
+            // Where to stop is free it may be gentle.
+            Outcome::AllUnsafe => return Err((unsafe_reason(&permit), permit.unsafe_mask & 1 == 0)),
+            Outcome::RemainderUnsafe => return Err((unsafe_reason(&permit), false)),
             Outcome::HandlerNotSeen => return sudden(StopKind::HandlerNotSeen),
             Outcome::NoAction | Outcome::NotInRun | Outcome::CueMismatch => return sudden(StopKind::NoPermit),
             Outcome::InvalidScan | Outcome::StaleScan => return unusable(TopicId::LidarScan),

@@ -388,7 +388,9 @@ impl Core {
         let here = Point::from(self.awareness.odom_from_robot().translation.vector);
         self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
         let Judgement { cause, place, .. } = running.judgement;
-        let Some(place) = place.filter(|_| cause.is_edge()) else {
+        // Before an edge beside the way nobody is asked: *forward* is no word for a step to the side.
+        let leads_ahead = self.config.table.actions()[action].velocity(1.0).vx_mps > 0.0;
+        let Some(place) = place.filter(|_| cause.is_edge() && leads_ahead) else {
             if let Some(waiting) = &mut self.waiting {
                 // The handler is told of something else meanwhile.
                 waiting.since_ns = None;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2};
-use guidance::shield::masked_at_edge;
+use guidance::shield::{leaves_only_stop, masked_at_edge};
 use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield};
 use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2, UnsafeCause};
 use rand::SeedableRng;
@@ -348,7 +348,9 @@ impl Episode {
             }
             _ => {}
         }
-        if taken == ActionTable::STOP && self.cue != CueKind::Stop && !self.track.must_stand(self.cue) {
+        // Without usable measurements nobody decides.
+        let is_to_move = self.cue != CueKind::Stop && !self.track.must_stand(self.cue);
+        if taken == ActionTable::STOP && is_to_move && !self.is_blind {
             let held_by = self.held_by(action);
             self.scenery.iter_mut().for_each(|scenery| scenery.score.held(held_by));
         }
@@ -359,14 +361,12 @@ impl Episode {
     /// Why the robot stands: the cause that forbids what the policy wants, or, where it wants to stand and nothing else
     /// is left, the cause that forbids the first motion; none: the policy stands although more is allowed.
     fn held_by(&self, wanted: usize) -> UnsafeCause {
-        let is_left = |action| self.unsafe_mask >> action & 1 == 0;
-        let mut motions = (0..self.velocities.len()).filter(|action| *action != ActionTable::STOP);
-        let asked = match wanted {
-            ActionTable::STOP if motions.clone().any(is_left) => return UnsafeCause::None,
-            ActionTable::STOP => motions.next(),
-            wanted => Some(wanted),
-        };
-        asked.and_then(|action| self.judgements.get(action)).map_or(UnsafeCause::None, |judgement| judgement.cause)
+        let stands = wanted == ActionTable::STOP;
+        if stands && !leaves_only_stop(self.unsafe_mask, self.velocities.len()) {
+            return UnsafeCause::None;
+        }
+        let asked = if stands { ActionTable::STOP + 1 } else { wanted };
+        self.judgements.get(asked).map_or(UnsafeCause::None, |judgement| judgement.cause)
     }
 
     /// Why a policy stands that has no way ahead: the floor, where it forbids every action that leads ahead.

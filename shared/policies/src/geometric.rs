@@ -65,7 +65,7 @@ pub struct GeometricConfig {
     pub memory_s: f64,
     /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
     pub reserve_m: f64,
-    /// How the shield judges; none: the engine does not ask where floor was not seen.
+    /// How the shield judges; none: the engine does not ask it.
     pub shield: Option<ShieldConfig>,
 }
 
@@ -193,8 +193,9 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// The cost of each action, metres: to the goal, by the best way that begins with it. Behind all that have such a
-    /// way comes to stop, and behind that what the shield forbids. Infinite for those that do not exist. `None`: stand.
+    /// The cost of each action, metres: to the goal, by the best way that begins with it. An action without such a way
+    /// costs more than to stop, and what the shield forbids costs more than that; a wedged team's way out costs less.
+    /// Infinite for an action that does not exist. `None`: stand.
     pub fn costs_m(&mut self, observation: &Observation) -> Option<[f64; MAX_ACTIONS]> {
         self.plan = Plan::Blind;
         if !believable(&observation.odom_from_robot) || !believable(&observation.start_from_robot) {
@@ -312,18 +313,23 @@ impl GeometricEngine {
             };
             scene.worth(&self.odom_from_robot, &self.robot_from_handler)
         };
-        let has_way = |worth: &[Option<f64>]| worth.iter().any(Option::is_some);
+        let margins_m = self.margins_m(window);
+        // Before an edge or a step the robot waits, and the handler is told: who wants to go on has to say so. Without
+        // a shield to ask, what is known of obstacles decides.
+        let forbids = |judged: &Judgement| !judged.safe && !judged.cause.is_edge();
+        let is_forbidden = |action: usize| self.judgements.get(action).map_or(margins_m[action] <= 0.0, forbids);
+        let has_way = |worth: &[Option<f64>]| {
+            let mut ways = worth.iter().enumerate().filter(|(_, worth)| worth.is_some());
+            ways.any(|(action, _)| !is_forbidden(action))
+        };
         let wished = worth_with(self.config.reserve_m + 2.0 * beams.sigma_m);
         let worth = if has_way(&wished) { wished } else { worth_with(0.0) };
         let is_wedged = !has_way(&worth);
-        let margins_m = self.margins_m(window);
         let mut costs = [f64::INFINITY; MAX_ACTIONS];
         for (action, worth) in worth.into_iter().enumerate() {
-            // Without a shield to ask, what is known of obstacles decides.
-            let is_forbidden = self.judgements.get(action).map_or(margins_m[action] <= 0.0, |judged| !judged.safe);
             costs[action] = match worth {
                 _ if action == ActionTable::STOP => STOP_M,
-                _ if is_forbidden => UNSAFE_M - margins_m[action],
+                _ if is_forbidden(action) => UNSAFE_M - margins_m[action],
                 Some(cost_m) => cost_m,
                 None if is_wedged => self.way_out(window, action),
                 // The roomier, the sooner.

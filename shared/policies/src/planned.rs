@@ -8,7 +8,7 @@
 use std::collections::VecDeque;
 
 use guidance::Se2;
-use messages::{CueKind, MAX_ACTIONS};
+use messages::MAX_ACTIONS;
 use settings::PlannerUse;
 
 use crate::geometric::{self, GeometricEngine};
@@ -20,8 +20,9 @@ const UNIT_M: f64 = 1.0 / 3.0;
 const COST_MAX_M: f64 = 12.0;
 /// A network rules nothing out altogether.
 const LEAST: f64 = 1e-6;
-/// A team that came less far than this in so many decisions makes no progress, metres.
+/// A team that came less far than this, and turned by less, in so many decisions makes no progress: metres, radians.
 const PROGRESS_M: f64 = 0.25;
+const PROGRESS_RAD: f64 = 0.5;
 const PROGRESS_DECISIONS: usize = 6;
 /// The planner then decides alone so many times.
 const TAKEN_OVER: usize = 12;
@@ -33,6 +34,7 @@ pub struct PlannedEngine {
     takes_over: bool,
     /// Where the robot was at the last decisions (odometry frame).
     places: VecDeque<Se2>,
+    odometry_incarnation: u32,
     taken_over: usize,
 }
 
@@ -41,36 +43,38 @@ impl PlannedEngine {
     #[must_use]
     pub fn new(network: Box<dyn Engine>, planner: GeometricEngine, planner_use: PlannerUse) -> Self {
         let takes_over = planner_use == PlannerUse::TakeOver;
-        Self { network, planner, takes_over, places: VecDeque::new(), taken_over: 0 }
+        Self { network, planner, takes_over, places: VecDeque::new(), odometry_incarnation: 0, taken_over: 0 }
     }
 
     /// Whether the planner decides alone, because the team makes no progress.
     fn is_taken_over(&mut self, situation: &Situation<'_>) -> bool {
-        if situation.cue_is_new {
+        if situation.cue_is_new || self.odometry_incarnation != situation.odometry_incarnation {
+            self.odometry_incarnation = situation.odometry_incarnation;
             self.places.clear();
             self.taken_over = 0;
         }
+        self.taken_over = self.taken_over.saturating_sub(1);
         let here = situation.odom_from_robot;
-        if self.places.len() == PROGRESS_DECISIONS {
-            let from = self.places.pop_front();
-            let came_m = from.map_or(f64::INFINITY, |from| (from.inverse() * here).translation.vector.norm());
-            if came_m < PROGRESS_M {
+        if self.places.len() == PROGRESS_DECISIONS
+            && let Some(from) = self.places.pop_front()
+        {
+            let came = from.inverse() * here;
+            if came.translation.vector.norm() < PROGRESS_M && came.rotation.angle().abs() < PROGRESS_RAD {
                 self.taken_over = TAKEN_OVER;
             }
         }
         self.places.push_back(here);
-        self.taken_over = self.taken_over.saturating_sub(1);
         self.taken_over > 0
     }
 }
 
 impl Engine for PlannedEngine {
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
-        let proposed = self.network.decide(situation)?;
-        // It remembers, so it looks at every decision.
+        // Both remember, so both look at every decision.
         let costs_m = self.planner.costs_m(&situation.into());
+        let proposed = self.network.decide(situation)?;
         let is_taken_over = self.is_taken_over(situation);
-        Ok(match costs_m.filter(|_| situation.cue != CueKind::Stop) {
+        Ok(match costs_m {
             // It sees no way: whether it has ended is the network's to say.
             None => proposed,
             Some(costs_m) if self.takes_over => {

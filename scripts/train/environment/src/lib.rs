@@ -64,7 +64,7 @@ fn base(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
 }
 
 fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
-    let mut config = base(options)?;
+    let (mut config, mut buildings) = (base(options)?, 0.0);
     for (key, value) in options.into_iter().flatten() {
         let key: String = key.extract()?;
         let text = || value.to_string();
@@ -86,13 +86,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
                     one_of(&key, &text(), &[("start", RewardMeasure::Start), ("line", RewardMeasure::Line)])?;
             }
             "maps" => config.places = Places::Plans(Arc::new(plans(&value)?), GeneratorConfig::default()),
-            "buildings" => {
-                let share = within(&key, &value, 1.0, "share")?;
-                match &mut config.places {
-                    Places::Generated(worlds) => worlds.buildings = share,
-                    _ => return Err(wrong("buildings is of generated worlds, and maps are given".to_owned())),
-                }
-            }
+            "buildings" => buildings = within(&key, &value, 1.0, "share")?,
             "memory" => {
                 let remembers = value.extract::<bool>();
                 let remembers = remembers.map_err(|_| wrong(format!("memory = {value} is neither True nor False")))?;
@@ -113,6 +107,11 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             "forbidden_penalty" => config.forbidden_penalty = number()?,
             _ => return Err(wrong(format!("there is no option \"{key}\""))),
         }
+    }
+    match &mut config.places {
+        Places::Generated(worlds) => worlds.buildings = buildings,
+        _ if buildings > 0.0 => return Err(wrong("buildings is a share of generated worlds, and maps are given")),
+        _ => {}
     }
     config.check_tasks().map_err(wrong)?;
     Ok(config)

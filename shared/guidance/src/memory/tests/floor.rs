@@ -197,3 +197,18 @@ fn a_pair_is_not_held_for_good_by_the_floor_it_stands_over() {
     let ahead = bench.judge(FORWARD);
     assert_eq!((ahead.safe, ahead.cause), (false, UnsafeCause::FloorUnseen), "{ahead:?}");
 }
+
+#[test]
+fn turn_by_turn_a_pair_does_not_come_round_over_floor_that_was_never_seen() {
+    let mut bench = Bench::watching(FOOTING);
+    bench.sees_handler = true;
+    bench.sees_nothing(0, 0.0);
+    let turn_rad = 10f64.to_radians();
+    let may_turn: Vec<bool> = (0..18)
+        .map(|turn| {
+            bench.turns(500 * (turn + 1), turn_rad * turn as f64);
+            bench.judge(Pose2::new(0.0, 0.0, turn_rad)).safe
+        })
+        .collect();
+    assert!(may_turn[0] && !may_turn.iter().all(|may| *may), "{may_turn:?}");
+}

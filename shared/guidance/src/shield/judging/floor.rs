@@ -45,9 +45,9 @@ impl Present<'_> {
             // The strip at the start is for going ahead. Aside it is as good as unseen.
             let is_strip = *floor == Floor::Assumed && !self.is_aside(*place, &way);
             let is_unseen = matches!(floor, Floor::Unseen | Floor::Assumed);
-            // What the present hull holds was judged when it came in. Drift and way take the memory of it away, and a
-            // pair that it held for good would be no safer.
-            let is_under = from_here_m <= 0.0;
+            // What lies so deep in the present hull was judged when it came there. Way and drift take the memory of it
+            // away, and it would hold them for good.
+            let is_under = from_here_m <= needed_m;
             let is_assumed = is_strip || is_unseen && (is_under || may_assume() && self.is_near_seen(*place));
             let is_left = *floor == Floor::Beyond && from_here_m < edge_m && !self.gets_closer(*place, motion);
             if is_assumed || is_left {
