@@ -134,7 +134,7 @@ impl Default for PolicySettings {
     fn default() -> Self {
         Self {
             model: PolicyModel::Guide,
-            planner: PlannerUse::Judge,
+            planner: PlannerUse::Off,
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
             onnx_runtime: None,
