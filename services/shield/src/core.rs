@@ -78,7 +78,7 @@ struct Running {
     unsafe_mask: u32,
     /// What the draw came to: [`Outcome::Granted`], stop, all unsafe, or why there was none.
     drawn: Outcome,
-    /// Of the action drawn; of the most probable one where all were unsafe.
+    /// Of the action drawn; of the motion that the policy wanted most where only stop was left.
     judgement: Judgement,
     begin_ns: u64,
     odom_from_begin: Se2,
@@ -388,8 +388,8 @@ impl Core {
         let here = Point::from(self.awareness.odom_from_robot().translation.vector);
         self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
         let Judgement { cause, place, .. } = running.judgement;
-        // Before an edge beside the way nobody is asked: *forward* is no word for a step to the side.
-        let leads_ahead = self.config.table.actions()[action].velocity(1.0).vx_mps > 0.0;
+        // The handler is asked about edges ahead alone: *forward* does not allow a step to the side.
+        let leads_ahead = self.config.table.actions()[action].leads_ahead();
         let Some(place) = place.filter(|_| cause.is_edge() && leads_ahead) else {
             if let Some(waiting) = &mut self.waiting {
                 // The handler is told of something else meanwhile.

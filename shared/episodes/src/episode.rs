@@ -348,7 +348,7 @@ impl Episode {
             }
             _ => {}
         }
-        // Without usable measurements nobody decides.
+        // Without usable measurements the robot stands, whatever the policy wants.
         let is_to_move = self.cue != CueKind::Stop && !self.track.must_stand(self.cue);
         if taken == ActionTable::STOP && is_to_move && !self.is_blind {
             let held_by = self.held_by(action);
@@ -358,8 +358,8 @@ impl Episode {
         self.count_stop(why, taken);
     }
 
-    /// Why the robot stands: the cause that forbids what the policy wants, or, where it wants to stand and nothing else
-    /// is left, the cause that forbids the first motion; none: the policy stands although more is allowed.
+    /// Why the robot stands: the cause that forbids what the policy wants. Where the policy wants to stand, and nothing
+    /// else is left, it is the cause that forbids the first motion. None: the policy stands although more is allowed.
     fn held_by(&self, wanted: usize) -> UnsafeCause {
         let stands = wanted == ActionTable::STOP;
         if stands && !leaves_only_stop(self.unsafe_mask, self.velocities.len()) {
@@ -374,7 +374,7 @@ impl Episode {
         if self.cue == CueKind::Stop || self.track.must_stand(self.cue) {
             return UnsafeCause::None;
         }
-        let ahead = self.velocities.iter().zip(&self.judgements).filter(|(velocity, _)| velocity.vx_mps > 0.0);
+        let ahead = self.config.table.actions().iter().zip(&self.judgements).filter(|(action, _)| action.leads_ahead());
         let mut causes = ahead.map(|(_, judgement)| judgement.cause);
         let first = causes.next().unwrap_or_default();
         causes.fold(first, |why, cause| if cause.is_floor() && why.is_floor() { why } else { UnsafeCause::None })

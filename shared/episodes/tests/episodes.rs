@@ -281,3 +281,29 @@ fn who_errs_and_never_comes_so_far_has_not_put_it_right() {
     }
     assert!(told.iter().all(|count| *count > 3), "{told:?}");
 }
+
+#[test]
+fn what_holds_a_robot_that_stands_is_counted() {
+    let bare = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, ..GeneratorConfig::default() };
+    let cues = vec![(CueKind::Forward, 1.0)];
+    let config = Config { cues, places: Places::Generated(bare), ..config(Noise::Ideal) };
+    let mut episode = Episode::new(Arc::new(config)).expect("sensors");
+    let (stop, forward) = (ActionTable::STOP, 1);
+    // The policy wants to stand all the time. Then another one wants to go on, into the wall at the end.
+    episode.begin(3);
+    (0..10).for_each(|_| {
+        episode.wants(stop, stop);
+        episode.step(stop);
+    });
+    let held = episode.report().held;
+    assert_eq!((held.policy, held.lidar, held.floor), (10, 0, 0), "{held:?}");
+    episode.begin(3);
+    for _ in 0..100 {
+        let is_forbidden = episode.unsafe_mask() >> forward & 1 == 1;
+        let taken = if is_forbidden { stop } else { forward };
+        episode.wants(forward, taken);
+        episode.step(taken);
+    }
+    let held = episode.report().held;
+    assert!(held.policy == 0 && held.lidar > 10, "{held:?}");
+}

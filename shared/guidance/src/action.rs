@@ -24,6 +24,12 @@ impl Action {
         se2(self.motion)
     }
 
+    /// Whether the robot goes ahead with it.
+    #[must_use]
+    pub fn leads_ahead(&self) -> bool {
+        self.velocity(1.0).vx_mps > 0.0
+    }
+
     /// The constant body velocity that makes the motion in `dt_s`.
     #[must_use]
     pub fn velocity(&self, dt_s: f64) -> Twist2 {

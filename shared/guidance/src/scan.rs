@@ -247,15 +247,28 @@ impl Beams {
 
     /// Takes over another's; `clone_from` would allocate.
     fn copy_from(&mut self, other: &Self) {
-        let Self { beams, x, y, readings, unknown, .. } = self;
-        beams.clone_from(&other.beams);
-        x.clone_from(&other.x);
-        y.clone_from(&other.y);
-        readings.copy_from(&other.readings);
-        unknown.clone_from(&other.unknown);
-        let &Self { origin, first_rad, increment_rad, sigma_m, whole_turn, reversed, layout, .. } = other;
-        (self.origin, self.first_rad, self.increment_rad) = (origin, first_rad, increment_rad);
-        (self.sigma_m, self.whole_turn, self.reversed, self.layout) = (sigma_m, whole_turn, reversed, layout);
+        // Every field by its name: a new one cannot be forgotten.
+        let Self {
+            beams,
+            x,
+            y,
+            readings,
+            unknown,
+            origin,
+            first_rad,
+            increment_rad,
+            sigma_m,
+            whole_turn,
+            reversed,
+            layout,
+        } = other;
+        self.beams.clone_from(beams);
+        self.x.clone_from(x);
+        self.y.clone_from(y);
+        self.readings.copy_from(readings);
+        self.unknown.clone_from(unknown);
+        (self.origin, self.first_rad, self.increment_rad) = (*origin, *first_rad, *increment_rad);
+        (self.sigma_m, self.whole_turn, self.reversed, self.layout) = (*sigma_m, *whole_turn, *reversed, *layout);
     }
 
     /// The beams, counter-clockwise.

@@ -6,7 +6,7 @@ mod judging;
 use messages::{MAX_ACTIONS, Pose2, Twist2, UnsafeCause};
 use nalgebra::Vector2;
 
-use crate::action::ActionTable;
+use crate::action::{Action, ActionTable};
 use crate::depth::DepthView;
 use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::hull::Discs;
@@ -318,14 +318,14 @@ pub fn masked_at_edge(table: &ActionTable, judgements: &[Judgement], mask: u32, 
 
 /// Whether `wanted`, the policy's first choice, leads ahead over an edge and no action that leads ahead is left.
 fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -> bool {
-    let leads_ahead = |i: usize| table.actions().get(i).is_some_and(|action| action.velocity(1.0).vx_mps > 0.0);
+    let leads_ahead = |i: usize| table.actions().get(i).is_some_and(Action::leads_ahead);
     let is_left = |(i, judgement): (usize, &Judgement)| judgement.safe && leads_ahead(i);
     judgements.get(wanted).is_some_and(|judgement| judgement.cause.is_edge())
         && leads_ahead(wanted)
         && !judgements.iter().enumerate().any(is_left)
 }
 
-/// Whether a mask of so many actions leaves none that moves.
+/// Whether the mask of a table with that many actions takes every motion away.
 #[must_use]
 pub fn leaves_only_stop(unsafe_mask: u32, count: usize) -> bool {
     (0..count).all(|action| action == ActionTable::STOP || unsafe_mask >> action & 1 == 1)

@@ -237,7 +237,7 @@ impl GeometricEngine {
         Some(costs)
     }
 
-    /// What the shield says of each action; nothing where there is none to ask.
+    /// Asks the shield of each action. Without a shield there are no judgements.
     fn ask_shield(&mut self, observation: &Observation) {
         self.judgements.clear();
         let Some((shield, (evidence, body))) = self.shield.as_mut().zip(observation.shield) else { return };
@@ -314,8 +314,8 @@ impl GeometricEngine {
             scene.worth(&self.odom_from_robot, &self.robot_from_handler)
         };
         let margins_m = self.margins_m(window);
-        // Before an edge or a step the robot waits, and the handler is told: who wants to go on has to say so. Without
-        // a shield to ask, what is known of obstacles decides.
+        // Before an edge or a step the robot waits, and the handler is told. That only happens where the policy wants
+        // to go on. Without a shield, the obstacles that are known decide.
         let forbids = |judged: &Judgement| !judged.safe && !judged.cause.is_edge();
         let is_forbidden = |action: usize| self.judgements.get(action).map_or(margins_m[action] <= 0.0, forbids);
         let has_way = |worth: &[Option<f64>]| {

@@ -20,11 +20,12 @@ const UNIT_M: f64 = 1.0 / 3.0;
 const COST_MAX_M: f64 = 12.0;
 /// A network rules nothing out altogether.
 const LEAST: f64 = 1e-6;
-/// A team that came less far than this, and turned by less, in so many decisions makes no progress: metres, radians.
+/// A team makes no progress where it comes less far than this in the last six decisions, metres, and turns by less,
+/// radians.
 const PROGRESS_M: f64 = 0.25;
 const PROGRESS_RAD: f64 = 0.5;
 const PROGRESS_DECISIONS: usize = 6;
-/// The planner then decides alone so many times.
+/// Number of decisions that the planner then makes alone.
 const TAKEN_OVER: usize = 12;
 
 /// See the module.

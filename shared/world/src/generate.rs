@@ -79,9 +79,10 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
     let plan = Plan::draw(config, &mut random);
     let mut prisms = plan.walls(config, &mut random);
     prisms.extend(plan.fittings(config, &mut random));
-    let things = match plan.building {
-        Some(_) => plan.furnish_building(config, prisms.clone(), &mut random),
-        None => furnish::things(config, &plan, &mut random),
+    let things = if plan.is_building {
+        plan.furnish_building(config, prisms.clone(), &mut random)
+    } else {
+        furnish::things(config, &plan, &mut random)
     };
     prisms.extend(things);
     let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());

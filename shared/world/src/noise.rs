@@ -18,6 +18,9 @@ static NORMALS: LazyLock<Vec<f32>> = LazyLock::new(|| {
     (0..BEGINNINGS + LONGEST).map(|_| StandardNormal.sample(&mut random)).collect()
 });
 
+/// No number of the table is farther out, standard deviations.
+pub(crate) const NORMAL_MAX: f32 = 6.0;
+
 /// A run of standard normal numbers from a random place of a table: for what takes too many to draw each.
 pub(crate) fn normals(random: &mut ChaCha8Rng, count: usize) -> &'static [f32] {
     let begin = random.random_range(0..BEGINNINGS);
@@ -50,11 +53,10 @@ pub(crate) fn generator(source: Source, seed: u64, incarnation: u32, frame: u64)
 
 #[cfg(test)]
 mod tests {
-    use super::NORMALS;
+    use super::{NORMAL_MAX, NORMALS};
 
     #[test]
     fn no_number_of_the_table_is_far_out() {
-        // Redwood's noise takes it that a coarse pixel never reads its neighbour.
-        assert!(NORMALS.iter().all(|normal| normal.abs() < 6.0));
+        assert!(NORMALS.iter().all(|normal| normal.abs() < NORMAL_MAX));
     }
 }

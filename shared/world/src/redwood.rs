@@ -10,7 +10,7 @@
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::noise::{Source, generator};
+use crate::noise::{NORMAL_MAX, Source, generator};
 
 /// Depths at which the distortion is known, metres.
 const DEPTHS_M: [f32; 5] = [1.0, 3.0, 5.0, 7.0, 9.0];
@@ -33,8 +33,6 @@ const GRID: [f32; 2] = [640.0, 480.0];
 /// One standard deviation of the disparity, and of the place that is read, pixels of that image.
 const DISPARITY_SIGMA: f32 = 0.027_778;
 const PLACE_SIGMA_PX: f32 = 0.25;
-/// No jitter is greater, standard deviations: see [`crate::noise::normals`].
-const NORMAL_MAX: f32 = 6.0;
 /// Farther is not seen, metres.
 const FARTHEST_M: f32 = 10.0;
 
@@ -195,7 +193,7 @@ fn field(knots: &[f32], place: [(usize, usize); 2]) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::{DISPARITY_M, Redwood, STEPS};
-    use rand::SeedableRng;
+    use rand::{RngExt, SeedableRng};
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
@@ -240,6 +238,22 @@ mod tests {
         };
         assert_eq!(share(128, 64), 0.0);
         assert!(share(640, 480) > 0.2);
+    }
+
+    #[test]
+    fn where_each_pixel_reads_itself_the_short_way_gives_the_same() {
+        let (width, height) = (128, 64);
+        let mut random = ChaCha8Rng::seed_from_u64(3);
+        let clean: Vec<u16> = (0..width * height).map(|_| random.random_range(0..9000)).collect();
+        let normals: Vec<f32> = (0..3 * clean.len()).map(|_| StandardNormal.sample(&mut random)).collect();
+        let disturbed = |reads_itself: bool| {
+            let mut redwood = Redwood { reads_itself, ..Redwood::new(1.0, width, height, 1) };
+            let (mut pixels, mut rows) = (clean.clone(), normals.chunks(3 * width));
+            redwood.disturb(&mut pixels, || rows.next().expect("one for each row"));
+            pixels
+        };
+        assert!(Redwood::new(1.0, width, height, 1).reads_itself && !Redwood::new(1.0, 640, 480, 1).reads_itself);
+        assert_eq!(disturbed(true), disturbed(false));
     }
 
     #[test]

@@ -213,7 +213,7 @@ fn what_makes_real_floors_hard_is_in_generated_buildings() {
         ("doors open inwards", prisms(&|p| p.solid && p.z1_m == 2.05)),
         ("radiators", prisms(&|p| high(p, [0.1, 0.1], [0.5, 0.9]))),
         ("benches", prisms(&|p| high(p, [0.0, 0.38], [0.45, 0.45]))),
-        ("fire extinguishers", prisms(&|p| p.outline.len() >= 8 && high(p, [0.0, 0.5], [0.6, 1.1]))),
+        ("fire extinguishers", prisms(&|p| p.outline.len() >= 8 && high(p, [0.01, 0.5], [0.6, 1.1]))),
     ] {
         assert!(count >= 20, "{what}: {count} in {} worlds", sites.len());
     }

@@ -204,7 +204,7 @@ On maps a course goes round corners and over crossings, to where it ends or fork
 side way is asked for from 1.15 m of width on; where one could leave the corridor and it is not clear whether
 that is meant, as through a door of 0.8 to 1.1 m, no task is set. An episode has more decisions where its way is
 long. --explain tells what each task asks for.
---worlds buildings: rooms behind doorways, alcoves, openings from 0.8 m of width on, oblique and uneven walls, door
+--worlds buildings: rooms behind doorways, alcoves, openings from 0.7 m of width on, oblique and uneven walls, door
 frames, doors across the corridor, pillars at corners, radiators, benches. Widths and counts lie within those of 11
 real floors. A side way is asked for from 1.2 m of width on.
 --tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends

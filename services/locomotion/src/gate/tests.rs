@@ -90,6 +90,15 @@ fn a_verdict_that_rests_on_an_edge_of_the_floor_says_so() {
 }
 
 #[test]
+fn where_only_stop_is_left_and_is_free_the_stop_is_gentle() {
+    for (unsafe_mask, is_planned) in [(0b1111_1110, true), (0b1111_1111, false)] {
+        let mut gate = moving();
+        gate.take_permit(&Permit { outcome: Outcome::AllUnsafe, unsafe_mask, ..permit(990, 1100) });
+        assert_eq!(gate.judge(1000 * MS).planned, is_planned, "{unsafe_mask:b}");
+    }
+}
+
+#[test]
 fn a_permit_needs_its_shields_open_line_here() {
     let mut gate = moving();
     gate.lines.retain(|line| line.service != ServiceId::Shield);

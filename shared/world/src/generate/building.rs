@@ -23,7 +23,7 @@ use crate::world::DEFAULT_CEILING_M;
 /// Narrowest and widest corridor, metres, and the power of the draw that makes narrow ones more frequent.
 const WIDTH_M: [f64; 2] = [1.3, 2.9];
 const NARROW: f64 = 1.5;
-/// What leads off a side, from one to the next, metres.
+/// From what leads off a side to the next one, metres; what comes nearer than a metre finds no place.
 const APART_M: [f64; 2] = [0.6, 3.2];
 /// The farther edge of a mouth is so far from the end of a straight stretch, metres.
 const CORNER_M: f64 = 0.4;
@@ -37,10 +37,10 @@ const SHUT_M: [[f64; 2]; 2] = [[0.75, 1.6], [0.06, 0.35]];
 const ALCOVE_M: [[f64; 2]; 2] = [[0.5, 4.0], [0.35, 4.0]];
 /// A branch is off the right angle by up to this, radians.
 const SKEW_RAD: f64 = 0.5;
-/// Two go side by side through what is so wide; whether they go through what is narrower, but as wide as the second,
-/// depends on centimetres, metres.
+/// Two walk side by side through an opening of the first width, metres. Through one between the second and the first
+/// it depends on centimetres.
 const PAIR_M: [f64; 2] = [1.2, 0.8];
-/// An alcove that is shallower or narrower is no way in anybody's eyes, metres.
+/// A shallower or narrower alcove is clearly no way, metres.
 const NICHE_M: f64 = 0.8;
 /// Thickness of walls, and so depth of jambs, metres.
 const JAMB_M: [f64; 2] = [0.08, 0.3];
@@ -51,8 +51,8 @@ const FRAME_M: [[f64; 2]; 2] = [[0.02, 0.05], [0.05, 0.1]];
 const LEAF_THICK_M: f64 = 0.04;
 /// A wall goes on evenly for so long, metres,
 const EVEN_M: [f64; 2] = [0.2, 2.0];
-/// stands back or out by so much then, metres, one standard deviation,
-const UNEVEN_M: f64 = 0.035;
+/// stands back or out by up to this then, metres,
+const UNEVEN_M: f64 = 0.07;
 /// or comes out at a pilaster, so long and deep, metres.
 const PILASTER_M: [[f64; 2]; 2] = [[0.2, 0.7], [0.06, 0.3]];
 /// It stands back by less than the thickness of a wall behind which there may be a room, metres.
@@ -123,11 +123,11 @@ impl Plan {
         }
     }
 
-    /// Doors across the corridor, in one of four.
-    pub(super) fn draw_gates(&self, random: &mut ChaCha8Rng) -> Vec<Gate> {
+    /// A door across the corridor, in one of four.
+    pub(super) fn draw_gate(&self, random: &mut ChaCha8Rng) -> Option<Gate> {
         let length_m = self.line.length_m();
         if !random.random_bool(0.25) || length_m < 10.0 {
-            return Vec::new();
+            return None;
         }
         let (way_m, wide_m) = (between(random, [4.0, length_m - 4.0]), between(random, GATE_M[0]));
         let is_straight = |stretch: &super::layout::Stretch| {
@@ -136,12 +136,12 @@ impl Plan {
         let is_free = |branch: &Branch| (branch.way_m - way_m).abs() > branch.width_m / 2.0 + GATE_FREE_M;
         if wide_m > self.width_m - 0.2 || !self.stretches.iter().any(is_straight) || !self.branches.iter().all(is_free)
         {
-            return Vec::new();
+            return None;
         }
         let spare_m = (self.width_m - wide_m) / 2.0;
         let middle_m = if random.random_bool(0.5) { 0.0 } else { between(random, [-spare_m, spare_m]) };
         let jambs_m = [middle_m - wide_m / 2.0, middle_m + wide_m / 2.0];
-        vec![Gate { way_m, jambs_m, wall_m: between(random, GATE_M[1]), has_leaves: random.random_bool(0.5) }]
+        Some(Gate { way_m, jambs_m, wall_m: between(random, GATE_M[1]), has_leaves: random.random_bool(0.5) })
     }
 
     /// What is behind a branch, where it is a room.
@@ -154,8 +154,10 @@ impl Plan {
 
     /// Frames, leaves, pillars at corners, doors across the corridor.
     pub(super) fn fittings(&self, config: &GeneratorConfig, random: &mut ChaCha8Rng) -> Vec<Prism> {
-        let Some(gates) = &self.building else { return Vec::new() };
-        let mut fittings: Vec<Prism> = gates.iter().flat_map(|gate| self.gate(gate)).collect();
+        if !self.is_building {
+            return Vec::new();
+        }
+        let mut fittings: Vec<Prism> = self.gate.iter().flat_map(|gate| self.gate_walls(gate)).collect();
         for branch in &self.branches {
             if branch.room.is_some() || branch.length_m < SHUT_M[1][1] {
                 let [out_m, wide_m] = FRAME_M.map(|range_m| between(random, range_m));
@@ -198,7 +200,7 @@ impl Plan {
         Prism::cuboid(middle, [2.0 * half_m, LEAF_THICK_M], yaw_rad, [0.0, 2.05]).seen_by(leaf.seen_by)
     }
 
-    fn gate(&self, gate: &Gate) -> Vec<Prism> {
+    fn gate_walls(&self, gate: &Gate) -> Vec<Prism> {
         let at = self.line.at(gate.way_m);
         let yaw_rad = at.rotation.angle();
         let half_m = self.width_m / 2.0;
@@ -229,7 +231,7 @@ impl Plan {
         let free_m = |way_m: f64| {
             let here = Point::from(course.line.at(way_m).translation.vector);
             let at_m = self.line.foot(here).way_m;
-            if self.building.iter().flatten().any(|gate| (gate.way_m - at_m).abs() < GATE_FREE_M) {
+            if self.gate.is_some_and(|gate| (gate.way_m - at_m).abs() < GATE_FREE_M) {
                 return [0.0; 2];
             }
             [1.0, -1.0].map(|side| {
@@ -267,9 +269,9 @@ fn draw_branch(side: Side, way_m: f64, random: &mut ChaCha8Rng) -> Branch {
             Branch { skew_rad, leads: by_width, ..branch }
         }
         1 => {
-            let leaf = draw_leaf(random);
-            let [left_m, right_m] = [BEYOND_M; 2].map(|range_m| between(random, range_m));
-            let room = Room { wall_m: between(random, JAMB_M), beyond_m: [left_m, right_m], leaf };
+            let beyond_m = [BEYOND_M; 2].map(|range_m| between(random, range_m));
+            let leaf = draw_leaf(width_m, beyond_m, random);
+            let room = Room { wall_m: between(random, JAMB_M), beyond_m, leaf };
             // A leaf that stands in the doorway leaves less.
             let leads =
                 if leaf.is_some_and(|leaf| leaf.open_rad < 1.3) { by_width.min(Leads::Unclear) } else { by_width };
@@ -281,16 +283,19 @@ fn draw_branch(side: Side, way_m: f64, random: &mut ChaCha8Rng) -> Branch {
     }
 }
 
-/// Most doors stand wide open, some half.
-fn draw_leaf(random: &mut ChaCha8Rng) -> Option<Leaf> {
-    let open_rad = match random.random_range(0..10) {
+/// Most doors stand wide open, some half. A leaf ends at the wall beside it: `beyond_m` beyond the doorway to the left
+/// and to the right, metres.
+fn draw_leaf(width_m: f64, beyond_m: [f64; 2], random: &mut ChaCha8Rng) -> Option<Leaf> {
+    let open_rad: f64 = match random.random_range(0..10) {
         0..=1 => return None,
         2..=3 => between(random, [0.5, 1.2]),
         _ => between(random, [FRAC_PI_2, FRAC_PI_2 + 0.6]),
     };
     let hinge = if random.random_bool(0.5) { Side::Left } else { Side::Right };
     let seen_by = if random.random_bool(0.1) { SeenBy::Camera } else { SeenBy::Both };
-    Some(Leaf { hinge, open_rad, seen_by })
+    let beside_m = beyond_m[if hinge == Side::Left { 0 } else { 1 }] - LEAF_THICK_M;
+    let most_rad = FRAC_PI_2 + (beside_m / width_m).clamp(0.0, 1.0).asin();
+    Some(Leaf { hinge, open_rad: open_rad.min(most_rad), seen_by })
 }
 
 /// A wall that is not even: it stands back or out a little, comes out at pilasters, and is oblique in part. It comes
@@ -305,7 +310,7 @@ pub(super) fn uneven(line: &TravelLine, side: Side, room_m: f64, random: &mut Ch
             let [long_m, deep_m] = PILASTER_M.map(|range_m| between(random, range_m));
             (way_m + long_m, [deep_m; 2])
         } else {
-            let out_m = UNEVEN_M * between(random, [-2.0, 2.0]);
+            let out_m = between(random, [-UNEVEN_M, UNEVEN_M]);
             let oblique_m = if random.random_bool(0.3) { between(random, [-0.15, 0.3]) } else { 0.0 };
             (way_m + between(random, EVEN_M), [out_m, out_m + oblique_m])
         };

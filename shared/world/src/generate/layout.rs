@@ -44,7 +44,7 @@ pub(super) struct Branch {
     pub(super) skew_rad: f64,
     /// From the corridor's wall to the end, metres.
     pub(super) length_m: f64,
-    /// What one would say of it who is asked to turn there.
+    /// Whether a handler who asks for a turn means it.
     pub(super) leads: Leads,
     /// A doorway into a room; otherwise its walls go straight on.
     pub(super) room: Option<Room>,
@@ -79,8 +79,10 @@ pub(super) struct Plan {
     pub(super) width_m: f64,
     pub(super) stretches: Vec<Stretch>,
     pub(super) branches: Vec<Branch>,
-    /// Where a door stands across the corridor, metres of way; none in a corridor that is like no building's.
-    pub(super) building: Option<Vec<Gate>>,
+    /// It is like a building's.
+    pub(super) is_building: bool,
+    /// The door across the corridor, where there is one.
+    pub(super) gate: Option<Gate>,
 }
 
 impl Plan {
@@ -89,11 +91,11 @@ impl Plan {
         let is_building = config.buildings > 0.0 && random.random_bool(config.buildings);
         let width_m = if is_building { draw_width_m(random) } else { between(random, config.width_m) };
         let (line, stretches) = corridor(config, width_m, random);
-        let mut plan = Self { line, width_m, stretches, branches: Vec::new(), building: None };
+        let mut plan = Self { line, width_m, stretches, branches: Vec::new(), is_building, gate: None };
         plan.draw_end(random);
         if is_building {
             plan.draw_sides(random);
-            plan.building = Some(plan.draw_gates(random));
+            plan.gate = plan.draw_gate(random);
         } else {
             plan.draw_branches(random);
             plan.draw_doors(random);
@@ -184,9 +186,9 @@ impl Plan {
         let half_m = branch.half_behind_m();
         while way_m < line.length_m() + branch.width_m / 2.0 {
             let place = line.at(line.length_m().min(way_m)) * Point::new((way_m - line.length_m()).max(0.0), 0.0);
-            let off_corridor = self.line.foot(place).left_m.abs() > self.width_m / 2.0 + half_m + 0.2;
+            let off_corridor = self.line.foot(place).left_m.abs() > (self.width_m + branch.width_m) / 2.0 + 0.2;
             // Near its own mouth a branch is as near to the corridor as it is long there.
-            let at_mouth = way_m - self.width_m / 2.0 < half_m + 0.6;
+            let at_mouth = way_m - self.width_m / 2.0 < branch.width_m / 2.0 + 0.6;
             if !(off_corridor || at_mouth) {
                 return false;
             }
@@ -203,7 +205,24 @@ impl Plan {
             }
             way_m += 0.4;
         }
-        true
+        self.is_room_free(branch)
+    }
+
+    /// Whether the walls of a branch's room lie off the corridor, which may bend.
+    fn is_room_free(&self, branch: &Branch) -> bool {
+        let Some(room) = branch.room else { return true };
+        let (frame, end_m) = (self.branch_frame(branch), self.branch_line(branch).length_m());
+        let jamb_m = self.width_m / 2.0 + room.wall_m;
+        let [left_m, right_m] = room.beyond_m.map(|beyond_m| branch.width_m / 2.0 + beyond_m);
+        let corners = [(jamb_m, left_m), (end_m, left_m), (end_m, -right_m), (jamb_m, -right_m), (jamb_m, left_m)];
+        let walls = corners.map(|(x_m, y_m)| frame * Point::new(x_m, y_m));
+        let Some(walls) = TravelLine::new(&walls) else { return true };
+        let looks = (walls.length_m() / 0.2) as usize;
+        let is_off = |i: usize| {
+            let place = Point::from(walls.at(0.2 * i as f64).translation.vector);
+            self.line.foot(place).left_m.abs() > self.width_m / 2.0 + 0.05
+        };
+        (0..=looks).all(is_off)
     }
 
     /// Direction of a branch where the corridor is at its middle.
@@ -240,8 +259,8 @@ impl Plan {
             }
         };
         let openings = self.branches.iter().filter_map(opening).collect();
-        // As on a floor plan nobody can say what is meant beside an opening.
-        let mapped = self.building.as_ref().map(|_| Mapped { has_end: true });
+        // As on a floor plan, a cue beside an opening is not clear.
+        let mapped = self.is_building.then_some(Mapped { has_end: true });
         Course { mapped, ..Course::new(line, self.width_m, openings) }
     }
 
@@ -277,7 +296,7 @@ impl Plan {
         walls: &mut Vec<Prism>,
     ) {
         let Some(mut line) = line else { return };
-        if self.building.is_some() {
+        if self.is_building {
             let room_m = (self.width_m - config.passage_m) / 2.0;
             line = uneven(&line, side, room_m, random);
         }

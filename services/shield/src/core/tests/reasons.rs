@@ -46,6 +46,23 @@ fn where_only_stop_is_left_the_shield_stops_and_names_its_beam() {
 }
 
 #[test]
+fn a_policy_that_stands_is_told_what_forbids_its_first_choice_that_moves() {
+    let of = |probabilities: &[(usize, f32)]| {
+        let mut core = ready();
+        core.on_scan(1000 * MS, &scan_header(990), &walled_in());
+        let mut action = action(2, ActionTable::STOP);
+        action.probabilities.fill(0.0);
+        probabilities.iter().for_each(|(index, p)| action.probabilities[*index] = *p);
+        let permit = core.on_action(1000 * MS, &action).expect("a verdict");
+        (permit.beam, permit.threshold_m)
+    };
+    let (forward, aside) = (of(&[(1, 1.0)]), of(&[(4, 1.0)]));
+    assert_ne!(forward, aside);
+    assert_eq!(of(&[(0, 0.6), (1, 0.3), (4, 0.1)]), forward);
+    assert_eq!(of(&[(0, 0.6), (1, 0.1), (4, 0.3)]), aside);
+}
+
+#[test]
 fn where_more_is_allowed_a_policy_that_stands_stops_itself() {
     let permit = judged(&open_scan(), ActionTable::STOP);
     assert_eq!((permit.outcome, permit.all_unsafe), (Outcome::Stop, false));
