@@ -101,6 +101,15 @@ impl Place {
         path.to_string_lossy().into_owned()
     }
 
+    /// A scenario that ends `way_m` along the built-in corridor. Its time limit is a watchdog: in real time, a run on a
+    /// busy machine begins later.
+    #[must_use]
+    pub fn along_corridor(&self, way_m: f64) -> String {
+        let lines =
+            "time_limit_s = 120\nstart = { at = [0, 0], yaw_deg = 0 }\n[[cue]]\nkind = \"forward\"\nat_s = 1.0\n";
+        self.scenario("corridor.toml", &format!("goal = {{ at = [{way_m:?}, 0], within_m = 0.5 }}\n{lines}"))
+    }
+
     /// Notes the prefix of a run that is alive, so that [`Place::assert_empty`] can look for what it leaves.
     fn note_prefix(&self, run: &str) {
         let Ok(text) = fs::read_to_string(self.path().join("r").join(run).join("run.json")) else { return };

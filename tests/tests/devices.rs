@@ -144,10 +144,10 @@ fn robots_on_dds_are_guided_through_bridge_and_backstop() {
         let config = place.path().join("robot.toml");
         std::fs::write(&config, shipped.replace("link = \"go2\"", &format!("link = \"{link}\""))).expect("written");
         let config = config.to_string_lossy().into_owned();
-        let walk =
-            ["walk", "--emulated", "--config", &config, "--scenario", "corridor", "--time-limit", "12s", "--json"];
-        let (report, _) = place.json(&walk);
-        assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 3.0), "{link}: {report:#}");
+        let scenario = place.along_corridor(3.5);
+        let walk = ["walk", "--emulated", "--config", &config, "--scenario", &scenario, "--json"];
+        let (report, code) = place.json(&walk);
+        assert_eq!((code, &report["reached"]), (0, &true.into()), "{link}: {report:#}");
         for text in ["bridge: the robot on DDS answers", "backstop: the robot on DDS answers"] {
             assert!(report_tells(&report, text), "{link}, {text}: {report:#}");
         }
@@ -184,9 +184,9 @@ fn an_emulated_aliengo_is_guided_to_its_goal_through_real_drivers() {
 #[test]
 fn every_other_robot_is_guided_through_real_drivers() {
     for (robot, lidar) in [("go1-3.8", "a3"), ("aliengo-3.3.1", "s1")] {
-        let (report, _) = walked(&Place::new(), robot, lidar, &["--scenario", "corridor", "--time-limit", "12s"]);
-        // It stands for two seconds and walks at half a metre a second.
-        assert!(report["distance_m"].as_f64().is_some_and(|way_m| way_m > 3.0), "{robot}, {lidar}: {report:#}");
+        let place = Place::new();
+        let (report, code) = walked(&place, robot, lidar, &["--scenario", &place.along_corridor(3.5)]);
+        assert_eq!((code, &report["reached"]), (0, &true.into()), "{robot}, {lidar}: {report:#}");
     }
 }
 
