@@ -25,6 +25,7 @@ mod record;
 mod recordings;
 mod replays;
 mod response;
+mod routes;
 mod shared_memory;
 mod sound;
 mod sources;

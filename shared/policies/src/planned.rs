@@ -3,7 +3,8 @@
 //! The planner is the geometric engine: it looks eight actions ahead with robot and handler, by the interaction
 //! model, on the remembered map, and asks the shield of every first action. A network knows what mostly comes of an
 //! action; the planner knows where this one leads to. docs/evaluation.md has what each does alone and what both do
-//! together. The network can be swapped; the planner is built in, and its time is bounded.
+//! together. Where the team makes no progress, the planner decides alone for some seconds. The network can be swapped;
+//! the planner is built in, and its time is bounded.
 
 use std::collections::VecDeque;
 
@@ -32,40 +33,44 @@ const TAKEN_OVER: usize = 12;
 pub struct PlannedEngine {
     network: Box<dyn Engine>,
     planner: GeometricEngine,
-    takes_over: bool,
+    only_takes_over: bool,
+    progress: Progress,
+    odometry_incarnation: u32,
+}
+
+/// Whether a team gets on.
+#[derive(Debug, Default)]
+struct Progress {
     /// Where the robot was at the last decisions (odometry frame).
     places: VecDeque<Se2>,
-    odometry_incarnation: u32,
+    /// Number of decisions that are still the planner's alone.
     taken_over: usize,
+}
+
+impl Progress {
+    /// Whether the planner decides alone here: the team made no progress a moment ago. A network and a planner that
+    /// want different ways can turn a robot to and fro for ever.
+    fn is_taken_over(&mut self, odom_from_robot: Se2) -> bool {
+        self.taken_over = self.taken_over.saturating_sub(1);
+        if self.places.len() == PROGRESS_DECISIONS
+            && let Some(from) = self.places.pop_front()
+        {
+            let came = from.inverse() * odom_from_robot;
+            if came.translation.vector.norm() < PROGRESS_M && came.rotation.angle().abs() < PROGRESS_RAD {
+                self.taken_over = TAKEN_OVER;
+            }
+        }
+        self.places.push_back(odom_from_robot);
+        self.taken_over > 0
+    }
 }
 
 impl PlannedEngine {
     /// Of a network and a planner for the same table.
     #[must_use]
     pub fn new(network: Box<dyn Engine>, planner: GeometricEngine, planner_use: PlannerUse) -> Self {
-        let takes_over = planner_use == PlannerUse::TakeOver;
-        Self { network, planner, takes_over, places: VecDeque::new(), odometry_incarnation: 0, taken_over: 0 }
-    }
-
-    /// Whether the planner decides alone, because the team makes no progress.
-    fn is_taken_over(&mut self, situation: &Situation<'_>) -> bool {
-        if situation.cue_is_new || self.odometry_incarnation != situation.odometry_incarnation {
-            self.odometry_incarnation = situation.odometry_incarnation;
-            self.places.clear();
-            self.taken_over = 0;
-        }
-        self.taken_over = self.taken_over.saturating_sub(1);
-        let here = situation.odom_from_robot;
-        if self.places.len() == PROGRESS_DECISIONS
-            && let Some(from) = self.places.pop_front()
-        {
-            let came = from.inverse() * here;
-            if came.translation.vector.norm() < PROGRESS_M && came.rotation.angle().abs() < PROGRESS_RAD {
-                self.taken_over = TAKEN_OVER;
-            }
-        }
-        self.places.push_back(here);
-        self.taken_over > 0
+        let only_takes_over = planner_use == PlannerUse::TakeOver;
+        Self { network, planner, only_takes_over, progress: Progress::default(), odometry_incarnation: 0 }
     }
 }
 
@@ -74,17 +79,16 @@ impl Engine for PlannedEngine {
         // Both remember, so both look at every decision.
         let costs_m = self.planner.costs_m(&situation.into());
         let proposed = self.network.decide(situation)?;
-        let is_taken_over = self.is_taken_over(situation);
+        if situation.cue_is_new || self.odometry_incarnation != situation.odometry_incarnation {
+            self.odometry_incarnation = situation.odometry_incarnation;
+            self.progress = Progress::default();
+        }
+        let is_taken_over = self.progress.is_taken_over(situation.odom_from_robot);
         Ok(match costs_m {
             // It sees no way: whether it has ended is the network's to say.
             None => proposed,
-            Some(costs_m) if self.takes_over => {
-                if is_taken_over {
-                    geometric::probabilities(&costs_m)
-                } else {
-                    proposed
-                }
-            }
+            Some(costs_m) if is_taken_over => geometric::probabilities(&costs_m),
+            Some(_) if self.only_takes_over => proposed,
             Some(costs_m) => judged(&proposed, &costs_m),
         })
     }
@@ -106,7 +110,8 @@ fn judged(proposed: &Probabilities, costs_m: &[f64; MAX_ACTIONS]) -> Probabiliti
 
 #[cfg(test)]
 mod tests {
-    use super::{MAX_ACTIONS, judged};
+    use super::{MAX_ACTIONS, PROGRESS_DECISIONS, Progress, Se2, TAKEN_OVER, judged};
+    use nalgebra::Vector2;
 
     fn of<T: Copy>(none: T, first: &[T]) -> [T; MAX_ACTIONS] {
         std::array::from_fn(|i| first.get(i).copied().unwrap_or(none))
@@ -133,5 +138,17 @@ mod tests {
     fn where_the_planner_finds_no_way_out_to_stop_is_best() {
         let proposed = of(0.0, &[0.0, 1.0, 0.0]);
         assert_eq!(best(&judged(&proposed, &of(f64::INFINITY, &[1e3, 1e4, 1e4]))), 0);
+    }
+
+    #[test]
+    fn the_planner_decides_alone_where_the_team_turns_to_and_fro_and_not_for_ever() {
+        let mut progress = Progress::default();
+        let turned = |i: usize| Se2::new(Vector2::new(0.02 * (i % 2) as f64, 0.0), 0.17 * (i % 2) as f64);
+        let taken: Vec<bool> = (0..=PROGRESS_DECISIONS).map(|i| progress.is_taken_over(turned(i))).collect();
+        assert_eq!(taken.iter().position(|taken| *taken), Some(PROGRESS_DECISIONS));
+        // Then it walks on.
+        let walks = (1..100).map(|i| progress.is_taken_over(Se2::new(Vector2::new(0.2 * f64::from(i), 0.0), 0.0)));
+        let taken = walks.take_while(|taken| *taken).count();
+        assert!((TAKEN_OVER - 2..TAKEN_OVER + 2).contains(&taken), "{taken}");
     }
 }

@@ -159,9 +159,10 @@ impl From<ChoiceArg> for Choice {
 pub enum PlannerArg {
     /// Nothing: the network decides
     Off,
-    /// It judges each action by where it leads
+    /// It judges each action by where it leads, and decides alone for some seconds where robot and handler make no
+    /// progress
     Judge,
-    /// It decides alone for some seconds where robot and handler make no progress
+    /// It only decides alone for some seconds where they make no progress
     TakeOver,
 }
 

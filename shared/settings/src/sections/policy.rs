@@ -106,9 +106,10 @@ impl ActionTableName {
 pub enum PlannerUse {
     /// Nothing: the network decides.
     Off,
-    /// It judges each action by where it leads.
+    /// It judges each action by where it leads, and decides alone for some seconds where robot and handler make no
+    /// progress.
     Judge,
-    /// It decides alone for some seconds where robot and handler make no progress.
+    /// It only decides alone for some seconds where they make no progress.
     TakeOver,
 }
 
@@ -134,7 +135,7 @@ impl Default for PolicySettings {
     fn default() -> Self {
         Self {
             model: PolicyModel::Guide,
-            planner: PlannerUse::Off,
+            planner: PlannerUse::Judge,
             actions: ActionTableName::Eight,
             dt: Millis::of_ms(500),
             onnx_runtime: None,
