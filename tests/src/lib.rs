@@ -50,6 +50,12 @@ pub fn until_or(what: impl Fn() -> String, mut is_so: impl FnMut() -> bool) {
     }
 }
 
+/// How often robot and handler touched something, by the report of a walk.
+#[must_use]
+pub fn touches(report: &Value) -> [u64; 2] {
+    ["robot", "handler"].map(|who| report["collisions"][who].as_u64().unwrap_or(u64::MAX))
+}
+
 /// The project's folder.
 #[must_use]
 pub fn project() -> PathBuf {

@@ -8,7 +8,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use guidedog_tests::{Live, Place, has_legs};
+use guidedog_tests::{Live, Place, has_legs, touches};
 use recording::Reader;
 use serde_json::Value;
 
@@ -109,11 +109,6 @@ fn linked(place: &Place, link: &str) -> String {
     let sources = "lidar.source = \"device\"\ndepth.source = \"device\"\nodometry.source = \"device\"\n";
     fs::write(&path, format!("{sources}locomotion.link = {link:?}\n")).expect("written");
     path.to_string_lossy().into_owned()
-}
-
-/// What a walk touched: robot and handler.
-fn touches(report: &Value) -> [u64; 2] {
-    ["robot", "handler"].map(|who| report["collisions"][who].as_u64().unwrap_or(u64::MAX))
 }
 
 /// Beams of an RPLIDAR over its turns, frames with their own time, attitudes by the robot's own state: what the swaying

@@ -7,7 +7,7 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use guidedog_tests::{Place, data, has_legs, project};
+use guidedog_tests::{Place, data, has_legs, project, touches};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
@@ -46,12 +46,14 @@ struct Routes {
     route: Vec<Route>,
 }
 
-/// How far the robot may stand from a goal that it has reached, metres.
+/// A goal is reached where the robot comes this near, metres.
 const WITHIN_M: f64 = 1.5;
-/// No freeze is longer where no person stands in the way, seconds.
+/// The longest freeze that is allowed, seconds. Nobody stands in the way.
 const FREEZE_MAX_S: f64 = 20.0;
-/// Each route is walked so many times, with other seeds and other errors.
+/// Number of walks along each route. Each walk has its own seed and errors.
 const SEEDS: usize = 3;
+/// Number of walks on legs.
+const ON_LEGS: usize = 20;
 
 fn routes() -> Vec<Route> {
     let text = fs::read_to_string(project().join("tests/routes.toml")).expect("the routes");
@@ -107,7 +109,7 @@ fn walk(route: &Route, number: usize, more: &[&str]) -> Option<(Value, String)> 
     Some((report, line))
 }
 
-/// Walks with two at once; what failed to arrive, what touched, and what froze.
+/// Walks all of them, two at once. The lines of those that did not arrive, that touched something, and that froze.
 fn walk_all(numbers: &[(usize, &Route)], more: &[&str]) -> [Vec<String>; 3] {
     let (next, walked) = (AtomicUsize::new(0), Mutex::new(Vec::new()));
     let walk_on = || {
@@ -124,11 +126,9 @@ fn walk_all(numbers: &[(usize, &Route)], more: &[&str]) -> [Vec<String>; 3] {
     let which = |is_so: &dyn Fn(&Value) -> bool| {
         walked.iter().filter(|(report, _)| is_so(report)).map(|(_, line)| line.clone()).collect::<Vec<_>>()
     };
-    let has_touched =
-        |report: &Value| report["collisions"]["robot"] != json!(0) || report["collisions"]["handler"] != json!(0);
     let found = [
         which(&|report| report["reached"] != json!(true)),
-        which(&has_touched),
+        which(&|report| touches(report) != [0, 0]),
         which(&|report| report["longest_freeze_s"].as_f64().is_none_or(|freeze_s| freeze_s > FREEZE_MAX_S)),
     ];
     let [not_arrived, touched, frozen] = found.each_ref().map(Vec::len);
@@ -163,16 +163,24 @@ fn a_route_on_a_real_floor_is_walked() {
     let routes = routes();
     let route = routes.iter().find(|route| route.name == "eng2-3f-a").expect("the route");
     let Some((report, line)) = walk(route, 0, &[]) else { return };
-    assert_eq!((&report["reached"], &report["collisions"]["handler"]), (&json!(true), &json!(0)), "{line}");
+    assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{line}");
 }
 
-/// Walks of every route that `ROUTES` (all) is the beginning of the name of.
+/// The routes whose names begin with the text of the variable `ROUTES`; all where it is not set.
+fn asked_routes() -> Vec<Route> {
+    let begins = std::env::var("ROUTES").unwrap_or_default();
+    let asked: Vec<_> = routes().into_iter().filter(|route| route.name.starts_with(&begins)).collect();
+    assert!(!asked.is_empty(), "no route of tests/routes.toml begins with {begins:?}");
+    asked
+}
+
 #[test]
 #[ignore = "two hours: scripts/nightly routes"]
 fn every_route_on_every_floor_is_walked() {
-    let (routes, only) = (routes(), std::env::var("ROUTES").unwrap_or_default());
-    let seeds = (0..SEEDS).flat_map(|seed| routes.iter().enumerate().map(move |(i, route)| (SEEDS * i + seed, route)));
-    let numbers: Vec<_> = seeds.filter(|(_, route)| route.name.starts_with(&only)).collect();
+    let routes = asked_routes();
+    let numbers: Vec<_> = (0..SEEDS)
+        .flat_map(|seed| routes.iter().enumerate().map(move |(i, route)| (SEEDS * i + seed, route)))
+        .collect();
     let [not_arrived, touched, frozen] = walk_all(&numbers, &[]);
     assert!(not_arrived.len() * 50 <= numbers.len(), "{not_arrived:#?}");
     assert!(touched.is_empty() && frozen.is_empty(), "touched: {touched:#?}, froze: {frozen:#?}");
@@ -184,10 +192,10 @@ fn routes_on_real_floors_are_walked_on_legs() {
     if !has_legs() {
         return;
     }
-    let routes = routes();
-    // Twenty, of all floors.
-    let every = routes.len() / 20;
-    let numbers: Vec<_> = routes.iter().enumerate().step_by(every.max(1)).take(20).collect();
+    let routes = asked_routes();
+    // Of all floors: they follow one another in the file.
+    let count = routes.len().min(ON_LEGS);
+    let numbers: Vec<_> = (0..count).map(|i| (i, &routes[i * routes.len() / count])).collect();
     let [not_arrived, touched, _] = walk_all(&numbers, &["--physics", "mujoco"]);
     assert!(not_arrived.len() <= 1, "{not_arrived:#?}");
     assert!(touched.is_empty(), "{touched:#?}");

@@ -38,7 +38,7 @@ pub struct PlannedEngine {
     odometry_incarnation: u32,
 }
 
-/// Whether a team gets on.
+/// Whether a team makes progress.
 #[derive(Debug, Default)]
 struct Progress {
     /// Where the robot was at the last decisions (odometry frame).
@@ -48,9 +48,9 @@ struct Progress {
 }
 
 impl Progress {
-    /// Whether the planner decides alone here: the team made no progress a moment ago. A network and a planner that
-    /// want different ways can turn a robot to and fro for ever.
-    fn is_taken_over(&mut self, odom_from_robot: Se2) -> bool {
+    /// Takes the robot's next pose, and says whether the planner decides alone there: the team made no progress a
+    /// moment ago. A network and a planner that want different ways can turn a robot to and fro for ever.
+    fn observe(&mut self, odom_from_robot: Se2) -> bool {
         self.taken_over = self.taken_over.saturating_sub(1);
         if self.places.len() == PROGRESS_DECISIONS
             && let Some(from) = self.places.pop_front()
@@ -83,7 +83,7 @@ impl Engine for PlannedEngine {
             self.odometry_incarnation = situation.odometry_incarnation;
             self.progress = Progress::default();
         }
-        let is_taken_over = self.progress.is_taken_over(situation.odom_from_robot);
+        let is_taken_over = self.progress.observe(situation.odom_from_robot);
         Ok(match costs_m {
             // It sees no way: whether it has ended is the network's to say.
             None => proposed,
@@ -144,10 +144,10 @@ mod tests {
     fn the_planner_decides_alone_where_the_team_turns_to_and_fro_and_not_for_ever() {
         let mut progress = Progress::default();
         let turned = |i: usize| Se2::new(Vector2::new(0.02 * (i % 2) as f64, 0.0), 0.17 * (i % 2) as f64);
-        let taken: Vec<bool> = (0..=PROGRESS_DECISIONS).map(|i| progress.is_taken_over(turned(i))).collect();
+        let taken: Vec<bool> = (0..=PROGRESS_DECISIONS).map(|i| progress.observe(turned(i))).collect();
         assert_eq!(taken.iter().position(|taken| *taken), Some(PROGRESS_DECISIONS));
         // Then it walks on.
-        let walks = (1..100).map(|i| progress.is_taken_over(Se2::new(Vector2::new(0.2 * f64::from(i), 0.0), 0.0)));
+        let walks = (1..100).map(|i| progress.observe(Se2::new(Vector2::new(0.2 * f64::from(i), 0.0), 0.0)));
         let taken = walks.take_while(|taken| *taken).count();
         assert!((TAKEN_OVER - 2..TAKEN_OVER + 2).contains(&taken), "{taken}");
     }
