@@ -253,13 +253,34 @@ fn a_handler_who_is_caught_pulls_or_lets_go_beside_an_edge_does_not_fall() {
 }
 
 #[test]
-fn in_the_flat_world_the_handler_only_follows() {
+fn in_the_flat_world_nothing_catches_a_handler() {
     let place = Place::new();
     let scenario = beside_an_edge(&place, &disturbances()[0]);
     let output = place.command(&["walk", "--scenario", &scenario]).output().expect("it runs");
     let told = String::from_utf8_lossy(&output.stderr);
-    assert!(!output.status.success() && told.contains("[[handler]] in a scenario needs --physics mujoco"), "{told}");
+    assert!(!output.status.success() && told.contains("need --physics mujoco: here nothing pulls"), "{told}");
     place.assert_empty();
+}
+
+/// The learnt policy, judged by the planner.
+#[test]
+fn a_turn_before_stairs_is_found() {
+    for rise_m in [-0.17, 0.17] {
+        let place = Place::new();
+        let world = place.path().join("turn.toml");
+        let text = "[[wall]]\npoints = [[5, 1.2], [-3, 1.2], [-3, -1.2], [14, -1.2], [14, 1.2], [7, 1.2]]\n\
+             [[wall]]\npoints = [[5, 1.2], [5, 8], [7, 8], [7, 1.2]]\n\
+             [[stairs]]\nat = [8.5, 0]\nsteps = 8\nwidth_m = 2.4\nlanding_m = 2\n";
+        fs::write(&world, format!("{text}rise_m = {rise_m:?}\n")).expect("written");
+        let lines = "start = { at = [0, 0], yaw_deg = 0 }\ngoal = { at = [6, 5], within_m = 1.0 }\n\
+             time_limit_s = 60\n[[cue]]\nkind = \"forward\"\nat_s = 1.0\n\
+             [[cue]]\nkind = \"left\"\nat = [3.6, 0]\nwithin_m = 0.5";
+        let scenario = place.scenario(&world.to_string_lossy(), lines);
+        let (report, _) = place.json(&["walk", "--scenario", &scenario, "--speed", "0", "--json"]);
+        let touches = guidedog_tests::touches(&report);
+        assert_eq!((&report["reached"], touches), (&json!(true), [0, 0]), "{rise_m}: {report:#}");
+        place.assert_empty();
+    }
 }
 
 /// A walk in the flat world, ahead to stairs that lead down.

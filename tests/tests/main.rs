@@ -12,6 +12,7 @@ mod fault_matrix;
 mod faults;
 mod floor;
 mod gstreamer;
+mod handler;
 mod hearing;
 mod hulls;
 mod injection;

@@ -32,6 +32,9 @@ const TURNING_MAX_RADPS: f64 = 1.5;
 const TURNING_UP_S: f64 = 0.2;
 /// A handler who is caught stands after this time, s.
 const CAUGHT_S: f64 = 0.05;
+/// A handler who let the handle go walks back to it so fast, m/s, and takes it from so near, metres.
+const RETURNING_MPS: f64 = 0.8;
+const TAKES_M: f64 = 0.1;
 /// The handler feels the handle's speed over this many steps.
 const FELT_STEPS: usize = 20;
 
@@ -86,6 +89,7 @@ pub struct Person {
     felt: VecDeque<Felt>,
     forces: Vec<f64>,
     pull_n: f64,
+    holds: bool,
 }
 
 impl Person {
@@ -104,7 +108,7 @@ impl Person {
         // A cylinder about its axis.
         let turning_kgm2 = config.mass_kg * config.radius_m * config.radius_m / 2.0;
         let forces = vec![0.0; model.ffi().nv as usize];
-        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0 })
+        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0, holds: true })
     }
 
     /// Puts the handler beside the robot, where they walk.
@@ -132,7 +136,7 @@ impl Person {
     }
 
     /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both. The handler
-    /// follows, but for a disturbance.
+    /// follows, but for a disturbance. Who let the handle go walks straight back to it, and takes it.
     pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>, disturbance: Option<DisturbanceKind>) {
         let attitude = attitude(data);
         let arm = attitude * Vector3::from(BODY_FROM_HANDLE_M);
@@ -146,10 +150,12 @@ impl Person {
         self.felt.truncate(self.reaction_steps() + FELT_STEPS + 1);
 
         let hand_moves = own + own_radps * Vector2::new(-reach.y, reach.x);
+        let is_near = ((base + arm).xy() - hand).norm() <= TAKES_M;
+        self.holds = disturbance != Some(DisturbanceKind::LetGo) && (self.holds || is_near);
         let pull = match disturbance {
-            Some(DisturbanceKind::LetGo) => Vector2::zeros(),
+            _ if !self.holds => Vector2::zeros(),
             Some(DisturbanceKind::Pull(by_n)) => self.pull(&hand_moves) - Rotation2::new(yaw_rad) * Vector2::from(by_n),
-            Some(DisturbanceKind::Snag) | None => self.pull(&hand_moves),
+            Some(DisturbanceKind::LetGo | DisturbanceKind::Snag) | None => self.pull(&hand_moves),
         };
         self.pull_n = pull.norm();
         let (push, turning_nm) = match disturbance {
@@ -208,7 +214,11 @@ impl Person {
     /// What the handler does about what was felt a reaction time ago: force, N, and moment, Nm.
     fn answer(&self, own: &Vector2<f64>, own_rad: f64, own_radps: f64) -> (Vector2<f64>, f64) {
         let (then, handle_moves) = self.felt(self.reaction_steps());
-        let wanted = handle_moves + CLOSING_PER_S * (then.handle - then.hand);
+        let to_handle = then.handle - then.hand;
+        let wanted = match self.holds {
+            true => handle_moves + CLOSING_PER_S * to_handle,
+            false => (CLOSING_PER_S * to_handle).cap_magnitude(RETURNING_MPS),
+        };
         let speeding_up = ((wanted - own) / SPEEDING_UP_S).cap_magnitude(self.config.acceleration_mps2);
         let off_rad = wrap_angle(then.yaw_rad - own_rad);
         let turning = (TURNING_PER_S * off_rad).clamp(-TURNING_MAX_RADPS, TURNING_MAX_RADPS);

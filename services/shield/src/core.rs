@@ -1,5 +1,10 @@
 //! What the shield decides: pure, times come in with the inputs.
 
+mod backing;
+mod explain;
+
+use backing::Backing;
+use explain::explain;
 use guidance::contact;
 use guidance::se2::{Point, pose2};
 use guidance::shield::{choose, leaves_only_stop, masked_at_edge, most_wanted_motion, suppress};
@@ -8,8 +13,8 @@ use guidance::{
     ShieldConfig, TiltWatch,
 };
 use messages::{
-    Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NO_BEAM, NS_PER_S, Odometry, Outcome, Permit,
-    PermitCause, PolicyAction, ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
+    PolicyAction, ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
 
@@ -19,6 +24,8 @@ const STANDBY_NS: u64 = NS_PER_S / 20;
 /// least this, and so long after the voice begins to tell of a stop.
 const TOLD_MIN_NS: u64 = NS_PER_S;
 const SAID_NS: u64 = NS_PER_S / 2;
+/// A step back is taken so long after the voice begins to tell of it: it is told before it is made.
+const BACK_SAID_NS: u64 = NS_PER_S * 3 / 2;
 /// Steps are one step up to this distance, metres. So far away from one the robot waits there no longer.
 const SAME_STEP_M: f64 = 0.5;
 const LEFT_M: f64 = 1.5;
@@ -39,6 +46,8 @@ pub struct CoreConfig {
     absent_streams: u32,
     /// Of a wait for so long the handler has been told.
     told_ns: u64,
+    /// Of a step back they have been told after so long.
+    back_told_ns: u64,
     /// The camera watches the floor.
     watches_floor: bool,
 }
@@ -63,7 +72,8 @@ impl CoreConfig {
             action_max_age_ns: settings.max_age_ns(TopicId::PolicyAction),
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
-            told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns() + SAID_NS),
+            told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns().saturating_add(SAID_NS)),
+            back_told_ns: settings.speak.hold_after.ns().saturating_add(BACK_SAID_NS),
             watches_floor: settings.watches_floor(),
         }
     }
@@ -114,6 +124,7 @@ pub struct Core {
     mode: Option<Mode>,
     running: Option<Running>,
     waiting: Option<Waiting>,
+    backing: Backing,
     /// The last decisions of policies that `mode` did not name when they came: while one is swapped for another.
     standby: [Option<PolicyAction>; 2],
     last_decision: Option<u64>,
@@ -137,6 +148,7 @@ impl Core {
             mode: None,
             running: None,
             waiting: None,
+            backing: Backing::default(),
             standby: [None; 2],
             last_decision: None,
             judgements: Vec::new(),
@@ -364,7 +376,7 @@ impl Core {
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
         running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
         // Where only stop is left, it is the shield that stops.
-        let is_held = leaves_only_stop(running.unsafe_mask, count);
+        let is_held = running.index == ActionTable::STOP && leaves_only_stop(running.unsafe_mask, &self.config.table);
         running.drawn = if is_held {
             Outcome::AllUnsafe
         } else if running.index == ActionTable::STOP {
@@ -374,6 +386,10 @@ impl Core {
         };
         let told = if is_held { most_wanted_motion(&probabilities, wanted) } else { running.index };
         running.judgement = self.judgements[told];
+        let is_back = self.config.table.actions()[running.index].leads_back();
+        if self.backing.waits(now_ns, is_back, self.config.back_told_ns, self.wait_gap_ns()) {
+            (running.index, running.drawn) = (ActionTable::STOP, Outcome::StepsBack);
+        }
         self.wait_at_edge(now_ns, told, &running);
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
@@ -451,6 +467,10 @@ impl Core {
     fn verdict(&mut self, now_ns: u64, cause: PermitCause) -> Permit {
         let mut permit = self.blank(cause);
         permit.outcome = self.judge(now_ns, &mut permit);
+        if permit.outcome != Outcome::StepsBack {
+            // The handler is told of something else.
+            self.backing = Backing::default();
+        }
         self.awareness.permit(now_ns, permit.velocity);
         permit
     }
@@ -567,19 +587,6 @@ impl Core {
         health.invalid_inputs = self.invalid_inputs + self.awareness.refused_frames();
         health.pose_jumps = self.jumps;
     }
-}
-
-/// What the verdict rests on.
-fn explain(judgement: &Judgement, permit: &mut Permit) {
-    permit.margin_m = judgement.margin_m;
-    permit.beam = judgement.beam.map_or(NO_BEAM, |beam| beam as u32);
-    (permit.reading_m, permit.threshold_m) = (judgement.reading_m, judgement.threshold_m);
-    permit.unsafe_cause = judgement.cause;
-    let place = judgement.place.unwrap_or_default();
-    (permit.place_x_m, permit.place_y_m) = (place.x, place.y);
-    permit.step_m = judgement.step_m;
-    permit.assumes_floor = judgement.assumes_floor;
-    permit.unseen_area_m2 = judgement.unseen_area_m2;
 }
 
 /// Whether the numbers are probabilities that sum to 1.

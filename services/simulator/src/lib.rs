@@ -78,10 +78,8 @@ impl Simulator {
     /// Where a file cannot be read or is wrong, the start is not free, or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         Self::of(io, |_, settings, scenario, world| {
-            if !scenario.disturbances.is_empty() {
-                return Err(TransportError::service(world::WorldError::Disturbances));
-            }
             Physics::new(Arc::new(world), PhysicsConfig::from(settings), scenario.start)
+                .and_then(|physics| physics.with_disturbances(scenario.disturbances.clone()))
                 .map_err(TransportError::service)
         })
     }

@@ -10,6 +10,7 @@ mod boot;
 mod children;
 mod ending;
 mod faults;
+mod freeze;
 mod last_words;
 pub mod machine;
 mod operator;

@@ -189,7 +189,7 @@ impl Supervisor {
             stops: log.stops().iter().map(|told| stop(told, run_ns)).collect(),
             stops_not_kept: log.not_kept,
             stopped_s_by_reason: stopped_s_by_reason(log, run_ns),
-            longest_freeze_s: s_from_ns(log.longest_freeze_ns),
+            longest_freeze_s: s_from_ns(log.freeze.longest_ns()),
             policy: figures.policy.clone(),
             policy_swaps: self.machine.policies().last_records().to_vec(),
             decisions: sum_of(shields().map(|life| life.decisions)),

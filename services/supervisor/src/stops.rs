@@ -2,6 +2,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
+use crate::freeze::Freeze;
 use messages::{LocomotionState, Mode, ModeClass, StopClass, StopReason};
 
 /// So many stops are kept, the newest; of those before them only their time is.
@@ -38,9 +39,8 @@ pub struct StopLog {
     gone_ns: BTreeMap<&'static str, u64>,
     mode_stop: Option<usize>,
     hold: Option<usize>,
-    frozen_since_ns: Option<u64>,
-    /// Longest time at a stand while a moving cue was in force in run.
-    pub longest_freeze_ns: u64,
+    /// How long the robot got nowhere.
+    pub freeze: Freeze,
 }
 
 impl StopLog {
@@ -115,12 +115,7 @@ impl StopLog {
         {
             self.hold = self.begin(stop.class, state.limited_by, now_ns);
         }
-        if stands {
-            let since = *self.frozen_since_ns.get_or_insert(now_ns);
-            self.longest_freeze_ns = self.longest_freeze_ns.max(now_ns - since);
-        } else {
-            self.frozen_since_ns = None;
-        }
+        self.freeze.take(mode, state, now_ns);
     }
 }
 

@@ -30,7 +30,8 @@ pub struct Report {
     pub stops_not_kept: u64,
     /// How long the robot stood, seconds, by the name of the kind of stop.
     pub stopped_s_by_reason: BTreeMap<String, f64>,
-    /// Longest time at a stand while a moving cue was in force in run, seconds.
+    /// Longest time in which the robot was asked to walk and came no farther than 0.25 m by its
+    /// commands, seconds: it stood, or turned.
     pub longest_freeze_s: f64,
     /// What the policy ran that decided last, as it says.
     pub policy: Option<Value>,

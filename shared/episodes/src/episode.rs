@@ -362,7 +362,7 @@ impl Episode {
     /// else is left, it is the cause that forbids the first motion. None: the policy stands although more is allowed.
     fn held_by(&self, wanted: usize) -> UnsafeCause {
         let stands = wanted == ActionTable::STOP;
-        if stands && !leaves_only_stop(self.unsafe_mask, self.velocities.len()) {
+        if stands && !leaves_only_stop(self.unsafe_mask, &self.config.table) {
             return UnsafeCause::None;
         }
         let asked = if stands { ActionTable::STOP + 1 } else { wanted };

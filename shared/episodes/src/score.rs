@@ -78,7 +78,7 @@ pub struct Report {
 pub struct Held {
     /// The policy stood although more was allowed.
     pub policy: u32,
-    /// A beam of the lidar, or what its beams do not show.
+    /// A beam of the lidar, what its beams do not show, or where they show the handler.
     pub lidar: u32,
     /// A point that the camera sees.
     pub camera: u32,
@@ -295,7 +295,7 @@ impl Score {
         let held = &mut self.report.held;
         *match by {
             UnsafeCause::None => &mut held.policy,
-            UnsafeCause::Beam | UnsafeCause::Unknown | UnsafeCause::Unseen => &mut held.lidar,
+            UnsafeCause::Beam | UnsafeCause::Unknown | UnsafeCause::Unseen | UnsafeCause::Handler => &mut held.lidar,
             UnsafeCause::Point | UnsafeCause::Second => &mut held.camera,
             UnsafeCause::Memory => &mut held.memory,
             UnsafeCause::Contact => &mut held.contact,

@@ -7,6 +7,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::se2::{Se2, log, se2};
 
+/// No action leads farther back, metres: nothing looks there, and the handler has to back up.
+pub const BACK_MAX_M: f64 = 0.2;
+
 /// One discrete action: a motion in the robot's frame at its start, made in one decision period at constant velocity.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -30,6 +33,12 @@ impl Action {
         self.velocity(1.0).vx_mps > 0.0
     }
 
+    /// Whether the robot goes back with it.
+    #[must_use]
+    pub fn leads_back(&self) -> bool {
+        self.velocity(1.0).vx_mps < 0.0
+    }
+
     /// The constant body velocity that makes the motion in `dt_s`.
     #[must_use]
     pub fn velocity(&self, dt_s: f64) -> Twist2 {
@@ -46,6 +55,9 @@ pub enum ActionTableError {
     /// The first action must be the one that stands still.
     #[error("the first action must be \"stop\" with no motion, not \"{0}\"")]
     NoStop(String),
+    /// A step back is at most [`BACK_MAX_M`] long.
+    #[error("action \"{0}\" leads back by more than {BACK_MAX_M} m")]
+    Back(String),
     /// A motion is not finite, or two actions share a name.
     #[error("action \"{0}\" is not finite or stands twice")]
     Action(String),
@@ -95,6 +107,9 @@ impl ActionTable {
             if !action.motion.is_finite() || actions[..i].iter().any(|other| other.name == action.name) {
                 return Err(ActionTableError::Action(action.name.clone()));
             }
+            if action.motion.x_m < -BACK_MAX_M {
+                return Err(ActionTableError::Back(action.name.clone()));
+            }
         }
         Ok(Self { actions })
     }
@@ -115,6 +130,14 @@ impl ActionTable {
     pub fn eight() -> Self {
         static TABLE: LazyLock<ActionTable> =
             LazyLock::new(|| ActionTable::shipped(include_str!("../../../config/actions/eight.toml")));
+        TABLE.clone()
+    }
+
+    /// The eight and a step back: `config/actions/nine.toml`.
+    #[must_use]
+    pub fn nine() -> Self {
+        static TABLE: LazyLock<ActionTable> =
+            LazyLock::new(|| ActionTable::shipped(include_str!("../../../config/actions/nine.toml")));
         TABLE.clone()
     }
 
@@ -147,6 +170,12 @@ impl ActionTable {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.actions.is_empty()
+    }
+
+    /// Whether the table begins with all actions of another one.
+    #[must_use]
+    pub fn begins_with(&self, other: &Self) -> bool {
+        self.actions.starts_with(&other.actions)
     }
 
     /// Index of the action of that name.
@@ -185,7 +214,11 @@ mod tests {
         let (eight, ten) = (ActionTable::eight(), ActionTable::ten());
         assert_eq!((eight.len(), eight.id()), (8, 0x8d82_49fa_0fb7_2e14));
         assert_eq!((ten.len(), ten.id()), (10, 0xccfd_c40c_3c75_ff4b));
-        assert_eq!(ten.actions()[..8], *eight.actions());
+        let nine = ActionTable::nine();
+        assert_eq!((nine.len(), nine.id()), (9, 0x4b90_c66c_a1b1_e168));
+        assert!(ten.begins_with(&eight) && nine.begins_with(&eight) && !ten.begins_with(&nine));
+        let back: Vec<&str> = nine.actions().iter().filter(|a| a.leads_back()).map(|a| a.name.as_str()).collect();
+        assert_eq!(back, ["step_back"]);
         // The files hold these in decimals, to the bit.
         let (turn_rad, diagonal_m) = (10f64.to_radians(), 0.25 * std::f64::consts::FRAC_1_SQRT_2);
         let motion = |name: &str| ten.actions()[ten.index_of(name).expect(name)].motion;
@@ -204,6 +237,7 @@ mod tests {
             (text.replace("0x8d82", "0x8D82"), "and its actions have \"0x8d8249fa0fb72e14\""),
             (text.replace("id = ", "digest = "), "unknown field `digest`"),
             (text.replace("\"stop\"", "\"stand\""), "the first action must be \"stop\""),
+            (text.replace("x_m = 0.25", "x_m = -0.25"), "action \"forward\" leads back by more than 0.2 m"),
             ("id = \"\"\nactions = []".to_owned(), "1 to 16 actions, not 0"),
         ] {
             let error = ActionTable::parse(&edited).expect_err(why).to_string();

@@ -187,6 +187,7 @@ impl Awareness {
     /// Robot and handler stand at rest here: nothing carries them on, and the handler is at the default place.
     pub fn rest(&mut self) {
         self.moving = Moving::default();
+        self.handler = HandlerEstimate::new(self.handler.model().clone(), self.config.limits.clone());
         self.handler.reset(&self.odom_from_robot);
     }
 
@@ -246,7 +247,7 @@ impl Awareness {
             let is_stuck = self.surroundings.depth_is_stuck();
             return Some(if is_stuck { Outcome::StuckDepth } else { Outcome::StaleDepth });
         }
-        self.handler.is_lost(now_ns).then_some(Outcome::HandlerNotSeen)
+        self.handler.is_lost().then_some(Outcome::HandlerNotSeen)
     }
 
     /// The stamp of the second lidar's newest scan, nanoseconds, where it may be judged on.

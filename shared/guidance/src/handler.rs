@@ -30,6 +30,13 @@ const APART_M: f64 = 0.01;
 const WENT_MAX_M: f64 = 0.30;
 /// From a scan to the verdict on the next one, in periods of scans.
 const UNTIL_NEXT: f64 = 1.25;
+/// A handler who was lost is back once they stand in their place for so long, nanoseconds: a passer-by does not stay.
+const BACK_NS: u64 = 1_000_000_000;
+/// Looks that are farther apart do not follow each other, nanoseconds.
+const LOOKS_APART_NS: u64 = 500_000_000;
+/// They stand so near to their place, and move by no more than that, metres.
+const BACK_NEAR_M: f64 = 0.4;
+const BACK_STAYS_M: f64 = 0.25;
 /// The estimate strays from the default offset by at most this beyond the model's largest lag, metres.
 const STRAY_MAX_M: f64 = 0.30;
 
@@ -78,6 +85,8 @@ pub struct Seen {
     pub at: Point,
     /// Where it is by the next scan if they go on as they came from the scan before.
     pub next: Point,
+    /// How far from the robot they walk by default, metres.
+    pub by_default_m: f64,
 }
 
 impl HandlerBody {
@@ -122,6 +131,37 @@ pub struct HandlerEstimate {
     /// By how much the radius is widened for what is not known, metres.
     widening_m: f64,
     absent_since_ns: Option<u64>,
+    /// Nobody was there for too long; since when somebody is again.
+    lost: Option<Lost>,
+}
+
+/// Nobody is where the handler should be.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lost {
+    back: Option<Back>,
+}
+
+/// Somebody stands there again.
+#[derive(Debug, Clone, Copy)]
+struct Back {
+    since_ns: u64,
+    last_ns: u64,
+    /// Where they were seen first (odometry frame).
+    at: Point,
+}
+
+impl Lost {
+    /// Takes where somebody stands (odometry frame): whether the handler is back.
+    fn sees(&mut self, at: Option<Point>, now_ns: u64) -> bool {
+        let goes_on = |back: &Back, at: Point| {
+            now_ns.saturating_sub(back.last_ns) <= LOOKS_APART_NS && (at - back.at).norm() <= BACK_STAYS_M
+        };
+        self.back = at.map(|at| match self.back.filter(|back| goes_on(back, at)) {
+            Some(back) => Back { last_ns: now_ns, ..back },
+            None => Back { since_ns: now_ns, last_ns: now_ns, at },
+        });
+        self.back.is_some_and(|back| now_ns.saturating_sub(back.since_ns) >= BACK_NS)
+    }
 }
 
 impl HandlerEstimate {
@@ -140,6 +180,7 @@ impl HandlerEstimate {
             odom_from_seen: [None; 2],
             widening_m: 0.0,
             absent_since_ns: None,
+            lost: None,
         };
         estimate.widening_m = estimate.astray_m().min(HARNESS_M);
         estimate
@@ -158,9 +199,10 @@ impl HandlerEstimate {
         self.model.astray_m(self.limits.speed_max_mps)
     }
 
-    /// After a gap, a restart or a new odometry frame: nothing is known any more.
+    /// After a gap, a restart or a new odometry frame: nothing is known any more. A handler who was lost still is.
     pub fn reset(&mut self, odom_from_robot: &Se2) {
-        *self = Self::new(self.model.clone(), self.limits.clone());
+        let lost = self.lost.map(|_| Lost::default());
+        *self = Self { lost, ..Self::new(self.model.clone(), self.limits.clone()) };
         (self.odom_from_start, self.odom_from_robot) = (*odom_from_robot, *odom_from_robot);
     }
 
@@ -232,7 +274,9 @@ impl HandlerEstimate {
         let went = at? - before?;
         // The next verdict comes a little after the next scan.
         let next = at? + went * UNTIL_NEXT;
-        (went.norm() <= WENT_MAX_M).then_some(Seen { at: robot_from_odom * at?, next: robot_from_odom * next })
+        let (at, next) = (robot_from_odom * at?, robot_from_odom * next);
+        let by_default_m = self.default_place().coords.norm();
+        (went.norm() <= WENT_MAX_M).then_some(Seen { at, next, by_default_m })
     }
 
     /// Takes in what the lidar sees there.
@@ -244,17 +288,34 @@ impl HandlerEstimate {
         });
         let kept = seen.filter(|middle| (middle - self.default_place()).norm() <= self.stray_max_m());
         self.odom_from_seen = [kept.map(|middle| self.odom_from_robot * middle), self.odom_from_seen[0]];
-        if let Some(middle) = seen {
-            self.absent_since_ns = None;
-            self.draw_towards(middle);
-            return Sighting::Seen;
+        let sighting = if let Some(middle) = seen {
+            // Whoever passes by draws the estimate of a lost handler nowhere.
+            if self.lost.is_none() {
+                self.draw_towards(middle);
+            }
+            Sighting::Seen
+        } else if self.is_passed(beams, center) {
+            Sighting::Absent
+        } else {
+            Sighting::NotVisible
+        };
+        let near = seen.filter(|middle| (middle - self.default_place()).norm() <= BACK_NEAR_M);
+        self.look_for(sighting, near, now_ns);
+        sighting
+    }
+
+    /// Whether the handler is lost, and whether they are back. `near` is where somebody stands in their place (robot
+    /// frame).
+    fn look_for(&mut self, sighting: Sighting, near: Option<Point>, now_ns: u64) {
+        let since_ns = self.absent_since_ns.filter(|_| sighting == Sighting::Absent);
+        self.absent_since_ns = since_ns.or((sighting == Sighting::Absent).then_some(now_ns));
+        if self.absent_since_ns.is_some_and(|since_ns| now_ns.saturating_sub(since_ns) >= self.limits.not_seen_ns) {
+            self.lost = Some(Lost::default());
         }
-        if self.is_passed(beams, center) {
-            self.absent_since_ns.get_or_insert(now_ns);
-            return Sighting::Absent;
+        let at = near.map(|near| self.odom_from_robot * near);
+        if self.lost.as_mut().is_some_and(|lost| lost.sees(at, now_ns)) {
+            self.lost = None;
         }
-        self.absent_since_ns = None;
-        Sighting::NotVisible
     }
 
     /// The middle of the disc whose edge the hits about `guess` lie on: least squares, in which a hit counts the less
@@ -335,10 +396,10 @@ impl HandlerEstimate {
         through >= HITS_MIN && passing as f64 >= PASSING_SHARE * through as f64
     }
 
-    /// Whether nobody has been where the handler should be for too long.
+    /// Whether nobody has been where the handler should be for too long, and nobody has come back.
     #[must_use]
-    pub fn is_lost(&self, now_ns: u64) -> bool {
-        self.absent_since_ns.is_some_and(|since| now_ns.saturating_sub(since) >= self.limits.not_seen_ns)
+    pub fn is_lost(&self) -> bool {
+        self.lost.is_some()
     }
 }
 
@@ -417,10 +478,49 @@ mod tests {
     #[test]
     fn nobody_there_for_a_second_is_handler_not_seen() {
         let mut estimate = estimate();
-        assert_eq!(estimate.correct(&scan_of(None), 0), Sighting::Absent);
-        assert!(!estimate.is_lost(999_999_999) && estimate.is_lost(1_000_000_000));
-        estimate.correct(&scan_of(Some(Point::new(-0.75, -0.35))), 1_000_000_000);
-        assert!(!estimate.is_lost(1_000_000_000));
+        let nobody = scan_of(None);
+        assert_eq!(estimate.correct(&nobody, 0), Sighting::Absent);
+        estimate.correct(&nobody, 999_999_999);
+        assert!(!estimate.is_lost());
+        estimate.correct(&nobody, 1_000_000_000);
+        assert!(estimate.is_lost());
+    }
+
+    /// An estimate whose handler has been lost.
+    fn lost() -> HandlerEstimate {
+        let mut estimate = estimate();
+        for at_ns in [0, 1_000_000_000] {
+            estimate.correct(&scan_of(None), at_ns);
+        }
+        assert!(estimate.is_lost());
+        estimate
+    }
+
+    /// Whether a handler is still lost after looks at these times, milliseconds, at somebody there.
+    fn is_lost_after(estimate: &mut HandlerEstimate, ms: impl Iterator<Item = u64>, at: impl Fn(u64) -> Point) -> bool {
+        for ms in ms {
+            estimate.correct(&scan_of(Some(at(ms))), ms * 1_000_000);
+        }
+        estimate.is_lost()
+    }
+
+    #[test]
+    fn a_handler_who_takes_the_handle_again_is_back_after_a_second() {
+        let there = |_| Point::new(-0.7, -0.3);
+        let mut estimate = lost();
+        assert!(is_lost_after(&mut estimate, (1100..2100).step_by(100), there));
+        assert!(!is_lost_after(&mut estimate, 2100..2101, there));
+    }
+
+    #[test]
+    fn neither_a_passer_by_nor_a_gap_in_the_looks_nor_a_new_odometry_frame_brings_a_handler_back() {
+        let passes = |mps: f64| move |ms: u64| Point::new(-0.75 + mps * (ms as f64 / 1e3 - 2.0), -0.35);
+        assert!(is_lost_after(&mut lost(), (1100..4000).step_by(100), passes(0.5)));
+        assert!(is_lost_after(&mut lost(), (1100..9000).step_by(600), passes(0.0)), "looks that are too far apart");
+        let mut estimate = lost();
+        is_lost_after(&mut estimate, (1100..1900).step_by(100), passes(0.0));
+        estimate.reset(&Se2::identity());
+        assert!(is_lost_after(&mut estimate, (1900..2800).step_by(100), passes(0.0)));
     }
 
     #[test]
@@ -432,7 +532,8 @@ mod tests {
         beams.fill(&front, &[5.0; 181]).expect("usable");
         let mut estimate = estimate();
         assert_eq!(estimate.correct(&beams, 0), Sighting::NotVisible);
-        assert!(!estimate.is_lost(u64::MAX));
+        estimate.correct(&beams, u64::MAX);
+        assert!(!estimate.is_lost());
     }
 
     #[test]

@@ -454,6 +454,22 @@ impl Memory {
         self.floor.as_ref().is_some_and(|map| map.floor(cell, &self.here(), self.config.drift) == Floor::Seen)
     }
 
+    /// Whether floor is remembered.
+    #[must_use]
+    pub fn watches_floor(&self) -> bool {
+        self.floor.is_some()
+    }
+
+    /// Whether a motion to the side may tread at a place (robot frame): the floor there was seen or trodden. Anywhere
+    /// where floor is not remembered.
+    #[must_use]
+    pub fn carries(&self, place: Point) -> bool {
+        let cell = floor::cell_of(self.odom_from_robot * place);
+        self.floor
+            .as_ref()
+            .is_none_or(|map| matches!(map.floor(cell, &self.here(), self.config.drift), Floor::Seen | Floor::Trodden))
+    }
+
     /// Whether floor within a radius of a place (robot frame) was seen, or goes on level from the start up to the first
     /// that was.
     #[must_use]

@@ -31,6 +31,9 @@ pub struct ShieldConfig {
     pub escape: bool,
     /// Largest unseen part of the hull, square metres; `None`: it makes nothing unsafe by itself.
     pub unseen_limit_m2: Option<f64>,
+    /// A motion that leads back stays so far from every edge and step of the floor, metres, leads over floor alone that
+    /// was seen or trodden, and to no handler who stands. None: it is judged as any other.
+    pub back_from_edges_m: Option<f64>,
     /// Shape of the robot, and where robot and handler come to rest.
     pub reach: Reach,
     /// How far it keeps from an edge.
@@ -325,10 +328,12 @@ fn waits_at_edge(table: &ActionTable, judgements: &[Judgement], wanted: usize) -
         && !judgements.iter().enumerate().any(is_left)
 }
 
-/// Whether the mask of a table with that many actions takes every motion away.
+/// Whether the mask takes every motion away, but for a step back, which is no way on.
 #[must_use]
-pub fn leaves_only_stop(unsafe_mask: u32, count: usize) -> bool {
-    (0..count).all(|action| action == ActionTable::STOP || unsafe_mask >> action & 1 == 1)
+pub fn leaves_only_stop(unsafe_mask: u32, table: &ActionTable) -> bool {
+    let is_way_on =
+        |(i, action): (usize, &Action)| i != ActionTable::STOP && !action.leads_back() && unsafe_mask >> i & 1 == 0;
+    !table.actions().iter().enumerate().any(is_way_on)
 }
 
 /// The policy's first choice, `wanted`; where that is to stop, its first choice of the actions that move.

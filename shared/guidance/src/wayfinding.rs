@@ -9,11 +9,10 @@
 //!   `episodes::Task`, or told of a scripted walk ([`HandlerErrors`]).
 
 use messages::CueKind;
-use nalgebra::Rotation2;
 
 use crate::cue::target_yaw_rad;
 use crate::interaction::place;
-use crate::se2::{Point, Se2, wrap_angle};
+use crate::se2::{Se2, wrap_angle};
 use crate::travel_line::TravelLine;
 
 /// One cue, from where the handler was when they gave it.
@@ -199,12 +198,6 @@ impl HandlerErrors {
             wrap_angle(world_from_start.rotation.angle() + self.orientation_rad),
         )
     }
-
-    /// Where a cue is given that was due at `due` on a way with the heading `heading_rad`.
-    #[must_use]
-    pub fn place_of_cue(&self, due: Point, heading_rad: f64) -> Point {
-        due + Rotation2::new(heading_rad) * nalgebra::Vector2::new(self.timing_m, 0.0)
-    }
 }
 
 #[cfg(test)]
@@ -281,11 +274,9 @@ mod tests {
     }
 
     #[test]
-    fn errors_turn_the_start_and_move_the_cue_along_the_way() {
-        let errors = HandlerErrors { orientation_rad: 0.3, timing_m: -0.5 };
+    fn errors_turn_the_start() {
+        let errors = HandlerErrors { orientation_rad: 0.3, timing_m: 0.0 };
         let start = errors.start(&at(1.0, 2.0, 3.0));
         assert!((start.rotation.angle() - (3.3 - std::f64::consts::TAU)).abs() < 1e-12);
-        let early = errors.place_of_cue(Point::new(4.0, 0.0), FRAC_PI_2);
-        assert!((early - Point::new(4.0, -0.5)).norm() < 1e-12);
     }
 }

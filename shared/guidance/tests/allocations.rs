@@ -40,6 +40,7 @@ fn taking_in_and_judging_a_scan_allocates_nothing_once_warm() {
         unknown_gap_m: 0.1,
         escape: true,
         unseen_limit_m2: Some(10.0),
+        back_from_edges_m: None,
         reach: Reach::default(),
         edges: EdgeDistance::default(),
     };

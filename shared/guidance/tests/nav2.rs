@@ -68,6 +68,7 @@ fn is_free(radius_m: f64, velocity: Twist2, time_s: f64, beams: &Beams) -> bool 
         unknown_gap_m: 0.1,
         escape: false,
         unseen_limit_m2: None,
+        back_from_edges_m: None,
         reach: Reach::default(),
         edges: EdgeDistance::default(),
     });

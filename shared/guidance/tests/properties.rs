@@ -117,6 +117,7 @@ impl Moment {
             unknown_gap_m: 0.1,
             escape: false,
             unseen_limit_m2: None,
+            back_from_edges_m: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
         }

@@ -303,7 +303,7 @@ impl Default for PolicyAction {
 /// What the shield found. Only [`Outcome::Granted`] lets the robot move.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/2"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/3"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -349,6 +349,8 @@ pub enum Outcome {
     CameraTilted,
     /// Refused: the second lidar's scan is missing, over its max age, or not usable.
     StaleSecondScan,
+    /// Judged: the action drawn is a step back, which waits until the handler has been told (hold).
+    StepsBack,
 }
 
 named!(Outcome);
@@ -357,11 +359,14 @@ impl Outcome {
     /// Whether the scan was judged (a verdict) rather than refused.
     #[must_use]
     pub const fn is_verdict(self) -> bool {
-        matches!(self, Self::Granted | Self::Stop | Self::AllUnsafe | Self::RemainderUnsafe | Self::ActionEnded)
+        matches!(
+            self,
+            Self::Granted | Self::Stop | Self::AllUnsafe | Self::RemainderUnsafe | Self::ActionEnded | Self::StepsBack
+        )
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 20] = [
+    pub const ALL: [Self; 21] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -382,6 +387,7 @@ impl Outcome {
         Self::NoFloor,
         Self::CameraTilted,
         Self::StaleSecondScan,
+        Self::StepsBack,
     ];
 
     /// The name, as in reports.
@@ -408,6 +414,7 @@ impl Outcome {
             Self::NoFloor => "no_floor",
             Self::CameraTilted => "camera_tilted",
             Self::StaleSecondScan => "stale_second_scan",
+            Self::StepsBack => "steps_back",
         }
     }
 }
@@ -431,7 +438,7 @@ named!(PermitCause);
 /// What made a motion unsafe.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/2"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/UnsafeCause/3"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum UnsafeCause {
@@ -462,6 +469,8 @@ pub enum UnsafeCause {
     LowStepUp,
     /// A point that the second lidar sees lies in the hull.
     Second,
+    /// It leads back, and the handler stands too near or was not seen.
+    Handler,
 }
 
 named!(UnsafeCause);

@@ -286,6 +286,12 @@ stops! {
         meaning: "nobody is where the handler should be",
         advice: "take the handle again",
     }
+    StepBack = 45, "step_back" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "the robot is about to step back, and tells the handler first",
+        advice: "step back with it, and leave it room",
+    }
     InputUnusable = 25, "input_unusable" {
         class: Hold,
         holds_a_cue: true, latched_by_locomotion: false,
@@ -448,6 +454,7 @@ mod tests {
             "all_unsafe",
             "remainder_unsafe",
             "handler_not_seen",
+            "step_back",
             "input_unusable",
             "odometry_stale",
             "mode_stale",

@@ -4,6 +4,7 @@
 //! (`route`), spreads the cost to that goal over the floor (`field`), and looks a few actions ahead with robot and
 //! delayed handler together (`rollout`). Same input, same output: no clock, no randomness, no I/O.
 
+mod backed;
 mod beams;
 mod field;
 mod grid;
@@ -15,6 +16,7 @@ mod travel;
 
 pub use route::Plan;
 
+use backed::Backed;
 use beams::Beams;
 use field::CostToGo;
 use grid::{Memory, Window};
@@ -24,7 +26,7 @@ use guidance::{
     ShieldConfig,
 };
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
-use rollout::Scene;
+use rollout::{Scene, SeenFloor};
 use route::Route;
 use settings::Settings;
 use std::collections::VecDeque;
@@ -43,6 +45,8 @@ const UNSEEN_M: f64 = 1e5;
 /// A way out of a wedge costs so much less than to stop, metres; and takes away no more room than this, metres.
 const WAY_OUT_M: f64 = 100.0;
 const SAME_ROOM_M: f64 = 0.005;
+/// A team that is so near to the goal is at it, metres.
+const AT_GOAL_M: f64 = 1.0;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -139,6 +143,7 @@ pub struct GeometricEngine {
     last_motion: Se2,
     history: VecDeque<Se2>,
     unrest: f64,
+    backed: Backed,
     route: Option<Route>,
     cue: CueKind,
     plan: Plan,
@@ -164,6 +169,7 @@ impl GeometricEngine {
             last_motion: Se2::identity(),
             history: VecDeque::new(),
             unrest: 1.0,
+            backed: Backed::default(),
             route: None,
             cue: CueKind::Stop,
             plan: Plan::Stand,
@@ -229,7 +235,8 @@ impl GeometricEngine {
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
         self.ask_shield(observation);
-        let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams);
+        let memory = observation.shield.and_then(|(evidence, _)| evidence.memory);
+        let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams, memory);
         // What leads over floor that was not seen comes last: another action looks there first.
         for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
             *cost += if judged.cause == UnsafeCause::FloorUnseen { UNSEEN_M } else { 0.0 };
@@ -263,11 +270,13 @@ impl GeometricEngine {
             self.last_motion = Se2::identity();
             self.robot_from_handler = self.team.robot_from_handler();
             self.unrest = 1.0;
+            self.backed = Backed::default();
         }
         if let Some(handler) = observation.handler {
             self.robot_from_handler.translation.vector = handler.coords;
         }
         self.odom_from_robot = odom_from_robot;
+        self.backed.take(&odom_from_robot, &self.last_motion);
         self.history.push_back(odom_from_robot);
         if self.history.len() > HISTORY {
             self.history.pop_front();
@@ -278,7 +287,11 @@ impl GeometricEngine {
 
     fn take_cue(&mut self, observation: &Observation) {
         if observation.cue_is_new || observation.cue != self.cue {
-            self.route = None;
+            let start_rad =
+                (self.odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse()).rotation.angle();
+            let was_turn = matches!(self.cue, CueKind::Left | CueKind::Right);
+            let goes_on = was_turn && observation.cue == CueKind::Forward;
+            self.route = self.route.take().filter(|route| goes_on && route.turns_to(start_rad));
             self.history.clear();
         }
         self.cue = observation.cue;
@@ -297,9 +310,18 @@ impl GeometricEngine {
     }
 
     /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not. Where
-    /// no action leaves the room that is wished for, the look ahead is content with what the shield demands. Where
-    /// there is no way even then, what does not take room away is better than to stop.
-    fn weigh(&self, window: &Window, cost: &CostToGo, facing_rad: f64, beams: &Beams) -> [f64; MAX_ACTIONS] {
+    /// no action that leaves the room that is wished for gets the team on, the look ahead is content with what the
+    /// shield demands. Where there is no way even then, what does not take room away is better than to stop.
+    fn weigh(
+        &self,
+        window: &Window,
+        cost: &CostToGo,
+        facing_rad: f64,
+        beams: &Beams,
+        memory: Option<&guidance::Memory>,
+    ) -> [f64; MAX_ACTIONS] {
+        let robot_from_odom = self.odom_from_robot.inverse();
+        let floor = memory.map(|memory| SeenFloor { memory, robot_from_odom });
         let worth_with = |reserve_m: f64| {
             let scene = Scene {
                 window,
@@ -310,6 +332,7 @@ impl GeometricEngine {
                 reserve_m,
                 last_motion: self.last_motion,
                 unrest: self.unrest,
+                floor,
             };
             scene.worth(&self.odom_from_robot, &self.robot_from_handler)
         };
@@ -318,18 +341,28 @@ impl GeometricEngine {
         // to go on. Without a shield, the obstacles that are known decide.
         let forbids = |judged: &Judgement| !judged.safe && !judged.cause.is_edge();
         let is_forbidden = |action: usize| self.judgements.get(action).map_or(margins_m[action] <= 0.0, forbids);
+        let leads_back = |action: usize| self.table.actions()[action].leads_back();
         let has_way = |worth: &[Option<f64>]| {
             let mut ways = worth.iter().enumerate().filter(|(_, worth)| worth.is_some());
-            ways.any(|(action, _)| !is_forbidden(action))
+            ways.any(|(action, _)| !is_forbidden(action) && !leads_back(action))
         };
         let wished = worth_with(self.config.reserve_m + 2.0 * beams.sigma_m);
-        let worth = if has_way(&wished) { wished } else { worth_with(0.0) };
+        let here_m = rollout::cost_m(cost, window, &self.odom_from_robot);
+        let gets_on = |worth: &[Option<f64>]| {
+            let gets_on = |action: usize, cost_m: f64| cost_m < here_m && !is_forbidden(action) && !leads_back(action);
+            let mut ways = worth.iter().enumerate();
+            // Shortly before the goal nothing gets it on.
+            here_m < AT_GOAL_M || ways.any(|(action, worth)| worth.is_some_and(|cost_m| gets_on(action, cost_m)))
+        };
+        let worth = if has_way(&wished) && gets_on(&wished) { wished } else { cheaper(wished, worth_with(0.0)) };
         let is_wedged = !has_way(&worth);
+        let may_back = !gets_on(&worth) && self.backed.may_step();
         let mut costs = [f64::INFINITY; MAX_ACTIONS];
         for (action, worth) in worth.into_iter().enumerate() {
             costs[action] = match worth {
                 _ if action == ActionTable::STOP => STOP_M,
                 _ if is_forbidden(action) => UNSAFE_M - margins_m[action],
+                _ if leads_back(action) && !may_back => 2.0 * STOP_M,
                 Some(cost_m) => cost_m,
                 None if is_wedged => self.way_out(window, action),
                 // The roomier, the sooner.
@@ -380,6 +413,12 @@ pub(crate) fn probabilities(costs: &[f64; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
         shares[*best] = 1.0 - shares.iter().sum::<f32>();
     }
     shares
+}
+
+/// For each action, the less of two costs.
+fn cheaper(one: Vec<Option<f64>>, other: Vec<Option<f64>>) -> Vec<Option<f64>> {
+    let less = |(one, other): (Option<f64>, Option<f64>)| one.into_iter().chain(other).reduce(f64::min);
+    one.into_iter().zip(other).map(less).collect()
 }
 
 /// Whether the pose is finite and within the reach of any robot.

@@ -5,8 +5,8 @@
 
 use std::path::Path;
 
+use guidance::Se2;
 use guidance::observation::{Frames, Senses};
-use guidance::{ActionTable, Se2};
 use inference::{Session, TensorRef};
 use messages::MAX_ACTIONS;
 
@@ -29,18 +29,12 @@ impl LearntEngine {
     ///
     /// # Errors
     /// Where it cannot be loaded or run, or is of another shape.
-    pub fn load(
-        path: &Path,
-        bytes: &[u8],
-        manifest: &Manifest,
-        table: &ActionTable,
-        library: Option<&Path>,
-    ) -> Result<Self, ModelError> {
+    pub fn load(path: &Path, bytes: &[u8], manifest: &Manifest, library: Option<&Path>) -> Result<Self, ModelError> {
         let wrong = |what: String| ModelError::Content { path: path.to_owned(), what };
         let session = inference::session(bytes, library).map_err(&wrong)?;
         let mut engine = Self {
             session,
-            actions: table.len(),
+            actions: manifest.actions.table().len(),
             temperature: manifest.temperature.map_or(1.0, |temperature| temperature.get() as f32),
             frames: Frames::new(manifest.frames),
             memory: vec![0.0; manifest.memory],

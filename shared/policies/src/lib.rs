@@ -163,14 +163,17 @@ pub fn engine(
     if let Some(Model { path, manifest, kind, .. }) = model {
         match kind {
             ModelKind::Learnt { bytes } => {
-                let network = Box::new(LearntEngine::load(path, bytes, manifest, table, library)?);
+                let network = Box::new(LearntEngine::load(path, bytes, manifest, library)?);
                 if planner == PlannerUse::Off {
                     return Ok(network);
                 }
                 let geometric = GeometricEngine::new(config, table.clone());
                 return Ok(Box::new(PlannedEngine::new(network, geometric, planner)));
             }
-            ModelKind::Geometric(tuning) => tuning.apply(&mut config),
+            ModelKind::Geometric(tuning) => {
+                tuning.apply(&mut config);
+                return Ok(Box::new(GeometricEngine::new(config, manifest.actions.table())));
+            }
         }
     }
     Ok(Box::new(GeometricEngine::new(config, table.clone())))

@@ -29,7 +29,7 @@ pub struct Manifest {
     pub sha256: String,
     /// The observation that it was made for; see [`OBSERVATION`].
     pub observation: String,
-    /// The action table that it decides over.
+    /// The action table that it decides over: the run's, or the first actions of it.
     pub actions: ActionTableName,
     /// The decision period that it was made for.
     pub dt: Millis,
@@ -330,7 +330,8 @@ impl Manifest {
             }
         }
         let table = self.actions.table();
-        if table.id() != expected.table.id() {
+        // What it does not know of, it does not propose.
+        if !expected.table.begins_with(&table) {
             let actions = |table: &ActionTable| format!("of {} actions", table.len());
             return Err(other("the action table", &actions(&expected.table), &actions(&table)));
         }

@@ -3,13 +3,13 @@
 //! The planner is the geometric engine: it looks eight actions ahead with robot and handler, by the interaction
 //! model, on the remembered map, and asks the shield of every first action. A network knows what mostly comes of an
 //! action; the planner knows where this one leads to. docs/evaluation.md has what each does alone and what both do
-//! together. Where the team makes no progress, the planner decides alone for some seconds. The network can be swapped;
-//! the planner is built in, and its time is bounded.
+//! together. Where the team makes no progress, or the network wants for long what the planner finds dearer, the planner
+//! decides alone for some seconds. The network can be swapped; the planner is built in, and its time is bounded.
 
 use std::collections::VecDeque;
 
-use guidance::Se2;
-use messages::MAX_ACTIONS;
+use guidance::{ActionTable, Se2};
+use messages::{CueKind, MAX_ACTIONS};
 use settings::PlannerUse;
 
 use crate::geometric::{self, GeometricEngine};
@@ -28,6 +28,10 @@ const PROGRESS_RAD: f64 = 0.5;
 const PROGRESS_DECISIONS: usize = 6;
 /// Number of decisions that the planner then makes alone.
 const TAKEN_OVER: usize = 12;
+/// A network that is to go on along the way and chooses so much dearer than the planner would, metres, is overruled as
+/// well. What it chose at a decision counts for this share of it at the next one.
+const DEARER_M: f64 = 2.0;
+const KEPT: f64 = 0.9;
 
 /// See the module.
 pub struct PlannedEngine {
@@ -43,6 +47,8 @@ pub struct PlannedEngine {
 struct Progress {
     /// Where the robot was at the last decisions (odometry frame).
     places: VecDeque<Se2>,
+    /// By how much the last choices were dearer than the planner's, metres.
+    dearer_m: f64,
     /// Number of decisions that are still the planner's alone.
     taken_over: usize,
 }
@@ -62,6 +68,18 @@ impl Progress {
         }
         self.places.push_back(odom_from_robot);
         self.taken_over > 0
+    }
+
+    /// Takes what the team is going to do.
+    fn chosen(&mut self, probabilities: &Probabilities, costs_m: &[f64; MAX_ACTIONS]) {
+        let by_p = |a: &usize, b: &usize| probabilities[*a].total_cmp(&probabilities[*b]);
+        let chosen = (0..MAX_ACTIONS).max_by(by_p).unwrap_or_default();
+        // Who stops may wait for something.
+        let more_m = if chosen == ActionTable::STOP { 0.0 } else { costs_m[chosen] - least_m(costs_m) };
+        self.dearer_m = KEPT * self.dearer_m + more_m.min(DEARER_M / 2.0);
+        if self.dearer_m > DEARER_M {
+            (self.taken_over, self.dearer_m) = (TAKEN_OVER, 0.0);
+        }
     }
 }
 
@@ -84,19 +102,30 @@ impl Engine for PlannedEngine {
             self.progress = Progress::default();
         }
         let is_taken_over = self.progress.observe(situation.odom_from_robot);
-        Ok(match costs_m {
-            // It sees no way: whether it has ended is the network's to say.
-            None => proposed,
-            Some(costs_m) if is_taken_over => geometric::probabilities(&costs_m),
-            Some(_) if self.only_takes_over => proposed,
-            Some(costs_m) => judged(&proposed, &costs_m),
-        })
+        // Where it sees no way, whether the way has ended is the network's to say.
+        let Some(costs_m) = costs_m else { return Ok(proposed) };
+        let decided = if is_taken_over {
+            geometric::probabilities(&costs_m)
+        } else if self.only_takes_over {
+            proposed
+        } else {
+            judged(&proposed, &costs_m)
+        };
+        // Whether an opening is one, the network knows better.
+        if situation.cue == CueKind::Forward {
+            self.progress.chosen(&decided, &costs_m);
+        }
+        Ok(decided)
     }
+}
+
+fn least_m(costs_m: &[f64; MAX_ACTIONS]) -> f64 {
+    costs_m.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
 /// What is proposed, times what the planner makes of it.
 fn judged(proposed: &Probabilities, costs_m: &[f64; MAX_ACTIONS]) -> Probabilities {
-    let least_m = costs_m.iter().copied().fold(f64::INFINITY, f64::min);
+    let least_m = least_m(costs_m);
     let mut weights = [0.0; MAX_ACTIONS];
     for (weight, (p, cost_m)) in weights.iter_mut().zip(proposed.iter().zip(costs_m)) {
         if cost_m.is_finite() {
@@ -138,6 +167,22 @@ mod tests {
     fn where_the_planner_finds_no_way_out_to_stop_is_best() {
         let proposed = of(0.0, &[0.0, 1.0, 0.0]);
         assert_eq!(best(&judged(&proposed, &of(f64::INFINITY, &[1e3, 1e4, 1e4]))), 0);
+    }
+
+    #[test]
+    fn a_network_that_wants_what_is_a_little_dearer_for_long_is_overruled() {
+        let taken_after = |more_m: f64| {
+            let (mut progress, wants) = (Progress::default(), of(0.0, &[0.0, 1.0, 0.0]));
+            let costs_m = of(f64::INFINITY, &[1e3, 5.0 + more_m, 5.0]);
+            (0..60_u32).find(|i| {
+                let is_taken = progress.observe(Se2::new(Vector2::new(0.25 * f64::from(*i), 0.0), 0.0));
+                progress.chosen(&wants, &costs_m);
+                is_taken
+            })
+        };
+        assert!(taken_after(0.34).is_some_and(|decisions| (8..12).contains(&decisions)));
+        assert_eq!(taken_after(1e3), Some(3));
+        assert_eq!((taken_after(0.1), taken_after(0.0)), (None, None));
     }
 
     #[test]

@@ -58,6 +58,7 @@ impl Guard {
             unknown_gap_m: 0.10,
             escape: true,
             unseen_limit_m2: None,
+            back_from_edges_m: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
         });

@@ -46,6 +46,8 @@ pub use speak::{Speak, SpokenLanguage, Verbosity};
 const SCAN_GAP_NS: u64 = NS_PER_S;
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
+/// A step back stays so far from every edge and step of the floor, metres.
+const BACK_FROM_EDGES_M: f64 = 1.0;
 
 /// Everything that can be configured.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
@@ -181,6 +183,7 @@ impl Settings {
             unknown_gap_m: shield.unknown_gap_m.get(),
             escape: shield.escape,
             unseen_limit_m2: shield.unseen_limit_m2,
+            back_from_edges_m: Some(BACK_FROM_EDGES_M),
             reach: self.reach(),
             edges: EdgeDistance { ahead_m: shield.floor.edge_ahead_m, beside_m: shield.floor.edge_beside_m },
         }

@@ -305,7 +305,12 @@ impl Speaker {
         }
         let hold = *hold;
         let lasted = |since_ns: u64| now_ns.saturating_sub(since_ns) >= self.config.hold_after_ns;
+        // A step back is made whether it was told or not: it is told each time.
+        let is_step_back = kind == StopKind::StepBack;
         let (due, about_ns) = match hold.told {
+            _ if is_step_back && hold.told.is_none_or(|(_, what)| what != sentence) => {
+                (lasted(hold.sentence_since_ns), hold.sentence_since_ns)
+            }
             None => (lasted(hold.since_ns) && !self.was_told(&sentence, HOLD_AGAIN_NS, now_ns), hold.since_ns),
             Some((at_ns, _)) if now_ns >= at_ns + self.config.remind_ns => (true, now_ns),
             Some((at_ns, what)) => {
@@ -317,7 +322,8 @@ impl Speaker {
             self.hold = Some(Hold { told: Some((now_ns, sentence)), ..hold });
             self.drop_waiting_urgency(Urgency::Hold);
             let utterance = Utterance { sentence, urgency: Urgency::Hold, about_ns, reason: state.limited_by };
-            self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns: u64::MAX }, now_ns);
+            let breaks_in_after_ns = if is_step_back { 0 } else { u64::MAX };
+            self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns }, now_ns);
         }
     }
 

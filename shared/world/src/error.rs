@@ -64,8 +64,8 @@ pub enum WorldError {
     /// The project's own world is flat.
     #[error("ramps need --physics mujoco: this world is flat")]
     Ramps,
-    /// In the project's own world the handler follows, and disturbs nothing.
-    #[error("[[handler]] in a scenario needs --physics mujoco: here the handler only follows")]
+    /// In the project's own world the handler does nothing but follow, and let the handle go.
+    #[error("does = \"snag\" and does = \"pull\" of a [[handler]] need --physics mujoco: here nothing pulls")]
     Disturbances,
     /// Robot and handler find no way in a floor plan.
     #[error("{file}: there is no corridor of {length_m} m with room for robot and handler")]

@@ -1,9 +1,12 @@
 //! Robot, handler and people in motion, and the truth about what they touch. One tick is 10 ms.
 //!
 //! The robot follows a commanded body velocity within its accelerations, or as its [`Legs`] do. The handler is drawn
-//! after it by the harness: the offset in the robot's frame relaxes to its default with a time constant. A motion that
+//! after it by the harness: the offset in the robot's frame relaxes to its default with a time constant. A handler who
+//! is held up for a second lets the handle go, and walks back to it. A motion that
 //! would touch something is cut off before the touch and counted, once until there is room again. Where the footprint
 //! of robot or handler leaves the floor it has fallen.
+
+mod handler;
 
 use std::sync::Arc;
 
@@ -16,6 +19,7 @@ use crate::floor::Falls;
 use crate::outline::Outline;
 use crate::people::Agent;
 use crate::{ConfigError, Legs, LegsConfig, People, World, WorldError};
+use handler::Hand;
 
 /// One tick, seconds: the quantum of stepped time.
 pub const TICK_S: f64 = messages::QUANTUM_NS as f64 * 1e-9;
@@ -181,6 +185,7 @@ pub struct Physics {
     world_from_handler: Se2,
     twist: Twist2,
     legs: Option<Legs>,
+    hand: Hand,
     bodies: [Body; 2],
     hit_by_others: u32,
     falls: Falls,
@@ -218,6 +223,7 @@ impl Physics {
             world_from_handler: world_from_robot * se2(config.handler.robot_from_handler),
             twist: Twist2::ZERO,
             legs: config.legs.clone().map(|legs| Legs::new(legs, config.seed)).transpose()?,
+            hand: Hand::default(),
             bodies: [
                 body(config.robot.radius_m, config.robot.height_m),
                 body(config.handler.radius_m, config.handler.height_m),
@@ -385,7 +391,7 @@ impl Physics {
         };
         let (handler, reach_m) = (self.place(HANDLER), self.config.handler.reach_m);
         let (before, after) = ((from - handler).norm(), (reached - handler).norm());
-        let pulled = after > reach_m && after > before;
+        let pulled = self.hand.holds() && after > reach_m && after > before;
         if pulled {
             reached = from;
         }
@@ -397,28 +403,6 @@ impl Physics {
         }
         self.distance_m += (reached - from).norm();
         self.world_from_robot = placed(reached, yaw_rad);
-    }
-
-    fn move_handler(&mut self) {
-        let handler = &self.config.handler;
-        let tau_s = handler.time_constant_s();
-        let keep = tau_s / (tau_s + TICK_S);
-        let mut target = handler.robot_from_handler;
-        if self.twist.speed_mps() > CLOSING_MPS {
-            let phase = std::f64::consts::TAU * (self.ticks as f64 * TICK_S) / handler.sway_period_s;
-            target.y_m += handler.sway_m * phase.sin();
-        }
-        let now = pose2(&(self.world_from_robot.inverse() * self.world_from_handler));
-        let next = Pose2::new(
-            target.x_m + keep * (now.x_m - target.x_m),
-            target.y_m + keep * (now.y_m - target.y_m),
-            target.yaw_rad + keep * wrap_angle(now.yaw_rad - target.yaw_rad),
-        );
-        let wanted = self.world_from_robot * se2(next);
-        let (from, to) = (self.place(HANDLER), Point::from(wanted.translation.vector));
-        let share = self.free_share(HANDLER, &self.outline(HANDLER), &Outline::of(&wanted, 0.0));
-        let reached = if share < 1.0 { from + (to - from) * share } else { to };
-        self.world_from_handler = placed(reached, wanted.rotation.angle());
     }
 
     /// How much of its way a body gets, on which each of its discs goes straight; counts what it runs into.

@@ -18,12 +18,12 @@
 //! within_m = 1.2                     # default 1.0
 //! ```
 //!
-//! In MuJoCo the handler may disturb the walk:
+//! The handler may disturb the walk; in the flat world they can only let the handle go:
 //!
 //! ```toml
 //! [[handler]]
-//! does = "snag"                      # "snag": is caught, and holds on; "let_go": stands without the handle;
-//!                                    # "pull": pulls at the handle,
+//! does = "snag"                      # "snag": is caught, and holds on; "let_go": stands without the handle, and walks
+//!                                    # back to it afterwards; "pull": pulls at the handle,
 //! at_s = 6.0                         # from this run time on,
 //! for_s = 1.5                        # for so long,
 //! pull_n = [0, -20]                  # so hard, newtons: ahead and to the left as the robot stands; "pull" alone
@@ -75,6 +75,9 @@ pub struct CuePoint {
     pub kind: CueKind,
     /// When.
     pub trigger: CueTrigger,
+    /// A handler gives it so much later, metres of way from there; less than 0: so much farther from the place, in a
+    /// straight line. It counts for a place.
+    pub late_m: f64,
 }
 
 /// The cues of a walk, in order, and where and when it ends.
@@ -91,7 +94,7 @@ pub struct Route {
 /// How a handler disturbs a walk.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum DisturbanceKind {
-    /// Stands, and holds the handle no more.
+    /// Stands without the handle. Afterwards they walk back to it and take it.
     LetGo,
     /// Is caught by something, and holds on.
     Snag,
@@ -136,24 +139,43 @@ pub struct Scenario {
 pub struct CueSequence {
     cues: Vec<CuePoint>,
     next: usize,
+    /// The next cue's place was reached; the way that the robot has walked since, metres, and where it was last.
+    since: Option<(f64, Point)>,
 }
 
 impl CueSequence {
     /// All cues of a route, none given yet.
     #[must_use]
     pub fn new(route: &Route) -> Self {
-        Self { cues: route.cues.clone(), next: 0 }
+        Self { cues: route.cues.clone(), next: 0, since: None }
     }
 
     /// The next cue, if it is due at this run time with the robot there; it is then given.
     pub fn due(&mut self, run_time_s: f64, world_from_robot: Pose2) -> Option<CueKind> {
-        let cue = self.cues.get(self.next)?;
+        let cue = *self.cues.get(self.next)?;
         let due = match cue.trigger {
             CueTrigger::Time(at_s) => run_time_s >= at_s,
-            CueTrigger::Place(at, within_m) => is_within(world_from_robot, at, within_m),
+            CueTrigger::Place(at, within_m) => {
+                let early_m = (-cue.late_m).max(0.0);
+                self.walked_since(|| is_within(world_from_robot, at, within_m + early_m), world_from_robot)
+                    .is_some_and(|walked_m| walked_m >= cue.late_m)
+            }
         };
-        self.next += usize::from(due);
+        if due {
+            (self.next, self.since) = (self.next + 1, None);
+        }
         due.then_some(cue.kind)
+    }
+
+    /// The way since the next cue's place was reached, metres.
+    fn walked_since(&mut self, is_reached: impl Fn() -> bool, world_from_robot: Pose2) -> Option<f64> {
+        let at = Point::new(world_from_robot.x_m, world_from_robot.y_m);
+        let (walked_m, from) = self.since.or_else(|| is_reached().then_some((0.0, at)))?;
+        let step_m = (at - from).norm();
+        // A body that sways walks nowhere.
+        let (counted_m, from) = if step_m >= STEP_M { (step_m, at) } else { (0.0, from) };
+        self.since = Some((walked_m + counted_m, from));
+        Some(walked_m + step_m)
     }
 
     /// How many cues have been given.
@@ -164,7 +186,7 @@ impl CueSequence {
 
     /// Takes the first `count` cues as given.
     pub fn skip(&mut self, count: usize) {
-        self.next = count.min(self.cues.len());
+        (self.next, self.since) = (count.min(self.cues.len()), None);
     }
 
     /// Whether all cues have been given.
@@ -246,6 +268,8 @@ fn one_metre() -> f64 {
     1.0
 }
 
+/// Way is counted in steps of this length, metres.
+const STEP_M: f64 = 0.1;
 /// No place is farther from the origin, metres.
 const PLACE_M: (f64, f64) = (-1e6, 1e6);
 /// How near is near, metres.
@@ -291,16 +315,11 @@ impl Scenario {
     }
 
     /// The same walk by a handler who errs: who faces off the travel line at the start, and gives the cues of places
-    /// too late or too early on the way there. Cues at a run time come when they come.
+    /// too late or too early on the way. Cues at a run time come when they come.
     #[must_use]
     pub fn with_errors(mut self, errors: &HandlerErrors) -> Self {
-        let mut from = Point::new(self.start.x_m, self.start.y_m);
         for cue in &mut self.route.cues {
-            if let CueTrigger::Place(at, _) = &mut cue.trigger {
-                let (due, way) = (*at, *at - from);
-                *at = errors.place_of_cue(due, way.y.atan2(way.x));
-                from = due;
-            }
+            cue.late_m = errors.timing_m;
         }
         self.start = pose2(&errors.start(&se2(self.start)));
         self
@@ -369,7 +388,7 @@ fn cue(toml: &TomlText<'_>, entry: &Spanned<CueEntry>) -> Result<CuePoint, World
         }
         _ => return Err(toml.refuse(&span, "cue", "needs either at_s, or at with within_m".to_owned())),
     };
-    Ok(CuePoint { kind: cue.kind, trigger })
+    Ok(CuePoint { kind: cue.kind, trigger, late_m: 0.0 })
 }
 
 fn disturbance(toml: &TomlText<'_>, entry: &Spanned<DisturbanceEntry>) -> Result<Disturbance, WorldError> {

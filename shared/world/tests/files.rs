@@ -80,7 +80,7 @@ fn cues_come_in_order() {
     let text = "[[cue]]\nkind = \"forward\"\nat_s = 1.0\n[[cue]]\nkind = \"left\"\nat = [5, 0]\nwithin_m = 0.5\n";
     let route = Route::from_toml("r.toml", text).unwrap();
     let place = CueTrigger::Place(Point::new(5.0, 0.0), 0.5);
-    assert_eq!(route.cues[1], CuePoint { kind: CueKind::Left, trigger: place });
+    assert_eq!(route.cues[1], CuePoint { kind: CueKind::Left, trigger: place, late_m: 0.0 });
     let mut cues = CueSequence::new(&route);
     let there = Pose2::new(4.8, 0.3, 0.0);
     assert_eq!(cues.due(0.5, there), None, "the second waits for the first");
@@ -221,14 +221,24 @@ fn a_handlers_errors_turn_the_start_and_shift_the_cues_of_places_along_the_way()
     let errors = HandlerErrors { orientation_rad: 0.2, timing_m: 0.5 };
     let erring = scenario.clone().with_errors(&errors);
     assert!((erring.start.yaw_rad - 0.2).abs() < 1e-12 && erring.start.x_m == 0.0);
-    assert_eq!(erring.route.cues[0], scenario.route.cues[0], "at a run time");
-    let place = |i: usize| match erring.route.cues[i].trigger {
-        CueTrigger::Place(at, _) => (at.x, at.y),
-        CueTrigger::Time(_) => panic!("a place"),
+    // Where each cue comes on a way to (4, 0) and from there to (4, 10).
+    let places = |scenario: &Scenario| {
+        let mut cues = CueSequence::new(&scenario.route);
+        let way = (0..=140).map(|i| f64::from(i) / 10.0);
+        let poses = way.map(|way_m| Pose2::new(way_m.min(4.0), (way_m - 4.0).max(0.0), 0.0));
+        let given = poses.filter_map(|at| cues.due(9.0, at).map(|kind| (kind, at.x_m + at.y_m)));
+        given.collect::<Vec<_>>()
     };
-    assert!((place(1).0 - 4.5).abs() < 1e-12 && place(1).1.abs() < 1e-12, "{:?}", place(1));
-    // From where the cue before was due, not from where it was given.
-    assert!((place(2).0 - 4.0).abs() < 1e-12 && (place(2).1 - 8.5).abs() < 1e-12, "{:?}", place(2));
+    let (right, late) = (places(&scenario), places(&erring));
+    let early = places(&scenario.clone().with_errors(&HandlerErrors { orientation_rad: 0.0, timing_m: -0.7 }));
+    for (i, after_m) in [0.0, 3.0, 11.0].into_iter().enumerate() {
+        let shift_m = if i == 0 { 0.0 } else { 1.0 };
+        for (given, wanted_m) in
+            [(&right, after_m), (&late, after_m + 0.5 * shift_m), (&early, after_m - 0.7 * shift_m)]
+        {
+            assert!((given[i].1 - wanted_m).abs() < 0.11, "{i}: {given:?}");
+        }
+    }
     assert_eq!(scenario.clone().with_errors(&HandlerErrors::default()), scenario);
 }
 

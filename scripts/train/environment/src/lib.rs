@@ -4,6 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use episodes::{Batch, Config, Handlers, Harness, Noise, Places, Report, RewardMeasure};
+use guidance::ActionTable;
 use guidance::observation::{CHANNELS, FRAMES_MAX, LENGTH, OBSERVATION, SECTORS, STATE};
 use messages::CueKind;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
@@ -60,7 +61,9 @@ fn plans(value: &Bound<'_, PyAny>) -> PyResult<Vec<FloorPlan>> {
 fn base(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
     let noise = options.map(|options| options.get_item("noise")).transpose()?.flatten();
     let is_legged = noise.is_some_and(|noise| noise.to_string() == "legged");
-    Ok(if is_legged { Config::go2() } else { Config::default() })
+    // A network learns the paper's actions. Where to step back is the planner's to say.
+    let table = ActionTable::eight();
+    Ok(Config { table, ..if is_legged { Config::go2() } else { Config::default() } })
 }
 
 fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
@@ -242,7 +245,7 @@ fn _native(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add("CHANNELS", CHANNELS)?;
     module.add("STATE", STATE)?;
     module.add("LENGTH", LENGTH)?;
-    let table = Config::default().table;
+    let table = ActionTable::eight();
     let names: Vec<&str> = table.actions().iter().map(|action| action.name.as_str()).collect();
     module.add("ACTIONS", names)?;
     module.add("ACTION_TABLE_ID", table.id())?;

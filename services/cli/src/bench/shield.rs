@@ -133,6 +133,7 @@ impl Ours {
             unknown_gap_m: 0.1,
             escape: true,
             unseen_limit_m2: None,
+            back_from_edges_m: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
         }

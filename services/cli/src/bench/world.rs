@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use episodes::{Batch, Config, Noise};
-use guidance::AwarenessConfig;
+use guidance::{ActionTable, AwarenessConfig};
 use serde_json::{Value, json};
 use world::DepthConfig;
 
@@ -48,6 +48,7 @@ impl Row {
     }
 
     fn new(name: &'static str, config: Config, prototype_per_s: Option<f64>) -> Result<Self, Failure> {
+        let config = Config { table: ActionTable::eight(), ..config };
         let mut batch = Batch::new(&Arc::new(config), EPISODES).map_err(Failure::of_input)?;
         batch.begin(1);
         Ok(Self { name, prototype_per_s, batch, per_s: Vec::new() })

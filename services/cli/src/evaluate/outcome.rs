@@ -153,11 +153,9 @@ mod tests {
     #[test]
     fn the_network_is_fed_with_what_it_was_trained_on() {
         let expected = Expected::of(&Settings::default());
-        let table = &expected.table;
         let model = Model::named(&PolicyModel::Guide, &expected).expect("a model").expect("the learnt one");
         let ModelKind::Learnt { bytes } = &model.kind else { panic!("{model:?}") };
-        let mut engine =
-            LearntEngine::load(Path::new("guide.onnx"), bytes, &model.manifest, table, None).expect("a network");
+        let mut engine = LearntEngine::load(Path::new("guide.onnx"), bytes, &model.manifest, None).expect("a network");
         let config = Config { frames: model.manifest.frames, ..Config::default() };
         let mut episode = Episode::new(Arc::new(config)).expect("sensors");
         for seed in 0..3 {

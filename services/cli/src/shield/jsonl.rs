@@ -200,6 +200,7 @@ impl Judge {
             unknown_gap_m: case.unknown_gap_m(),
             escape: false,
             unseen_limit_m2: None,
+            back_from_edges_m: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
         });

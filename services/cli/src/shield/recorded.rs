@@ -244,6 +244,7 @@ impl Study {
             unknown_gap_m: self.unknown_gap_m,
             escape: rules.escape,
             unseen_limit_m2: None,
+            back_from_edges_m: None,
             reach: Reach::default(),
             edges: EdgeDistance::default(),
         })

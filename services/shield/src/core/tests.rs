@@ -1,3 +1,4 @@
+mod back;
 mod reasons;
 mod second;
 mod steps;

@@ -9,6 +9,7 @@ use crate::shield::{EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, Sh
 use messages::{DepthHeader, Pose2, Pose3, UnsafeCause};
 use proptest::prelude::*;
 
+mod back;
 mod edges;
 mod floor;
 mod hanging;
@@ -64,6 +65,7 @@ fn config() -> ShieldConfig {
         unknown_gap_m: 0.1,
         escape: true,
         unseen_limit_m2: None,
+        back_from_edges_m: None,
         reach: Reach::default(),
         edges: EdgeDistance::default(),
     }

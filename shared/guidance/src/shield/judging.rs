@@ -1,5 +1,6 @@
 //! How one motion is judged: everything that all motions from one moment share is prepared once.
 
+mod back;
 mod floor;
 
 use std::cell::OnceCell;
@@ -202,6 +203,7 @@ impl<'a> Present<'a> {
         }
         self.judge_points(&discs, motion, &mut judgement);
         self.judge_floor(&discs, motion, &mut judgement);
+        self.judge_back(&discs, motion, &mut judgement);
         if self.memory.is_some_and(|memory| memory.meets_contact(&motion.robot)) {
             judgement.forbid(UnsafeCause::Contact);
         }

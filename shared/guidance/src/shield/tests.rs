@@ -20,6 +20,7 @@ fn config(escape: bool) -> ShieldConfig {
         unknown_gap_m: 0.1,
         escape,
         unseen_limit_m2: None,
+        back_from_edges_m: None,
         reach: Reach::default(),
         edges: EdgeDistance::default(),
     }
@@ -100,7 +101,7 @@ fn beams_on_the_handler_are_masked_and_others_are_not() {
 fn where_the_handler_was_seen_is_in_the_hull_and_is_no_obstacle() {
     let taken = handler().body(0.01);
     let at = Point::new(-0.75, -0.60);
-    let late = HandlerBody { seen: Some(Seen { at, next: at }), ..taken };
+    let late = HandlerBody { seen: Some(Seen { at, next: at, by_default_m: 0.83 }), ..taken };
     let motion = Motion::new(Se2::translation(0.25, 0.0), Se2::translation(-0.6, -0.35));
     let mut shield = Shield::new(config(false));
     let beside = Point::new(-0.75, -0.83);

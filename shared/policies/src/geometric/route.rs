@@ -74,6 +74,14 @@ struct Branch {
     lost: u32,
 }
 
+impl Branch {
+    /// A team that faces a bend has entered it. An opening that it turned into is entered between its walls.
+    fn is_entered(&self, odom_from_robot: &Se2) -> bool {
+        let robot = self.odom_from_branch.inverse() * Point::from(odom_from_robot.translation.vector);
+        self.plan != Plan::Turn || robot.x > self.wall_m
+    }
+}
+
 /// What is remembered of the way from decision to decision.
 #[derive(Debug)]
 pub struct Route {
@@ -100,6 +108,14 @@ impl Route {
     /// A route that begins with a cue given in that direction (odometry frame).
     pub fn new(yaw_rad: f64) -> Self {
         Self { line: TravelLine::new(yaw_rad), branch: None, wall_m: [1.0; 2], ended: false, way_rad: None }
+    }
+
+    /// Whether an opening was chosen that leads in that direction (odometry frame): half-way round, a turn counts as
+    /// done, and the way goes on into the opening.
+    #[must_use]
+    pub fn turns_to(&self, yaw_rad: f64) -> bool {
+        let turn = self.branch.filter(|branch| branch.plan == Plan::Turn);
+        turn.is_some_and(|branch| wrap_angle(branch.odom_from_branch.rotation.angle() - yaw_rad).abs() < FRAC_PI_4)
     }
 
     /// Where to go now. `cue_place` is where the robot was when the cue was given (odometry frame), `hits` are those of
@@ -159,11 +175,13 @@ impl Route {
     /// Round the only way on, where the corridor is about to end with one.
     fn bend(&mut self, view: &View) -> Option<Goal> {
         if let Some(branch) = self.branch {
-            let error = wrap_angle(branch.odom_from_branch.rotation.angle() - view.robot.rotation.angle());
-            if error.abs() < FRAC_PI_4 {
-                *self = Self::new(branch.odom_from_branch.rotation.angle());
-                return None;
+            let branch_rad = branch.odom_from_branch.rotation.angle();
+            let is_ahead = wrap_angle(branch_rad - view.robot.rotation.angle()).abs() < FRAC_PI_4;
+            let goal = if is_ahead && branch.is_entered(view.robot) { None } else { self.seek_branch(view) };
+            if goal.is_none() && (is_ahead || self.branch.is_none()) {
+                *self = Self::new(branch_rad);
             }
+            return goal;
         } else if view.ahead_m < NEAR_END_M {
             let find = |slack_m| [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, slack_m));
             let (side, opening) = match (find(AT_END_M), find(NEAR_END_M)) {

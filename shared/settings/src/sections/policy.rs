@@ -85,6 +85,8 @@ impl PolicyModel {
 pub enum ActionTableName {
     /// The eight actions that the paper names.
     Eight,
+    /// The eight and a step back.
+    Nine,
     /// The eight and two arcs of our own.
     Ten,
 }
@@ -95,6 +97,7 @@ impl ActionTableName {
     pub fn table(self) -> ActionTable {
         match self {
             Self::Eight => ActionTable::eight(),
+            Self::Nine => ActionTable::nine(),
             Self::Ten => ActionTable::ten(),
         }
     }
@@ -136,7 +139,7 @@ impl Default for PolicySettings {
         Self {
             model: PolicyModel::Guide,
             planner: PlannerUse::Judge,
-            actions: ActionTableName::Eight,
+            actions: ActionTableName::Nine,
             dt: Millis::of_ms(500),
             onnx_runtime: None,
             swap: SwapSettings::default(),

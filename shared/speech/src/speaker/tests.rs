@@ -280,6 +280,19 @@ fn a_hold_whose_reason_changes_to_and_fro_is_told_seldom() {
     assert_eq!(bench.texts().last(), Some(&"Waiting: take the handle."));
 }
 
+/// The shield waits for 2.1 s before each step back, whatever was told before.
+#[test]
+fn each_step_back_is_told_before_it_is_made() {
+    let mut bench = Bench::running();
+    bench.pass(3000, &[StopKind::AllUnsafe]);
+    for step in 1..=2 {
+        bench.pass(2100, &[StopKind::StepBack]);
+        bench.pass(500, &[]);
+        let told = bench.texts().iter().filter(|text| **text == "Stepping back.").count();
+        assert_eq!(told, step, "{:?}", bench.heard);
+    }
+}
+
 #[test]
 fn a_hold_that_is_over_leaves_nothing_to_say() {
     let mut bench = Bench::running();

@@ -23,7 +23,7 @@ pub(super) struct Bench {
 }
 
 impl Bench {
-    fn new() -> Self {
+    pub fn new() -> Self {
         Self { memory: memory(), view: DepthView::default(), beams: scan(&[]), sees_handler: false }
     }
 
@@ -59,7 +59,7 @@ impl Bench {
 
     fn stands(&mut self, ms: u64, odom_from_robot: &Se2) {
         let at = handler().center;
-        let seen = self.sees_handler.then_some(Seen { at, next: at });
+        let seen = self.sees_handler.then_some(Seen { at, next: at, by_default_m: 0.83 });
         let handler = HandlerBody { seen, ..handler() };
         self.memory.update(ms * MS, odom_from_robot, &self.beams, Some(&self.view), &handler);
     }
@@ -70,12 +70,16 @@ impl Bench {
     }
 
     pub fn judge(&self, start_from_end: Pose2) -> Judgement {
+        self.judge_with(start_from_end, handler())
+    }
+
+    pub fn judge_with(&self, start_from_end: Pose2, handler: HandlerBody) -> Judgement {
         let evidence = Evidence { memory: Some(&self.memory), ..Evidence::scan(&self.beams) };
         let robot = se2(start_from_end);
         let motion = Motion::new(robot, robot * Se2::translation(-0.75, -0.35));
         let mut judgements = Vec::new();
-        let mut shield = Shield::new(ShieldConfig { edges: EDGES, ..config() });
-        shield.judge_motions([motion].into_iter(), evidence, handler(), &mut judgements);
+        let mut shield = Shield::new(ShieldConfig { edges: EDGES, back_from_edges_m: Some(1.0), ..config() });
+        shield.judge_motions([motion].into_iter(), evidence, handler, &mut judgements);
         judgements[0]
     }
 }

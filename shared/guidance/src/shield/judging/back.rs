@@ -1,0 +1,69 @@
+//! What a step back asks for beyond any other motion: no sensor looks where it leads, and somebody stands there.
+
+use messages::UnsafeCause;
+
+use super::{Present, SLIGHT};
+use crate::hull::{Discs, Hull};
+use crate::interaction::place;
+use crate::memory::{FLOOR_CELL_M, Memory};
+use crate::se2::Point;
+use crate::shield::{Judgement, Motion};
+
+/// So much nearer to the robot than by default a handler may come to stand who does not back up, metres: what an arm
+/// gives.
+const GIVES_M: f64 = 0.25;
+
+impl Present<'_> {
+    /// It leads only over floor that was seen or trodden, far from every edge, and only where the handler was seen far
+    /// enough from where the robot ends: the handle pushes into no handler who stands.
+    pub(super) fn judge_back(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
+        let Some(from_edges_m) = self.config.back_from_edges_m.filter(|_| motion.robot.translation.x < -SLIGHT) else {
+            return;
+        };
+        let end = place(&motion.robot);
+        let leaves_room = self.handler.seen.is_some_and(|seen| {
+            let is_far = |middle: Point| (middle - end).norm() >= seen.by_default_m - GIVES_M;
+            is_far(seen.at) && is_far(seen.next)
+        });
+        if !leaves_room {
+            judgement.forbid(UnsafeCause::Handler);
+        }
+        let Some(memory) = self.memory.filter(|memory| memory.watches_floor()) else {
+            judgement.forbid(UnsafeCause::FloorUnseen);
+            return;
+        };
+        let swept = Hull::new(*discs);
+        // An uncertainty that is no number excuses nothing.
+        let near = edges(memory).find(|(place, uncertainty_m)| {
+            let within_m = from_edges_m + uncertainty_m;
+            !within_m.is_finite() || swept.nearer_m(*place, within_m).is_some()
+        });
+        if let Some((place, _)) = near {
+            self.note_floor(place, UnsafeCause::DropOff, judgement);
+        }
+        // Robot and handler do not tread on the margin; half a cell is the map's resolution.
+        let treads_m = -self.config.margin_m - FLOOR_CELL_M / 2.0;
+        let stands_on = |place: Point| {
+            self.now.iter().any(|disc| (place - disc.center).norm() <= disc.radius_m - self.config.margin_m)
+        };
+        let is_trodden_on = |place: Point| swept.nearer_m(place, treads_m).is_some() && !stands_on(place);
+        let mut unseen = self.sorted.unseen_floor.iter().map(|(place, _)| *place);
+        if let Some(place) = unseen.find(|place| is_trodden_on(*place)) {
+            self.note_floor(place, UnsafeCause::FloorUnseen, judgement);
+        }
+    }
+
+    fn note_floor(&self, place: Point, cause: UnsafeCause, judgement: &mut Judgement) {
+        if judgement.safe {
+            (judgement.beam, judgement.place) = (None, Some(place));
+        }
+        judgement.forbid(cause);
+    }
+}
+
+/// Edges, steps, and what lies beyond an edge (robot frame), and by how much each may be off, metres.
+fn edges(memory: &Memory) -> impl Iterator<Item = (Point, f64)> {
+    let steps = memory.steps().iter().map(|step| &step.at);
+    let remembered = memory.edges().iter().chain(steps).map(|at| (at.place, at.uncertainty_m));
+    remembered.chain(memory.beyond_edges().map(|place| (place, 0.0)))
+}
