@@ -45,8 +45,12 @@ fn a_policy_that_cannot_decide_is_told_before_anything_is_started() {
         let bytes = file(&place, "x.onnx", "no network");
         refused(&place, &[verb, "--policy", &bytes], &["x.toml"]);
     }
-    let ten = file(&place, "ten.toml", "[policy]\nactions = \"ten\"\n");
-    refused(&place, &["walk", "--config", &ten], &["guide.toml", "of 8 actions", "of 10 actions"]);
+    let model = file(&place, "of-ten.geometric", "");
+    let digest = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
+    let observation = "lidar-depth-pose-cue/1";
+    let manifest = format!("sha256 = {digest:?}\nobservation = {observation:?}\nactions = \"ten\"\ndt = \"500ms\"\n");
+    file(&place, "of-ten.toml", manifest);
+    refused(&place, &["walk", "--policy", &model], &["of-ten.toml", "of 10 actions", "of 9 actions"]);
 }
 
 #[test]

@@ -46,7 +46,7 @@ pub struct CoreConfig {
     absent_streams: u32,
     /// Of a wait for so long the handler has been told.
     told_ns: u64,
-    /// Of a step back they have been told after so long.
+    /// Of a step back they have been told after so long; a robot that does not speak makes none.
     back_told_ns: u64,
     /// The camera watches the floor.
     watches_floor: bool,
@@ -73,7 +73,10 @@ impl CoreConfig {
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
             told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns().saturating_add(SAID_NS)),
-            back_told_ns: settings.speak.hold_after.ns().saturating_add(BACK_SAID_NS),
+            back_told_ns: match settings.speak.on {
+                true => settings.speak.hold_after.ns().saturating_add(BACK_SAID_NS),
+                false => u64::MAX,
+            },
             watches_floor: settings.watches_floor(),
         }
     }
@@ -384,10 +387,10 @@ impl Core {
         } else {
             Outcome::Granted
         };
-        let told = if is_held { most_wanted_motion(&probabilities, wanted) } else { running.index };
+        let told = if is_held { most_wanted_motion(&self.config.table, &probabilities, wanted) } else { running.index };
         running.judgement = self.judgements[told];
-        let is_back = self.config.table.actions()[running.index].leads_back();
-        if self.backing.waits(now_ns, is_back, self.config.back_told_ns, self.wait_gap_ns()) {
+        let (is_back, gap_ns) = (self.config.table.actions()[running.index].leads_back(), self.wait_gap_ns());
+        if self.backing.waits(now_ns, is_back, self.mode.as_ref(), self.config.back_told_ns, gap_ns) {
             (running.index, running.drawn) = (ActionTable::STOP, Outcome::StepsBack);
         }
         self.wait_at_edge(now_ns, told, &running);

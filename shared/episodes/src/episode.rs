@@ -484,7 +484,8 @@ impl Episode {
     pub fn step(&mut self, action: usize) -> Step {
         let action = if self.is_blind || self.track.must_stand(self.cue) { ActionTable::STOP } else { action };
         // Where nothing is left, stop is what the shield itself leaves.
-        let all_unsafe = self.unsafe_mask == self.all();
+        let all_unsafe =
+            self.unsafe_mask >> ActionTable::STOP & 1 == 1 && leaves_only_stop(self.unsafe_mask, &self.config.table);
         let taken = self.unsafe_mask >> action & 1 == 1 && !(all_unsafe && action == ActionTable::STOP);
         let velocity = self.velocities[action];
         let Some(scenery) = &mut self.scenery else { unreachable!("an episode has begun") };

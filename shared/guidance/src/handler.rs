@@ -299,7 +299,8 @@ impl HandlerEstimate {
         } else {
             Sighting::NotVisible
         };
-        let near = seen.filter(|middle| (middle - self.default_place()).norm() <= BACK_NEAR_M);
+        let places = [center, self.default_place()];
+        let near = seen.filter(|middle| places.iter().any(|place| (middle - place).norm() <= BACK_NEAR_M));
         self.look_for(sighting, near, now_ns);
         sighting
     }

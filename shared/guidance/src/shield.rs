@@ -336,15 +336,17 @@ pub fn leaves_only_stop(unsafe_mask: u32, table: &ActionTable) -> bool {
     !table.actions().iter().enumerate().any(is_way_on)
 }
 
-/// The policy's first choice, `wanted`; where that is to stop, its first choice of the actions that move.
+/// The policy's first choice, `wanted`. Where that is to stop or a step back, it is its first choice of the other
+/// actions: those are the ways on.
 #[must_use]
-pub fn most_wanted_motion(probabilities: &[f64], wanted: usize) -> usize {
-    if wanted != ActionTable::STOP {
+pub fn most_wanted_motion(table: &ActionTable, probabilities: &[f64], wanted: usize) -> usize {
+    let is_way_on = |i: &usize| *i != ActionTable::STOP && !table.actions()[*i].leads_back();
+    if is_way_on(&wanted) {
         return wanted;
     }
-    let moving = (0..probabilities.len()).filter(|action| *action != ActionTable::STOP);
     // The first of equals.
-    moving.rev().max_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b])).unwrap_or(wanted)
+    let ways_on = (0..probabilities.len()).filter(is_way_on).rev();
+    ways_on.max_by(|a, b| probabilities[*a].total_cmp(&probabilities[*b])).unwrap_or(wanted)
 }
 
 /// Chooses an action of decision `n`.

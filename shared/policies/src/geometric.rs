@@ -69,6 +69,8 @@ pub struct GeometricConfig {
     pub memory_s: f64,
     /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
     pub reserve_m: f64,
+    /// Whether the robot may step back: it says so first.
+    pub steps_back: bool,
     /// How the shield judges; none: the engine does not ask it.
     pub shield: Option<ShieldConfig>,
 }
@@ -83,6 +85,7 @@ impl Default for GeometricConfig {
             handler_mask_m: 0.40,
             memory_s: 10.0,
             reserve_m: 0.04,
+            steps_back: false,
             shield: None,
         }
     }
@@ -99,6 +102,7 @@ impl GeometricConfig {
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: settings.interaction()?,
+            steps_back: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()
         })
@@ -339,9 +343,11 @@ impl GeometricEngine {
         let margins_m = self.margins_m(window);
         // Before an edge or a step the robot waits, and the handler is told. That only happens where the policy wants
         // to go on. Without a shield, the obstacles that are known decide.
-        let forbids = |judged: &Judgement| !judged.safe && !judged.cause.is_edge();
-        let is_forbidden = |action: usize| self.judgements.get(action).map_or(margins_m[action] <= 0.0, forbids);
         let leads_back = |action: usize| self.table.actions()[action].leads_back();
+        let is_forbidden = |action: usize| {
+            let forbids = |judged: &Judgement| !judged.safe && (leads_back(action) || !judged.cause.is_edge());
+            self.judgements.get(action).map_or(margins_m[action] <= 0.0, forbids)
+        };
         let has_way = |worth: &[Option<f64>]| {
             let mut ways = worth.iter().enumerate().filter(|(_, worth)| worth.is_some());
             ways.any(|(action, _)| !is_forbidden(action) && !leads_back(action))
@@ -356,7 +362,7 @@ impl GeometricEngine {
         };
         let worth = if has_way(&wished) && gets_on(&wished) { wished } else { cheaper(wished, worth_with(0.0)) };
         let is_wedged = !has_way(&worth);
-        let may_back = !gets_on(&worth) && self.backed.may_step();
+        let may_back = self.config.steps_back && !gets_on(&worth) && self.backed.may_step();
         let mut costs = [f64::INFINITY; MAX_ACTIONS];
         for (action, worth) in worth.into_iter().enumerate() {
             costs[action] = match worth {

@@ -21,6 +21,8 @@ pub enum News {
     BatteryLow,
     /// Another policy decides.
     PolicyChanged,
+    /// The way has been blocked for long: the handler may choose another one.
+    StillBlocked,
     /// The robot no longer waits.
     GoingOn,
     /// The robot walks over floor that it has not seen.
@@ -31,7 +33,7 @@ pub enum News {
 
 impl News {
     /// Every one.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Ready,
         Self::NoLeftTurn,
         Self::NoRightTurn,
@@ -39,6 +41,7 @@ impl News {
         Self::RightBlocked,
         Self::BatteryLow,
         Self::PolicyChanged,
+        Self::StillBlocked,
         Self::GoingOn,
         Self::FloorAssumed,
         Self::FloorNotWatched,
@@ -55,6 +58,7 @@ impl News {
             Self::RightBlocked => "right_blocked",
             Self::BatteryLow => "battery_low",
             Self::PolicyChanged => "policy_changed",
+            Self::StillBlocked => "still_blocked",
             Self::GoingOn => "going_on",
             Self::FloorAssumed => "floor_assumed",
             Self::FloorNotWatched => "floor_not_watched",

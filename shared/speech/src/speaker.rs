@@ -16,6 +16,8 @@ use settings::{Settings, Verbosity};
 
 use crate::sentence::{News, Sentence, Topic};
 
+/// Who waits for so long is told that there are other ways.
+const LONG_NS: u64 = 30 * NS_PER_S;
 /// Within a stop the same reason is no news for so long.
 const STOP_AGAIN_NS: u64 = 5 * NS_PER_S;
 /// A robot that holds, goes and holds again tells it once in so long; so it does where the reason changes meanwhile.
@@ -123,6 +125,13 @@ struct Hold {
     sentence_since_ns: u64,
     /// When it was told last, and what.
     told: Option<(u64, Sentence)>,
+}
+
+impl Hold {
+    /// Whether its sentence was told since it began to be true.
+    fn is_told(&self) -> bool {
+        self.told.is_some_and(|(at_ns, what)| what == self.sentence && at_ns >= self.sentence_since_ns)
+    }
 }
 
 /// Decides what is said. Every time is run time, nanoseconds.
@@ -290,14 +299,22 @@ impl Speaker {
         let asked = mode.class == ModeClass::Run && mode.cue.valid && state.epoch == mode.epoch;
         let (stands, kind) = (state.applied.is_zero(), state.limited_by.kind);
         if !(asked && stands && kind.holds_a_cue() && kind != StopKind::StopCue) {
-            let told = self.hold.take().is_some_and(|hold| hold.told.is_some());
+            // Who has been told of a step back is not to walk on.
+            let step_back = Topic::Stop(StopKind::StepBack);
+            let told = self.hold.take().and_then(|hold| hold.told).is_some_and(|(_, what)| what.topic != step_back);
             self.drop_urgency(Urgency::Hold);
             if told && asked && !stands {
                 self.news(News::GoingOn, now_ns);
             }
             return;
         }
-        let (stamp_ns, sentence) = (state.header.stamp_ns, self.hold_sentence(&mode, state));
+        let stamp_ns = state.header.stamp_ns;
+        let is_long = self.hold.is_some_and(|hold| now_ns.saturating_sub(hold.since_ns) >= LONG_NS);
+        let is_blocked = matches!(kind, StopKind::AllUnsafe | StopKind::RemainderUnsafe);
+        let sentence = match is_long && is_blocked {
+            true => Sentence::news(News::StillBlocked),
+            false => self.hold_sentence(&mode, state),
+        };
         let first = Hold { sentence, since_ns: stamp_ns, sentence_since_ns: stamp_ns, told: None };
         let hold = self.hold.get_or_insert(first);
         if hold.sentence != sentence {
@@ -308,9 +325,7 @@ impl Speaker {
         // A step back is made whether it was told or not: it is told each time.
         let is_step_back = kind == StopKind::StepBack;
         let (due, about_ns) = match hold.told {
-            _ if is_step_back && hold.told.is_none_or(|(_, what)| what != sentence) => {
-                (lasted(hold.sentence_since_ns), hold.sentence_since_ns)
-            }
+            _ if is_step_back && !hold.is_told() => (lasted(hold.sentence_since_ns), hold.sentence_since_ns),
             None => (lasted(hold.since_ns) && !self.was_told(&sentence, HOLD_AGAIN_NS, now_ns), hold.since_ns),
             Some((at_ns, _)) if now_ns >= at_ns + self.config.remind_ns => (true, now_ns),
             Some((at_ns, what)) => {

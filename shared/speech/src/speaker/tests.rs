@@ -272,6 +272,22 @@ fn a_hold_is_told_when_it_lasts_and_again_while_it_does() {
 }
 
 #[test]
+fn who_has_waited_for_long_is_told_that_there_are_other_ways() {
+    let mut bench = Bench::running();
+    bench.pass(29_000, &[StopKind::AllUnsafe]);
+    assert!(bench.texts().iter().all(|text| *text == "Waiting: way blocked."), "{:?}", bench.heard);
+    bench.pass(4_000, &[StopKind::AllUnsafe, StopKind::RemainderUnsafe]);
+    assert_eq!(bench.texts().last(), Some(&"Still blocked. Left, right, or wait?"), "{:?}", bench.heard);
+    bench.pass(60_000, &[StopKind::AllUnsafe]);
+    let asked = bench.texts().iter().filter(|text| text.starts_with("Still blocked")).count();
+    assert!((5..9).contains(&asked), "{asked} times in a minute");
+    // It is over: the next one begins anew.
+    bench.pass(1_000, &[]);
+    bench.pass(9_000, &[StopKind::AllUnsafe]);
+    assert_eq!(bench.texts().last(), Some(&"Waiting: way blocked."), "{:?}", bench.heard);
+}
+
+#[test]
 fn a_hold_whose_reason_changes_to_and_fro_is_told_seldom() {
     let mut bench = Bench::running();
     bench.pass(9000, &[StopKind::AllUnsafe, StopKind::RemainderUnsafe]);
@@ -291,6 +307,12 @@ fn each_step_back_is_told_before_it_is_made() {
         let told = bench.texts().iter().filter(|text| **text == "Stepping back.").count();
         assert_eq!(told, step, "{:?}", bench.heard);
     }
+    assert!(!bench.texts().contains(&"Going on."), "{:?}", bench.heard);
+    // A cue comes in between, and the shield waits anew.
+    for (for_ms, kind) in [(2100, StopKind::StepBack), (400, StopKind::NoPermit), (2100, StopKind::StepBack)] {
+        bench.pass(for_ms, &[kind]);
+    }
+    assert_eq!(bench.texts().iter().filter(|text| **text == "Stepping back.").count(), 4, "{:?}", bench.heard);
 }
 
 #[test]

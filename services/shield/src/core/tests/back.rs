@@ -3,7 +3,7 @@
 use super::{MS, action, depth_header, header, mode, odometry, open_scan, scan_header, wall_mm};
 use crate::core::{Core, CoreConfig};
 use guidance::{ActionTable, DelayedHarness};
-use messages::{Attitude, ModeClass, Odometry, Outcome, Permit, PolicyAction, Pose2};
+use messages::{Attitude, Cue, CueInForce, CueKind, Mode, ModeClass, Odometry, Outcome, Permit, PolicyAction, Pose2};
 use settings::Settings;
 
 /// What a policy wants with the table that has a step back.
@@ -21,10 +21,16 @@ fn wants(decision: u64, name: &str) -> PolicyAction {
     action
 }
 
-/// A core that has come 2 m over floor that its camera saw.
+/// A core of a robot that speaks and has come 2 m over floor that its camera saw.
 fn walked() -> Core {
+    let mut settings = Settings::default();
+    settings.speak.on = true;
+    walked_with(&settings)
+}
+
+fn walked_with(settings: &Settings) -> Core {
     let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let mut core = Core::new(CoreConfig::of(&Settings::default(), harness.into(), ActionTable::nine()));
+    let mut core = Core::new(CoreConfig::of(settings, harness.into(), ActionTable::nine()));
     for decision in 2..10 {
         decides(&mut core, decision, 0.25 * (decision - 1) as f64, "forward");
     }
@@ -32,6 +38,12 @@ fn walked() -> Core {
 }
 
 fn decides(core: &mut Core, decision: u64, x_m: f64, name: &str) -> Permit {
+    comes(core, decision, x_m, name);
+    core.on_action(500 * decision * MS, &wants(decision, name)).expect("the active policy's")
+}
+
+/// The robot comes to where that decision is made.
+fn comes(core: &mut Core, decision: u64, x_m: f64, name: &str) {
     let ms = 500 * decision;
     // A scan and a frame each tenth of a second, on the way there.
     for before_ms in [410, 310, 210, 110, 10] {
@@ -45,7 +57,37 @@ fn decides(core: &mut Core, decision: u64, x_m: f64, name: &str) -> Permit {
         let ranges: Vec<f32> = open_scan().iter().map(|range_m| range_m * (1.0 + stamp as f32 * 1e-7)).collect();
         core.on_scan((stamp + 10) * MS, &scan_header(stamp), &ranges);
     }
-    core.on_action(ms * MS, &wants(decision, name)).expect("the active policy's")
+}
+
+#[test]
+fn a_robot_that_does_not_speak_makes_none() {
+    let mut core = walked_with(&Settings::default());
+    let permits = (10..60).map(|decision| decides(&mut core, decision, 2.0, "step_back").outcome);
+    assert!(permits.collect::<Vec<_>>().iter().all(|outcome| *outcome == Outcome::StepsBack));
+}
+
+/// The decision of a new cue comes before the next scan.
+#[test]
+fn a_new_cue_begins_the_wait_anew() {
+    let outcome = |seq: u64| {
+        let mut core = walked();
+        let mut decision = 10;
+        while decides(&mut core, decision, 2.0, "step_back").outcome == Outcome::StepsBack {
+            decision += 1;
+        }
+        // Once more, up to the decision that steps back.
+        let mut core = walked();
+        (10..decision).for_each(|decision| {
+            decides(&mut core, decision, 2.0, "step_back");
+        });
+        comes(&mut core, decision, 2.0, "step_back");
+        let ms = 500 * decision;
+        let cue = Cue { header: header(ms - 5, seq), kind: CueKind::Forward, ..Cue::default() };
+        core.take_mode(&Mode { cue: CueInForce { valid: true, cue }, ..mode(ModeClass::Run, ms - 5) });
+        let wanted = PolicyAction { cue_seq: seq, ..wants(decision, "step_back") };
+        core.on_action(ms * MS, &wanted).expect("the active policy's").outcome
+    };
+    assert_eq!((outcome(7), outcome(8)), (Outcome::Granted, Outcome::StepsBack));
 }
 
 #[test]

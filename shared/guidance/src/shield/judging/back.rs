@@ -2,8 +2,8 @@
 
 use messages::UnsafeCause;
 
-use super::{Present, SLIGHT};
-use crate::hull::{Discs, Hull};
+use super::{Present, SLIGHT, push_robot};
+use crate::hull::{Disc, Discs, Hull};
 use crate::interaction::place;
 use crate::memory::{FLOOR_CELL_M, Memory};
 use crate::se2::Point;
@@ -20,9 +20,14 @@ impl Present<'_> {
         let Some(from_edges_m) = self.config.back_from_edges_m.filter(|_| motion.robot.translation.x < -SLIGHT) else {
             return;
         };
-        let end = place(&motion.robot);
+        let stands_at = self.carried * motion.robot;
+        let mut robot = Discs::none();
+        push_robot(&mut robot, self.config, &stands_at);
         let leaves_room = self.handler.seen.is_some_and(|seen| {
-            let is_far = |middle: Point| (middle - end).norm() >= seen.by_default_m - GIVES_M;
+            let is_far = |middle: Point| {
+                let touches = |disc: &Disc| (middle - disc.center).norm() < disc.radius_m + self.handler.radius_m;
+                (middle - place(&stands_at)).norm() >= seen.by_default_m - GIVES_M && !robot.iter().any(touches)
+            };
             is_far(seen.at) && is_far(seen.next)
         });
         if !leaves_room {
@@ -38,8 +43,9 @@ impl Present<'_> {
             let within_m = from_edges_m + uncertainty_m;
             !within_m.is_finite() || swept.nearer_m(*place, within_m).is_some()
         });
-        if let Some((place, _)) = near {
-            self.note_floor(place, UnsafeCause::DropOff, judgement);
+        if let Some((place, uncertainty_m)) = near {
+            let needed_m = from_edges_m + uncertainty_m;
+            note_floor(place, UnsafeCause::DropOff, [swept.signed_distance_m(place), needed_m], judgement);
         }
         // Robot and handler do not tread on the margin; half a cell is the map's resolution.
         let treads_m = -self.config.margin_m - FLOOR_CELL_M / 2.0;
@@ -49,16 +55,20 @@ impl Present<'_> {
         let is_trodden_on = |place: Point| swept.nearer_m(place, treads_m).is_some() && !stands_on(place);
         let mut unseen = self.sorted.unseen_floor.iter().map(|(place, _)| *place);
         if let Some(place) = unseen.find(|place| is_trodden_on(*place)) {
-            self.note_floor(place, UnsafeCause::FloorUnseen, judgement);
+            let away_m = swept.signed_distance_m(place);
+            note_floor(place, UnsafeCause::FloorUnseen, [away_m, treads_m], judgement);
         }
     }
+}
 
-    fn note_floor(&self, place: Point, cause: UnsafeCause, judgement: &mut Judgement) {
-        if judgement.safe {
-            (judgement.beam, judgement.place) = (None, Some(place));
-        }
-        judgement.forbid(cause);
+/// The floor at a place forbids it: it is so far from the hull, and so much is needed, metres.
+fn note_floor(place: Point, cause: UnsafeCause, [away_m, needed_m]: [f64; 2], judgement: &mut Judgement) {
+    if judgement.safe {
+        (judgement.beam, judgement.place, judgement.step_m) = (None, Some(place), 0.0);
+        (judgement.reading_m, judgement.threshold_m) = (away_m, needed_m);
+        judgement.margin_m = away_m - needed_m;
     }
+    judgement.forbid(cause);
 }
 
 /// Edges, steps, and what lies beyond an edge (robot frame), and by how much each may be off, metres.
