@@ -70,7 +70,7 @@ fn bytes_that_are_no_message_become_none() {
     let permit = [
         (offset_of!(Permit, outcome), OUTCOMES),
         (offset_of!(Permit, cause), 2),
-        (offset_of!(Permit, unsafe_cause), 13),
+        (offset_of!(Permit, unsafe_cause), messages::UnsafeCause::Handler as u32 + 1),
     ];
     only_values::<Permit>(&permit, &[offset_of!(Permit, all_unsafe), offset_of!(Permit, assumes_floor)]);
     let in_force = offset_of!(Mode, cue) + offset_of!(messages::CueInForce, cue);
