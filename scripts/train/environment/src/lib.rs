@@ -93,7 +93,7 @@ fn config(options: Option<&Bound<'_, PyDict>>) -> PyResult<Config> {
             "memory" => {
                 let remembers = value.extract::<bool>();
                 let remembers = remembers.map_err(|_| wrong(format!("memory = {value} is neither True nor False")))?;
-                config.memory = config.memory.filter(|_| remembers);
+                config.awareness.memory = config.awareness.memory.filter(|_| remembers);
             }
             "decisions" => config.decisions = count(&key, &value, usize::MAX)?,
             "frames" => config.frames = count(&key, &value, FRAMES_MAX)?,
@@ -147,7 +147,7 @@ impl Episodes {
         let told = PyDict::new(py);
         told.set_item("dt_ms", (self.config.dt_s * 1e3).round() as u64)?;
         told.set_item("depth", self.config.depth.is_some())?;
-        told.set_item("memory", self.config.memory.is_some())?;
+        told.set_item("memory", self.config.awareness.memory.is_some())?;
         told.set_item("alpha", ranges.alpha)?;
         told.set_item("offset_x_m", ranges.x_m)?;
         told.set_item("offset_y_m", ranges.y_m)?;
