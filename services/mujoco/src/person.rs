@@ -10,7 +10,7 @@ use guidance::se2::{pose2, se2, wrap_angle};
 use messages::Pose2;
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
-use world::{DisturbanceKind, HandlerConfig};
+use world::{DisturbanceKind, HandlerConfig, RETURNING_MPS};
 
 use crate::legs::attitude;
 use crate::scene::{STEP_S, SceneError};
@@ -32,8 +32,7 @@ const TURNING_MAX_RADPS: f64 = 1.5;
 const TURNING_UP_S: f64 = 0.2;
 /// A handler who is caught stands after this time, s.
 const CAUGHT_S: f64 = 0.05;
-/// A handler who let the handle go walks back to it so fast, m/s, and takes it from so near, metres.
-const RETURNING_MPS: f64 = 0.8;
+/// A handler takes the handle again from so near, metres.
 const TAKES_M: f64 = 0.1;
 /// The handler feels the handle's speed over this many steps.
 const FELT_STEPS: usize = 20;
@@ -136,7 +135,8 @@ impl Person {
     }
 
     /// Sets the forces of the next step of the physics: the handler's own, and the harness's on both. The handler
-    /// follows, but for a disturbance. Who let the handle go walks straight back to it, and takes it.
+    /// follows, but for a disturbance. A handler who let the handle go walks straight
+    /// back to it, and takes it.
     pub fn walk(&mut self, data: &mut MjData<Box<MjModel>>, disturbance: Option<DisturbanceKind>) {
         let attitude = attitude(data);
         let arm = attitude * Vector3::from(BODY_FROM_HANDLE_M);

@@ -24,8 +24,6 @@ const STANDBY_NS: u64 = NS_PER_S / 20;
 /// least this, and so long after the voice begins to tell of a stop.
 const TOLD_MIN_NS: u64 = NS_PER_S;
 const SAID_NS: u64 = NS_PER_S / 2;
-/// A step back is taken so long after the voice begins to tell of it: it is told before it is made.
-const BACK_SAID_NS: u64 = NS_PER_S * 3 / 2;
 /// Steps are one step up to this distance, metres. So far away from one the robot waits there no longer.
 const SAME_STEP_M: f64 = 0.5;
 const LEFT_M: f64 = 1.5;
@@ -46,7 +44,7 @@ pub struct CoreConfig {
     absent_streams: u32,
     /// Of a wait for so long the handler has been told.
     told_ns: u64,
-    /// Of a step back they have been told after so long; a robot that does not speak makes none.
+    /// Of a step back the handler has been told after so long.
     back_told_ns: u64,
     /// The camera watches the floor.
     watches_floor: bool,
@@ -73,10 +71,7 @@ impl CoreConfig {
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
             told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns().saturating_add(SAID_NS)),
-            back_told_ns: match settings.speak.on {
-                true => settings.speak.hold_after.ns().saturating_add(BACK_SAID_NS),
-                false => u64::MAX,
-            },
+            back_told_ns: backing::told_ns(settings),
             watches_floor: settings.watches_floor(),
         }
     }

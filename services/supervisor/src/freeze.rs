@@ -1,4 +1,4 @@
-//! How long a robot that is asked to walk gets nowhere: it stands, or turns to and fro.
+//! How long the robot got nowhere although it was asked to walk: it stood, or turned to and fro.
 
 use guidance::se2::{Se2, exp};
 use messages::{LocomotionState, Mode, ModeClass, NS_PER_S, Twist2, s_from_ns};
@@ -55,7 +55,8 @@ mod tests {
 
     const EVERY_NS: u64 = NS_PER_S / 50;
 
-    /// The longest freeze, seconds, after phases of a class and a velocity, each so many seconds long.
+    /// The longest freeze of a run, seconds. Each phase has a mode's class, whether a cue is in force, a velocity, and
+    /// how long it lasts, seconds.
     fn longest_s(phases: &[(ModeClass, bool, [f64; 3], u64)]) -> f64 {
         let (mut freeze, mut now_ns) = (Freeze::default(), 0);
         for (class, is_asked, [vx_mps, vy_mps, wz_radps], for_s) in phases {
@@ -71,7 +72,7 @@ mod tests {
     }
 
     #[test]
-    fn who_stands_or_turns_to_and_fro_gets_nowhere_and_who_walks_does() {
+    fn standing_and_turning_to_and_fro_are_a_freeze_and_walking_is_none() {
         use ModeClass::{Fault, Lock, Run};
         let (walks, stands) = ((Run, true, [0.5, 0.0, 0.0], 10), (Run, true, [0.0; 3], 10));
         let turns = |radps: f64| (Run, true, [0.0, 0.0, radps], 5);

@@ -1,12 +1,15 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
+mod lost;
+
 use std::iter;
 
 use crate::hull::Disc;
 use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
+use lost::{Lost, is_near_one};
 
 /// Share of a correction that one scan makes.
 const GAIN: f64 = 0.7;
@@ -30,13 +33,6 @@ const APART_M: f64 = 0.01;
 const WENT_MAX_M: f64 = 0.30;
 /// From a scan to the verdict on the next one, in periods of scans.
 const UNTIL_NEXT: f64 = 1.25;
-/// A handler who was lost is back once they stand in their place for so long, nanoseconds: a passer-by does not stay.
-const BACK_NS: u64 = 1_000_000_000;
-/// Looks that are farther apart do not follow each other, nanoseconds.
-const LOOKS_APART_NS: u64 = 500_000_000;
-/// They stand so near to their place, and move by no more than that, metres.
-const BACK_NEAR_M: f64 = 0.4;
-const BACK_STAYS_M: f64 = 0.25;
 /// The estimate strays from the default offset by at most this beyond the model's largest lag, metres.
 const STRAY_MAX_M: f64 = 0.30;
 
@@ -131,37 +127,8 @@ pub struct HandlerEstimate {
     /// By how much the radius is widened for what is not known, metres.
     widening_m: f64,
     absent_since_ns: Option<u64>,
-    /// Nobody was there for too long; since when somebody is again.
+    /// The handler has been missing for too long.
     lost: Option<Lost>,
-}
-
-/// Nobody is where the handler should be.
-#[derive(Debug, Clone, Copy, Default)]
-struct Lost {
-    back: Option<Back>,
-}
-
-/// Somebody stands there again.
-#[derive(Debug, Clone, Copy)]
-struct Back {
-    since_ns: u64,
-    last_ns: u64,
-    /// Where they were seen first (odometry frame).
-    at: Point,
-}
-
-impl Lost {
-    /// Takes where somebody stands (odometry frame): whether the handler is back.
-    fn sees(&mut self, at: Option<Point>, now_ns: u64) -> bool {
-        let goes_on = |back: &Back, at: Point| {
-            now_ns.saturating_sub(back.last_ns) <= LOOKS_APART_NS && (at - back.at).norm() <= BACK_STAYS_M
-        };
-        self.back = at.map(|at| match self.back.filter(|back| goes_on(back, at)) {
-            Some(back) => Back { last_ns: now_ns, ..back },
-            None => Back { since_ns: now_ns, last_ns: now_ns, at },
-        });
-        self.back.is_some_and(|back| now_ns.saturating_sub(back.since_ns) >= BACK_NS)
-    }
 }
 
 impl HandlerEstimate {
@@ -289,7 +256,7 @@ impl HandlerEstimate {
         let kept = seen.filter(|middle| (middle - self.default_place()).norm() <= self.stray_max_m());
         self.odom_from_seen = [kept.map(|middle| self.odom_from_robot * middle), self.odom_from_seen[0]];
         let sighting = if let Some(middle) = seen {
-            // Whoever passes by draws the estimate of a lost handler nowhere.
+            // A passer-by does not move the estimate of a lost handler.
             if self.lost.is_none() {
                 self.draw_towards(middle);
             }
@@ -299,22 +266,21 @@ impl HandlerEstimate {
         } else {
             Sighting::NotVisible
         };
-        let places = [center, self.default_place()];
-        let near = seen.filter(|middle| places.iter().any(|place| (middle - place).norm() <= BACK_NEAR_M));
-        self.look_for(sighting, near, now_ns);
+        let in_place = seen.filter(|middle| is_near_one(*middle, [center, self.default_place()]));
+        self.look_for(sighting, in_place, now_ns);
         sighting
     }
 
-    /// Whether the handler is lost, and whether they are back. `near` is where somebody stands in their place (robot
-    /// frame).
-    fn look_for(&mut self, sighting: Sighting, near: Option<Point>, now_ns: u64) {
+    /// Decides whether the handler is lost, and whether they are back. `in_place` is a person who was seen in the
+    /// handler's place (robot frame).
+    fn look_for(&mut self, sighting: Sighting, in_place: Option<Point>, now_ns: u64) {
         let since_ns = self.absent_since_ns.filter(|_| sighting == Sighting::Absent);
         self.absent_since_ns = since_ns.or((sighting == Sighting::Absent).then_some(now_ns));
         if self.absent_since_ns.is_some_and(|since_ns| now_ns.saturating_sub(since_ns) >= self.limits.not_seen_ns) {
             self.lost = Some(Lost::default());
         }
-        let at = near.map(|near| self.odom_from_robot * near);
-        if self.lost.as_mut().is_some_and(|lost| lost.sees(at, now_ns)) {
+        let at = in_place.map(|middle| self.odom_from_robot * middle);
+        if self.lost.as_mut().is_some_and(|lost| lost.ends(at, now_ns)) {
             self.lost = None;
         }
     }
@@ -397,7 +363,7 @@ impl HandlerEstimate {
         through >= HITS_MIN && passing as f64 >= PASSING_SHARE * through as f64
     }
 
-    /// Whether nobody has been where the handler should be for too long, and nobody has come back.
+    /// Whether the handler has been missing for too long, and has not come back.
     #[must_use]
     pub fn is_lost(&self) -> bool {
         self.lost.is_some()

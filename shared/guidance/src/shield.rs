@@ -169,6 +169,15 @@ impl Default for Judgement {
 }
 
 impl Judgement {
+    /// The floor at a place forbids it: it is so far from the hull, and so much is needed, metres.
+    fn forbid_floor(&mut self, cause: UnsafeCause, place: Point, away_m: f64, needed_m: f64) {
+        if self.safe {
+            (self.beam, self.place, self.step_m) = (None, Some(place), 0.0);
+            (self.reading_m, self.threshold_m, self.margin_m) = (away_m, needed_m, away_m - needed_m);
+        }
+        self.forbid(cause);
+    }
+
     fn forbid(&mut self, cause: UnsafeCause) {
         if self.safe {
             (self.safe, self.cause) = (false, cause);

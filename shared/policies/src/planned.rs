@@ -74,7 +74,7 @@ impl Progress {
     fn chosen(&mut self, probabilities: &Probabilities, costs_m: &[f64; MAX_ACTIONS]) {
         let by_p = |a: &usize, b: &usize| probabilities[*a].total_cmp(&probabilities[*b]);
         let chosen = (0..MAX_ACTIONS).max_by(by_p).unwrap_or_default();
-        // Who stops may wait for something.
+        // A network that stops may wait for something.
         let more_m = if chosen == ActionTable::STOP { 0.0 } else { costs_m[chosen] - least_m(costs_m) };
         self.dearer_m = KEPT * self.dearer_m + more_m.min(DEARER_M / 2.0);
         if self.dearer_m > DEARER_M {

@@ -16,7 +16,7 @@ use settings::{Settings, Verbosity};
 
 use crate::sentence::{News, Sentence, Topic};
 
-/// Who waits for so long is told that there are other ways.
+/// After so long a wait, the handler is asked for another way.
 const LONG_NS: u64 = 30 * NS_PER_S;
 /// Within a stop the same reason is no news for so long.
 const STOP_AGAIN_NS: u64 = 5 * NS_PER_S;
@@ -299,7 +299,7 @@ impl Speaker {
         let asked = mode.class == ModeClass::Run && mode.cue.valid && state.epoch == mode.epoch;
         let (stands, kind) = (state.applied.is_zero(), state.limited_by.kind);
         if !(asked && stands && kind.holds_a_cue() && kind != StopKind::StopCue) {
-            // Who has been told of a step back is not to walk on.
+            // "Going on" would lead a handler ahead who has to step back.
             let step_back = Topic::Stop(StopKind::StepBack);
             let told = self.hold.take().and_then(|hold| hold.told).is_some_and(|(_, what)| what.topic != step_back);
             self.drop_urgency(Urgency::Hold);
@@ -322,7 +322,7 @@ impl Speaker {
         }
         let hold = *hold;
         let lasted = |since_ns: u64| now_ns.saturating_sub(since_ns) >= self.config.hold_after_ns;
-        // A step back is made whether it was told or not: it is told each time.
+        // The shield waits only so long: each step back is told at once.
         let is_step_back = kind == StopKind::StepBack;
         let (due, about_ns) = match hold.told {
             _ if is_step_back && !hold.is_told() => (lasted(hold.sentence_since_ns), hold.sentence_since_ns),

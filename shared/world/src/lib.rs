@@ -53,7 +53,7 @@ pub use lidar::{LidarConfig, LidarSensor};
 pub use odometry::{OdometryConfig, OdometryReading, OdometrySensor};
 pub use of_settings::scenario_of;
 pub use people::{Agent, People, Person, Walk};
-pub use physics::{HandlerConfig, Physics, PhysicsConfig, RobotConfig, TICK_S};
+pub use physics::{HandlerConfig, Physics, PhysicsConfig, RETURNING_MPS, RobotConfig, TICK_S};
 pub use prism::{Prism, SeenBy};
 pub use ramp::Ramp;
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Disturbance, DisturbanceKind, Goal, Route, Scenario};

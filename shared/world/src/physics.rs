@@ -21,6 +21,8 @@ use crate::people::Agent;
 use crate::{ConfigError, Legs, LegsConfig, People, World, WorldError};
 use handler::Hand;
 
+pub use handler::RETURNING_MPS;
+
 /// One tick, seconds: the quantum of stepped time.
 pub const TICK_S: f64 = messages::QUANTUM_NS as f64 * 1e-9;
 /// A touch ends when there is this much room again, metres.

@@ -1,8 +1,18 @@
 //! A step back waits until the handler has been told of it, and each one anew.
 
-use messages::{Mode, age_ns};
+use messages::{Mode, NS_PER_S, age_ns};
+use settings::Settings;
 
-/// For whom a wait counts: the cue in force, by incarnation and seq, and the epoch.
+/// The robot steps back so long after the voice has begun to say so, nanoseconds.
+const SAID_NS: u64 = NS_PER_S * 3 / 2;
+
+/// How long a step back waits, nanoseconds. A robot that does not speak makes none.
+pub(super) fn told_ns(settings: &Settings) -> u64 {
+    let speaks = settings.speak.on;
+    if speaks { settings.speak.hold_after.ns().saturating_add(SAID_NS) } else { u64::MAX }
+}
+
+/// A wait counts for one cue, by its incarnation and seq, in one epoch.
 type Asked = (u32, u64, u64);
 
 /// Since when the robot is about to step back.
@@ -27,7 +37,7 @@ impl Backing {
         if !is_back {
             return false;
         }
-        // Without a cue nobody is told of anything.
+        // Without a cue in force the voice says nothing of it.
         let Some(mode) = mode.filter(|mode| mode.cue.valid) else { return true };
         let header = mode.cue.cue.header;
         let asked = (header.incarnation, header.seq, mode.epoch);

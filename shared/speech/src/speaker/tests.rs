@@ -272,7 +272,7 @@ fn a_hold_is_told_when_it_lasts_and_again_while_it_does() {
 }
 
 #[test]
-fn who_has_waited_for_long_is_told_that_there_are_other_ways() {
+fn after_a_long_wait_the_handler_is_asked_for_another_way() {
     let mut bench = Bench::running();
     bench.pass(29_000, &[StopKind::AllUnsafe]);
     assert!(bench.texts().iter().all(|text| *text == "Waiting: way blocked."), "{:?}", bench.heard);

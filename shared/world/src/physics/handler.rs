@@ -8,11 +8,12 @@ use super::{CLOSING_MPS, HANDLER, Physics, TICK_S, placed};
 use crate::outline::Outline;
 use crate::{Disturbance, DisturbanceKind, WorldError};
 
-/// A handler who walks back to the handle goes so fast, m/s, and takes it from so near, metres.
-const RETURNING_MPS: f64 = 0.8;
+/// A handler walks back to the handle so fast, m/s.
+pub const RETURNING_MPS: f64 = 0.8;
+/// They take it from so near, metres.
 const TAKES_M: f64 = 0.05;
-/// A handler who is held up so far from where the harness leads, metres, for so long, ticks, lets the handle go. After
-/// as many ticks they walk back to it.
+/// Something holds the handler up: they are so far from where the harness leads, metres. After so many ticks they let
+/// the handle go. After as many again they walk back to it.
 const HELD_UP_M: f64 = 0.3;
 const HELD_UP_TICKS: u32 = 100;
 /// The robot's way is remembered in places so far apart, metres, and so many of them.

@@ -1,4 +1,4 @@
-//! What a step back asks for beyond any other motion: no sensor looks where it leads, and somebody stands there.
+//! The rules for a step back alone: no camera looks where it leads, and the handler stands there.
 
 use messages::UnsafeCause;
 
@@ -9,13 +9,12 @@ use crate::memory::{FLOOR_CELL_M, Memory};
 use crate::se2::Point;
 use crate::shield::{Judgement, Motion};
 
-/// So much nearer to the robot than by default a handler may come to stand who does not back up, metres: what an arm
-/// gives.
+/// A handler who does not back up may end up so much nearer to the robot than by default, metres: an arm bends.
 const GIVES_M: f64 = 0.25;
 
 impl Present<'_> {
-    /// It leads only over floor that was seen or trodden, far from every edge, and only where the handler was seen far
-    /// enough from where the robot ends: the handle pushes into no handler who stands.
+    /// A step back leads over floor alone that was seen or trodden, and stays far from every edge. The lidar has to see
+    /// the handler far enough from where the robot ends, so that the handle does not push into a handler who stands.
     pub(super) fn judge_back(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let Some(from_edges_m) = self.config.back_from_edges_m.filter(|_| motion.robot.translation.x < -SLIGHT) else {
             return;
@@ -45,7 +44,7 @@ impl Present<'_> {
         });
         if let Some((place, uncertainty_m)) = near {
             let needed_m = from_edges_m + uncertainty_m;
-            note_floor(place, UnsafeCause::DropOff, [swept.signed_distance_m(place), needed_m], judgement);
+            judgement.forbid_floor(UnsafeCause::DropOff, place, swept.signed_distance_m(place), needed_m);
         }
         // Robot and handler do not tread on the margin; half a cell is the map's resolution.
         let treads_m = -self.config.margin_m - FLOOR_CELL_M / 2.0;
@@ -55,20 +54,9 @@ impl Present<'_> {
         let is_trodden_on = |place: Point| swept.nearer_m(place, treads_m).is_some() && !stands_on(place);
         let mut unseen = self.sorted.unseen_floor.iter().map(|(place, _)| *place);
         if let Some(place) = unseen.find(|place| is_trodden_on(*place)) {
-            let away_m = swept.signed_distance_m(place);
-            note_floor(place, UnsafeCause::FloorUnseen, [away_m, treads_m], judgement);
+            judgement.forbid_floor(UnsafeCause::FloorUnseen, place, swept.signed_distance_m(place), treads_m);
         }
     }
-}
-
-/// The floor at a place forbids it: it is so far from the hull, and so much is needed, metres.
-fn note_floor(place: Point, cause: UnsafeCause, [away_m, needed_m]: [f64; 2], judgement: &mut Judgement) {
-    if judgement.safe {
-        (judgement.beam, judgement.place, judgement.step_m) = (None, Some(place), 0.0);
-        (judgement.reading_m, judgement.threshold_m) = (away_m, needed_m);
-        judgement.margin_m = away_m - needed_m;
-    }
-    judgement.forbid(cause);
 }
 
 /// Edges, steps, and what lies beyond an edge (robot frame), and by how much each may be off, metres.

@@ -58,12 +58,8 @@ impl Present<'_> {
             least = least.filter(|least| !found.outdoes(least)).or(Some(found));
         }
         let Some(Forbidden { place, is_edge, away_m, needed_m }) = least else { return };
-        if judgement.safe {
-            (judgement.beam, judgement.place, judgement.step_m) = (None, Some(place), 0.0);
-            (judgement.reading_m, judgement.threshold_m) = (away_m, needed_m);
-            judgement.margin_m = away_m - needed_m;
-        }
-        judgement.forbid(if is_edge { UnsafeCause::DropOff } else { UnsafeCause::FloorUnseen });
+        let cause = if is_edge { UnsafeCause::DropOff } else { UnsafeCause::FloorUnseen };
+        judgement.forbid_floor(cause, place, away_m, needed_m);
     }
 
     /// Floor is assumed only close to floor that was seen.
