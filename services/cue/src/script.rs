@@ -8,6 +8,8 @@ use world::{CueSequence, Route};
 const AGAIN_AFTER_NS: u64 = 2_000_000_000;
 /// A cue that was not accepted is given again after this long.
 const RETRY_NS: u64 = 1_000_000_000;
+/// A handler who is asked to walk elsewhere is there after this long, and says "forward".
+const IN_PLACE_NS: u64 = 3_000_000_000;
 /// The script looks at the clock this often.
 const LOOK_NS: u64 = 50_000_000;
 
@@ -44,6 +46,8 @@ pub struct Script {
     /// The epoch that `ready_since_ns` is of.
     epoch: u64,
     given_at_ns: Option<u64>,
+    /// Since when the handler is asked to walk elsewhere.
+    asked_since_ns: Option<u64>,
     next_look_ns: u64,
 }
 
@@ -143,6 +147,11 @@ impl Script {
             self.wanted = Some(kind);
             return Some((kind, CueSource::Script));
         }
+        let is_asked = mode.class == ModeClass::Run && mode.formation_asked != mode.formation;
+        self.asked_since_ns = if is_asked { self.asked_since_ns.or(Some(now.now_ns)) } else { None };
+        if self.asked_since_ns.is_some_and(|since_ns| now.now_ns >= since_ns + IN_PLACE_NS) {
+            return Some((CueKind::Forward, CueSource::Script));
+        }
         let wanted = self.wanted.filter(|kind| kind.is_moving())?;
         if mode.class == ModeClass::Run {
             return None;
@@ -156,7 +165,7 @@ impl Script {
 #[cfg(test)]
 mod tests {
     use super::{Script, Situation};
-    use messages::{Cue, CueInForce, CueKind, CueSource, Mode, ModeClass, Pose2};
+    use messages::{Cue, CueInForce, CueKind, CueSource, Formation, Mode, ModeClass, Pose2};
 
     const MS: u64 = 1_000_000;
 
@@ -231,6 +240,18 @@ mod tests {
         script.due(&at(1000, &run));
         script.due(&at(2000, &fault(true)));
         assert_eq!(script.due(&at(4000, &fault(true))), Some((CueKind::Forward, CueSource::ScriptAgain)));
+    }
+
+    #[test]
+    fn a_handler_who_is_asked_to_come_behind_says_forward_from_there() {
+        let mut script = Script::forward_when_ready();
+        script.due(&at(200, &fault(true)));
+        let asked = Mode { formation_asked: Formation::Behind, ..running(CueKind::Forward, 1) };
+        assert_eq!(script.due(&at(5000, &asked)), None);
+        assert_eq!(script.due(&at(7950, &asked)), None);
+        assert_eq!(script.due(&at(8000, &asked)), Some((CueKind::Forward, CueSource::Script)));
+        let agreed = Mode { formation: Formation::Behind, ..asked };
+        assert_eq!(script.due(&at(12_000, &agreed)), None);
     }
 
     #[test]

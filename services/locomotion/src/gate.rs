@@ -374,6 +374,8 @@ impl Gate {
             Outcome::Granted => {}
             Outcome::ActionEnded => return unusable(TopicId::PolicyAction),
             Outcome::Stop => return Err((StopReason::of(StopKind::PolicyStop), true)),
+            Outcome::Narrow => return Err((StopReason::of(StopKind::Narrow), true)),
+            Outcome::Wide => return Err((StopReason::of(StopKind::Wide), true)),
             Outcome::StepsBack => return Err((StopReason::of(StopKind::StepBack), true)),
             // Where to stop is free it may be gentle.
             Outcome::AllUnsafe => return Err((unsafe_reason(&permit), permit.unsafe_mask & 1 == 0)),

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use guidance::se2::{Point, se2};
 use guidedog_simulator::{Motion, Simulator};
-use messages::{Attitude, MAX_WALKERS, Pose2, Twist2, Walker, WorldFrame, WorldScan, WorldTruth};
+use messages::{Attitude, Formation, MAX_WALKERS, Pose2, Twist2, Walker, WorldFrame, WorldScan, WorldTruth};
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
 use settings::{Mujoco, Settings};
@@ -224,6 +224,7 @@ fn person(settings: &Settings, mujoco: &Mujoco) -> PersonConfig {
     let handler = PhysicsConfig::from(settings).handler;
     PersonConfig {
         robot_from_handler: handler.robot_from_handler,
+        behind_m: handler.behind_m,
         radius_m: handler.radius_m,
         height_m: handler.height_m,
         mass_kg: mujoco.handler_mass_kg,
@@ -248,6 +249,10 @@ impl Motion for LeggedMotion {
         self.look_for_falls();
         self.distance_m += (after.x_m - before.x_m).hypot(after.y_m - before.y_m);
         Ok(())
+    }
+
+    fn form(&mut self, formation: Formation) {
+        self.person.form(formation);
     }
 
     fn truth(&self) -> WorldTruth {

@@ -7,7 +7,7 @@
 use std::collections::VecDeque;
 
 use guidance::se2::{pose2, se2, wrap_angle};
-use messages::Pose2;
+use messages::{Formation, Pose2};
 use mujoco_rs::prelude::*;
 use nalgebra::{Rotation2, Vector2, Vector3};
 use world::{DisturbanceKind, HandlerConfig, RETURNING_MPS};
@@ -17,7 +17,8 @@ use crate::scene::{STEP_S, SceneError};
 
 /// The handle on the robot's body (x forward, y left, z up), metres: above and behind it, to the handler's side.
 pub const BODY_FROM_HANDLE_M: [f64; 3] = [-0.45, -0.12, 0.50];
-/// The hand seen from the handler's middle, metres: it is at the handle where the handler walks at the default place.
+/// The hand of a handler beside the robot, seen from their middle, metres: it is at the handle where they walk at the
+/// default place.
 const HAND_M: [f64; 2] = [0.30, 0.23];
 /// The harness between handle and hand: stiffness, N/m, damping, N s/m, and the most that it pulls, N.
 const STIFFNESS: f64 = 150.0;
@@ -42,6 +43,8 @@ const FELT_STEPS: usize = 20;
 pub struct PersonConfig {
     /// Where the handler walks, in the robot's frame.
     pub robot_from_handler: Pose2,
+    /// In single file they walk so far behind the robot's middle, metres.
+    pub behind_m: f64,
     /// Radius of the body, metres.
     pub radius_m: f64,
     /// Height, metres.
@@ -56,8 +59,8 @@ pub struct PersonConfig {
 
 impl Default for PersonConfig {
     fn default() -> Self {
-        let HandlerConfig { robot_from_handler, radius_m, height_m, .. } = HandlerConfig::default();
-        Self { robot_from_handler, radius_m, height_m, mass_kg: 70.0, reaction_s: 0.3, acceleration_mps2: 2.0 }
+        let HandlerConfig { robot_from_handler, behind_m, radius_m, height_m, .. } = HandlerConfig::default();
+        Self { robot_from_handler, behind_m, radius_m, height_m, mass_kg: 70.0, reaction_s: 0.3, acceleration_mps2: 2.0 }
     }
 }
 
@@ -89,6 +92,7 @@ pub struct Person {
     forces: Vec<f64>,
     pull_n: f64,
     holds: bool,
+    formation: Formation,
 }
 
 impl Person {
@@ -107,7 +111,23 @@ impl Person {
         // A cylinder about its axis.
         let turning_kgm2 = config.mass_kg * config.radius_m * config.radius_m / 2.0;
         let forces = vec![0.0; model.ffi().nv as usize];
-        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0, holds: true })
+        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0, holds: true, formation: Formation::Beside })
+    }
+
+    /// The handler was asked to walk there: they let the handle go, and take it again in their new place.
+    pub fn form(&mut self, formation: Formation) {
+        if self.formation != formation {
+            (self.formation, self.holds) = (formation, false);
+        }
+    }
+
+    /// The hand seen from the handler's middle, metres.
+    fn hand_m(&self) -> Vector2<f64> {
+        let [x_m, y_m, _] = BODY_FROM_HANDLE_M;
+        match self.formation {
+            Formation::Beside => Vector2::from(HAND_M),
+            Formation::Behind => Vector2::new(x_m + self.config.behind_m, y_m),
+        }
     }
 
     /// Puts the handler beside the robot, where they walk.
@@ -143,7 +163,7 @@ impl Person {
         let base = Vector3::from_column_slice(&data.qpos()[..3]);
         let [x_m, y_m, own_rad] = self.angles.map(|angle| data.qpos()[angle]);
         let [vx_mps, vy_mps, own_radps] = self.rates.map(|rate| data.qvel()[rate]);
-        let (own, reach) = (Vector2::new(vx_mps, vy_mps), Rotation2::new(own_rad) * Vector2::from(HAND_M));
+        let (own, reach) = (Vector2::new(vx_mps, vy_mps), Rotation2::new(own_rad) * self.hand_m());
         let hand = Vector2::new(x_m, y_m) + reach;
         let (_, _, yaw_rad) = attitude.euler_angles();
         self.felt.push_front(Felt { handle: (base + arm).xy(), hand, yaw_rad });

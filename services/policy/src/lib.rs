@@ -4,10 +4,10 @@
 use std::path::PathBuf;
 
 use guidance::se2::{pose2, se2};
-use guidance::{ActionTable, Awareness};
+use guidance::{ActionTable, Awareness, InteractionModel};
 use messages::{
-    Cue, CueKind, DepthFrame, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass, Odometry,
-    PolicyAction,
+    Cue, CueKind, DepthFrame, Formation, Health, Latency, LatencyHistogram, LidarScan, MAX_ACTIONS, Mode, ModeClass,
+    Odometry, PolicyAction,
 };
 use policies::{Engine, Expected, GeometricConfig, Model, Pilot, Probabilities, Situation, stand};
 use settings::{PolicyModel, Settings, Source};
@@ -19,6 +19,8 @@ use transport::{
 pub struct PolicyService {
     pilot: Pilot,
     awareness: Awareness,
+    /// How the handler follows beside the robot, and behind it.
+    models: [InteractionModel; 2],
     action_table_id: u64,
     action_count: u32,
     scans: FrameSubscriber<LidarScan>,
@@ -78,10 +80,12 @@ impl PolicyService {
     ) -> Result<Self, TransportError> {
         let has_depth = settings.depth.source != Source::Absent;
         let dt_ns = settings.policy.dt.ns();
-        let interaction = settings.interaction().map_err(TransportError::service)?;
+        let model = |formation| settings.interaction_in(formation).map_err(TransportError::service);
+        let models = [model(Formation::Beside)?, model(Formation::Behind)?];
         Ok(Self {
             pilot: Pilot::new(engine),
-            awareness: Awareness::new(interaction, settings.awareness_config()),
+            awareness: Awareness::new(models[0].clone(), settings.awareness_config()),
+            models,
             action_table_id: table.id(),
             action_count: table.len() as u32,
             scans: io.frame_subscriber()?,
@@ -118,6 +122,8 @@ impl PolicyService {
             self.awareness.take_odometry(&pose);
         }
         if let Some(mode) = self.modes.take_newest()? {
+            let [beside, behind] = &self.models;
+            self.awareness.take_place(if mode.formation == Formation::Beside { beside } else { behind });
             self.mode = Some(mode);
         }
         Ok(())
@@ -146,6 +152,7 @@ impl PolicyService {
             action_table_id: self.action_table_id,
             action_count: self.action_count,
             probabilities: stand(),
+            formation: self.formation(),
             ..PolicyAction::default()
         };
         let cue = self.mode.filter(|mode| mode.class == ModeClass::Run && mode.cue.valid).map(|mode| mode.cue.cue);
@@ -188,11 +195,18 @@ impl PolicyService {
             start_from_robot: se2(pose2(&(odom_from_start.inverse() * odom_from_robot))),
             cue: cue.map_or(CueKind::Stop, |cue| cue.kind),
             cue_is_new,
+            formation: self.formation(),
         };
         let decided = self.pilot.decide(&situation);
+        action.formation = self.pilot.formation();
         self.undecided = decided.as_ref().err().map(ToString::to_string);
         // What is no probability is refused by the shield, which says so.
         Some(decided.unwrap_or([f32::NAN; MAX_ACTIONS]))
+    }
+
+    /// Where the handler walks.
+    fn formation(&self) -> Formation {
+        self.mode.map_or(Formation::Beside, |mode| mode.formation)
     }
 
     /// Why the engine cannot decide, once for as long as it cannot.

@@ -2,14 +2,16 @@
 
 mod backing;
 mod explain;
+mod forming;
 
 use backing::Backing;
 use explain::explain;
+use forming::Places;
 use guidance::contact;
 use guidance::se2::{Point, pose2};
 use guidance::shield::{choose, leaves_only_stop, masked_at_edge, most_wanted_motion, suppress};
 use guidance::{
-    ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, InteractionModel, Judgement, Pose, Se2, Shield,
+    ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, HarnessError, Judgement, Pose, Se2, Shield,
     ShieldConfig, TiltWatch,
 };
 use messages::{
@@ -32,7 +34,7 @@ const LEFT_M: f64 = 1.5;
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
     table: ActionTable,
-    model: InteractionModel,
+    places: Places,
     awareness: AwarenessConfig,
     shield: ShieldConfig,
     draw: Draw,
@@ -44,7 +46,7 @@ pub struct CoreConfig {
     absent_streams: u32,
     /// Of a wait for so long the handler has been told.
     told_ns: u64,
-    /// Of a step back the handler has been told after so long.
+    /// Of a step back the handler has been told after so long. A robot that does not speak makes none.
     back_told_ns: u64,
     /// The camera watches the floor.
     watches_floor: bool,
@@ -52,11 +54,13 @@ pub struct CoreConfig {
 
 impl CoreConfig {
     /// The configuration of a run.
-    #[must_use]
-    pub fn of(settings: &Settings, model: InteractionModel, table: ActionTable) -> Self {
+    ///
+    /// # Errors
+    /// Where the handler's parameters are no handler's.
+    pub fn of(settings: &Settings, table: ActionTable) -> Result<Self, HarnessError> {
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
-        Self {
-            model,
+        Ok(Self {
+            places: Places::of(settings)?,
             table,
             awareness: AwarenessConfig {
                 second_max_age_ns: settings.lidar.second.is_some().then(|| settings.max_age_ns(TopicId::SecondScan)),
@@ -71,9 +75,9 @@ impl CoreConfig {
             permit_life_ns: settings.locomotion.permit_life.ns(),
             absent_streams: absent,
             told_ns: TOLD_MIN_NS.max(settings.speak.hold_after.ns().saturating_add(SAID_NS)),
-            back_told_ns: backing::told_ns(settings),
+            back_told_ns: settings.asked_after_ns().unwrap_or(u64::MAX),
             watches_floor: settings.watches_floor(),
-        }
+        })
     }
 }
 
@@ -139,7 +143,7 @@ impl Core {
     pub fn new(config: CoreConfig) -> Self {
         Self {
             shield: Shield::new(config.shield.clone()),
-            awareness: Awareness::new(config.model.clone(), config.awareness.clone()),
+            awareness: Awareness::new(config.places.beside.clone(), config.awareness.clone()),
             floor: FloorWatch::default(),
             tilt: TiltWatch::default(),
             jumps: 0,
@@ -183,6 +187,7 @@ impl Core {
             self.floor.begin_anew();
         }
         self.allow_step_by_cue(mode);
+        self.take_formation(mode);
         self.mode = Some(*mode);
     }
 
@@ -354,8 +359,12 @@ impl Core {
             self.invalid_inputs += 1;
             return running;
         }
-        if let Some(why) = self.awareness.unusable(now_ns) {
+        if let Some(why) = self.unusable(now_ns, action) {
             running.drawn = why;
+            return running;
+        }
+        if let Some(asked) = self.asked(action) {
+            running.drawn = asked;
             return running;
         }
         let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
@@ -445,7 +454,7 @@ impl Core {
     fn draw_belatedly(&mut self, now_ns: u64) {
         let waiting = self.running.filter(|r| !r.drawn.is_verdict() && r.drawn != Outcome::InvalidAction);
         if let Some(running) = waiting.filter(|r| now_ns < r.end_ns)
-            && self.awareness.unusable(now_ns).is_none()
+            && self.unusable(now_ns, &running.action).is_none()
         {
             self.running = Some(Running { begin_ns: running.begin_ns, ..self.draw(now_ns, &running.action) });
         }
@@ -474,7 +483,11 @@ impl Core {
     }
 
     fn judge(&mut self, now_ns: u64, permit: &mut Permit) -> Outcome {
-        if let Some(why) = self.awareness.unusable(now_ns) {
+        let why = match &self.running {
+            Some(running) => self.unusable(now_ns, &running.action),
+            None => self.awareness.unusable(now_ns),
+        };
+        if let Some(why) = why {
             return why;
         }
         let mode = match &self.mode {

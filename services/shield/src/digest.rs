@@ -34,6 +34,7 @@ impl Digest {
             probabilities,
             cue_incarnation,
             cue_seq,
+            formation,
             scan_stamp_ns,
             scan_seq,
             depth_stamp_ns,
@@ -43,6 +44,7 @@ impl Digest {
         } = *action;
         self.header(&header);
         self.numbers(&[decision, action_table_id, action_count.into(), cue_incarnation.into(), cue_seq]);
+        self.numbers(&[formation as u64]);
         self.numbers(&[scan_stamp_ns, scan_seq, depth_stamp_ns, depth_seq, odometry_stamp_ns, odometry_seq]);
         for probability in probabilities {
             self.0.update(probability.to_le_bytes());

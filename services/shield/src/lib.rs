@@ -35,8 +35,8 @@ impl ShieldService {
     /// Where the settings make no harness or a port cannot be opened.
     pub fn open(io: &mut Io) -> Result<Self, TransportError> {
         let settings = settings::load_resolved(&io.domain.dir.settings()).map_err(TransportError::service)?;
-        let model = settings.interaction().map_err(TransportError::service)?;
-        let core = Core::new(CoreConfig::of(&settings, model, settings.policy.actions.table()));
+        let config = CoreConfig::of(&settings, settings.policy.actions.table()).map_err(TransportError::service)?;
+        let core = Core::new(config);
         let has_depth = settings.depth.source != Source::Absent;
         Ok(Self {
             core,

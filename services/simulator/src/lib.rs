@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use control::{Collisions, Falls, RunFigures, SimulatorFigures};
 use links::{BRAKE_MESSAGE_LEN, BrakeMessage};
-use messages::{QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
+use messages::{Formation, Mode, QUANTUM_NS, RobotCommand, Twist2, WorldTruth, ns_from_s};
 use serde_json::json;
 use settings::Settings;
 use transport::{FromChild, Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
@@ -28,6 +28,9 @@ pub trait Motion {
     /// Where the world cannot go on.
     fn step(&mut self, command: Twist2) -> Result<(), TransportError>;
 
+    /// The handler is to walk there.
+    fn form(&mut self, formation: Formation);
+
     /// The truth; header, the command in force and the stamp of a known attitude are left for the publisher.
     fn truth(&self) -> WorldTruth;
 
@@ -46,6 +49,10 @@ impl Motion for Physics {
         Ok(())
     }
 
+    fn form(&mut self, formation: Formation) {
+        self.form(formation);
+    }
+
     fn truth(&self) -> WorldTruth {
         self.truth()
     }
@@ -57,6 +64,7 @@ pub struct Simulator<M = Physics> {
     goal: Option<Goal>,
     ends_at_ns: u64,
     commands: Subscriber<RobotCommand>,
+    modes: Subscriber<Mode>,
     truths: Publisher<WorldTruth>,
     brake: UnixDatagram,
     command: Twist2,
@@ -106,6 +114,7 @@ impl<M: Motion> Simulator<M> {
             goal: scenario.route.goal,
             ends_at_ns: time_limit_ns(&settings, scenario.route.time_limit_s),
             commands: io.subscriber()?,
+            modes: io.quiet_subscriber()?,
             truths: io.publisher()?,
             brake,
             command: Twist2::ZERO,
@@ -130,6 +139,14 @@ impl<M: Motion> Simulator<M> {
             if command.header.incarnation > self.fenced && command.velocity.is_finite() {
                 self.obey(command.velocity, now_ns);
             }
+        }
+        Ok(())
+    }
+
+    /// A simulated handler does as they are asked.
+    fn take_modes(&mut self) -> Result<(), TransportError> {
+        if let Some(mode) = self.modes.take_newest()? {
+            self.motion.form(mode.formation_asked);
         }
         Ok(())
     }
@@ -168,6 +185,7 @@ impl<M: Motion> Service for Simulator<M> {
     fn on_wake(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = io.now_ns();
         self.take_commands(now)?;
+        self.take_modes()?;
         self.take_brake(now);
         if self.next_tick_ns == 0 {
             self.next_tick_ns = now.max(QUANTUM_NS);

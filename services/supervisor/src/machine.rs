@@ -1,6 +1,7 @@
 //! What the supervisor decides: events and times in, actions out. No clock, no process, no I/O.
 
 mod cues;
+mod formation;
 mod lives;
 mod refused;
 mod roster;
@@ -14,6 +15,7 @@ use messages::{
 
 use crate::plan::{Limits, Plan, ServicePlan};
 use crate::stops::StopLog;
+use formation::Asking;
 pub use refused::Refused;
 pub use swap::{Policies, SwapLimits};
 use watched::Watched;
@@ -150,6 +152,7 @@ pub struct Machine {
     ending: bool,
     begun: bool,
     policies: Policies,
+    asking: Option<Asking>,
     /// What stopped the robot, and when.
     pub stops: StopLog,
 }
@@ -181,6 +184,7 @@ impl Machine {
             ending: false,
             begun: false,
             policies: Policies::default(),
+            asking: None,
             stops: StopLog::default(),
         };
         machine.enter(StopReason::of(StopKind::Boot), Now { run_ns: 0, wall_ns: 0 });
@@ -358,6 +362,7 @@ impl Machine {
 
     fn on_locomotion(&mut self, state: &LocomotionState, now: Now) {
         self.stops.locomotion(&self.mode, state, now.run_ns);
+        self.note_asking(state);
         self.judge_robot(state, now);
         // Locomotion latched itself in the epoch in force: only a greater one lets it go on.
         let latched = state.limited_by.kind.is_latched();
@@ -438,6 +443,7 @@ impl Machine {
         self.mode.reason = reason;
         self.mode.epoch += 1;
         self.mode.cue = CueInForce::default();
+        self.ask_no_more();
         self.mode.ready_for_cue = false;
         self.mode_changed = true;
         self.actions.push(Action::StopLine { epoch: self.mode.epoch, reason });

@@ -104,6 +104,8 @@ pub struct Limits {
     pub estop: bool,
     /// The robot's charge at which the operator is warned, and at which it stops, percent.
     pub charge_percent: [u8; 2],
+    /// When the handler knows what a stop asks of them, after it began. None: the robot does not speak.
+    pub asked_after_ns: Option<u64>,
     /// What a policy has to show to be swapped in.
     pub swap: SwapLimits,
 }
@@ -153,6 +155,7 @@ impl Plan {
             cue_max_age_ns: settings.max_age_ns(TopicId::Cue),
             estop: settings.estop.source != EstopSource::Absent,
             charge_percent: [settings.locomotion.charge_warn_percent, settings.locomotion.charge_stop_percent],
+            asked_after_ns: settings.asked_after_ns(),
             swap: swap_limits(settings),
         };
         let mut services = vec![

@@ -191,6 +191,11 @@ impl Awareness {
         self.handler.reset(&self.odom_from_robot);
     }
 
+    /// The handler walks where `model` says from now on. They count as lost until they are seen there.
+    pub fn take_place(&mut self, model: &InteractionModel) {
+        self.handler.take_place(model);
+    }
+
     /// From now on the robot may move so (robot frame).
     pub fn permit(&mut self, now_ns: u64, velocity: Twist2) {
         self.moving.permit(now_ns, velocity);

@@ -173,6 +173,20 @@ impl HandlerEstimate {
         (self.odom_from_start, self.odom_from_robot) = (*odom_from_robot, *odom_from_robot);
     }
 
+    /// The handler is to walk elsewhere, as `model` says. Until a person has stood there for a moment they are lost.
+    pub fn take_place(&mut self, model: &InteractionModel) {
+        if self.model == *model {
+            return;
+        }
+        let estimate = Self::new(model.clone(), self.limits.clone());
+        *self = Self {
+            odom_from_start: self.odom_from_robot,
+            odom_from_robot: self.odom_from_robot,
+            lost: Some(Lost::default()),
+            ..estimate
+        };
+    }
+
     /// The model by which it is predicted.
     #[must_use]
     pub fn model(&self) -> &InteractionModel {

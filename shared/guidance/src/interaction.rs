@@ -97,6 +97,21 @@ impl InteractionModel {
             Self::Delayed(model) => model,
         }
     }
+
+    /// The same handler, who walks at another default offset (robot frame). A handler at a rod is behind the robot
+    /// already.
+    ///
+    /// # Errors
+    /// Where the offset is no harness's.
+    pub fn at(&self, robot_from_handler: Pose2) -> Result<Self, HarnessError> {
+        Ok(match self {
+            Self::Rigid(_) => Self::Rigid(RigidHarness::new(robot_from_handler)?),
+            Self::Rod(rod) => Self::Rod(rod.clone()),
+            Self::Delayed(model) => {
+                Self::Delayed(DelayedHarness::new(robot_from_handler, model.alpha(), model.dt_s())?)
+            }
+        })
+    }
 }
 
 impl Interaction for InteractionModel {

@@ -10,7 +10,7 @@ use crate::action::{Action, ActionTable};
 use crate::depth::DepthView;
 use crate::handler::{HandlerBody, HandlerEstimate};
 use crate::hull::Discs;
-use crate::interaction::{Interaction, place};
+use crate::interaction::{Interaction, InteractionModel, place};
 use crate::memory::Memory;
 use crate::scan::Beams;
 use crate::se2::{Point, Se2, exp, se2};
@@ -218,6 +218,12 @@ impl Shield {
     #[must_use]
     pub fn new(config: ShieldConfig) -> Self {
         Self { config, sorted: Sorted::default() }
+    }
+
+    /// The handler comes to rest where that model leads them, if the hull holds their rest at all.
+    pub fn take_place(&mut self, model: &InteractionModel) {
+        let rest = &mut self.config.reach.robot_from_rest;
+        *rest = rest.map(|_| model.robot_from_default());
     }
 
     /// Where an action of `start_from_end` leads to when it begins now (Kim et al. 2023, alg. 1 line 5).

@@ -55,6 +55,22 @@ impl CueKind {
     }
 }
 
+/// Where the handler walks.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Formation/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum Formation {
+    /// Beside the robot, at the default offset of the interaction model.
+    #[default]
+    Beside = 0,
+    /// Behind the robot, in single file: through a passage that is too narrow for both side by side.
+    Behind,
+}
+
+named!(Formation);
+
 /// Where a cue came from.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
@@ -248,7 +264,7 @@ mirrored! {
     /// Decision `n` of a policy.
     #[derive(Debug, Clone, Copy, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/1"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/PolicyAction/2"))]
     #[repr(C)]
     pub struct PolicyAction {
         /// Stamp (of the decision, `n dt`), seq, incarnation.
@@ -265,6 +281,9 @@ mirrored! {
         pub cue_incarnation: u32,
         /// See `cue_incarnation`.
         pub cue_seq: u64,
+        /// Where the policy wants the handler to walk. Another formation than the one in force stops the robot, and
+        /// the handler is asked for it.
+        pub formation: Formation = default,
         /// Stamp and seq of the scan used; 0 where none was.
         pub scan_stamp_ns: u64,
         /// See `scan_stamp_ns`.
@@ -290,6 +309,7 @@ impl Default for PolicyAction {
             probabilities: [0.0; MAX_ACTIONS],
             cue_incarnation: 0,
             cue_seq: 0,
+            formation: Formation::Beside,
             scan_stamp_ns: 0,
             scan_seq: 0,
             depth_stamp_ns: 0,
@@ -303,7 +323,7 @@ impl Default for PolicyAction {
 /// What the shield found. Only [`Outcome::Granted`] lets the robot move.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/3"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Outcome/4"))]
 #[repr(C)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -351,6 +371,12 @@ pub enum Outcome {
     StaleSecondScan,
     /// Judged: the action drawn is a step back, which waits until the handler has been told (hold).
     StepsBack,
+    /// Judged: the passage ahead is too narrow for robot and handler side by side. The handler is asked to come behind
+    /// (hold).
+    Narrow,
+    /// Judged: the handler walks behind, and there is room for them beside the robot again. They are asked to come
+    /// there (hold).
+    Wide,
 }
 
 named!(Outcome);
@@ -361,12 +387,19 @@ impl Outcome {
     pub const fn is_verdict(self) -> bool {
         matches!(
             self,
-            Self::Granted | Self::Stop | Self::AllUnsafe | Self::RemainderUnsafe | Self::ActionEnded | Self::StepsBack
+            Self::Granted
+                | Self::Stop
+                | Self::AllUnsafe
+                | Self::RemainderUnsafe
+                | Self::ActionEnded
+                | Self::StepsBack
+                | Self::Narrow
+                | Self::Wide
         )
     }
 
     /// Every outcome, in the order of its number.
-    pub const ALL: [Self; 21] = [
+    pub const ALL: [Self; 23] = [
         Self::NoAction,
         Self::Granted,
         Self::Stop,
@@ -388,6 +421,8 @@ impl Outcome {
         Self::CameraTilted,
         Self::StaleSecondScan,
         Self::StepsBack,
+        Self::Narrow,
+        Self::Wide,
     ];
 
     /// The name, as in reports.
@@ -415,6 +450,8 @@ impl Outcome {
             Self::CameraTilted => "camera_tilted",
             Self::StaleSecondScan => "stale_second_scan",
             Self::StepsBack => "steps_back",
+            Self::Narrow => "narrow",
+            Self::Wide => "wide",
         }
     }
 }

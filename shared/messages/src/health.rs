@@ -202,7 +202,7 @@ pub struct Microphone {
 /// A beat: published by the loop that waits and works, so that a stuck loop is silent.
 #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
 #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Health/4"))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Health/5"))]
 #[repr(C)]
 pub struct Health {
     /// Stamp, seq, incarnation.

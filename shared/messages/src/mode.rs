@@ -1,7 +1,7 @@
 //! Run, fault or lock, why, and what the robot does about it.
 
 use crate::json::{mirrored, named};
-use crate::{Cue, Header, Pose2, ServiceId, StopKind, TopicId, Twist2};
+use crate::{Cue, Formation, Header, Pose2, ServiceId, StopKind, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -195,7 +195,7 @@ mirrored! {
     /// The supervisor's word on whether motion is possible.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/Mode/1"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/Mode/2"))]
     #[repr(C)]
     pub struct Mode {
         /// Stamp, seq, incarnation.
@@ -217,6 +217,10 @@ mirrored! {
         pub reason: StopReason,
         /// The moving cue in force.
         pub cue: CueInForce,
+        /// Where the handler walks.
+        pub formation: Formation = default,
+        /// Where the handler has been asked to walk: the next cue *forward* agrees. Otherwise as `formation`.
+        pub formation_asked: Formation = default,
     }
 }
 

@@ -292,6 +292,18 @@ stops! {
         meaning: "the robot is about to step back, and tells the handler first",
         advice: "step back with it, and leave it room",
     }
+    Narrow = 46, "narrow" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "the way ahead is too narrow for robot and handler side by side",
+        advice: "come behind the robot and say forward; a robot that does not speak ([speak] on) only waits: another cue",
+    }
+    Wide = 47, "wide" {
+        class: Hold,
+        holds_a_cue: true, latched_by_locomotion: false,
+        meaning: "the handler walks behind the robot, and there is room beside it again",
+        advice: "come beside the robot and say forward",
+    }
     InputUnusable = 25, "input_unusable" {
         class: Hold,
         holds_a_cue: true, latched_by_locomotion: false,
@@ -455,6 +467,8 @@ mod tests {
             "remainder_unsafe",
             "handler_not_seen",
             "step_back",
+            "narrow",
+            "wide",
             "input_unusable",
             "odometry_stale",
             "mode_stale",

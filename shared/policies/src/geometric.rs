@@ -7,6 +7,7 @@
 mod backed;
 mod beams;
 mod field;
+mod formation;
 mod grid;
 mod openings;
 mod rollout;
@@ -19,13 +20,14 @@ pub use route::Plan;
 use backed::Backed;
 use beams::Beams;
 use field::CostToGo;
+use formation::Forming;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
 use guidance::{
     ActionTable, DelayedHarness, Evidence, HandlerBody, HarnessError, InteractionModel, Judgement, Motion, Se2, Shield,
     ShieldConfig,
 };
-use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
+use messages::{CueKind, Formation, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
 use rollout::{Scene, SeenFloor};
 use route::Route;
 use settings::Settings;
@@ -49,6 +51,8 @@ const SAME_ROOM_M: f64 = 0.005;
 const AT_GOAL_M: f64 = 1.0;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
+/// A team that came less far in that time gets nowhere, metres.
+const NOWHERE_M: f64 = 0.3;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
 const UNREST_MAX: f64 = 16.0;
 
@@ -61,16 +65,18 @@ pub struct GeometricConfig {
     pub robot_radius_m: f64,
     /// Radius of the handler's disc, metres.
     pub handler_radius_m: f64,
-    /// How the handler follows.
+    /// How the handler follows beside the robot.
     pub model: InteractionModel,
+    /// How they follow behind it, in single file; none: no passage is too narrow to be told.
+    pub behind: Option<InteractionModel>,
     /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
     pub handler_mask_m: f64,
     /// What was seen is remembered for so long, seconds.
     pub memory_s: f64,
     /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
     pub reserve_m: f64,
-    /// Whether the robot may step back: it says so first.
-    pub steps_back: bool,
+    /// Whether the robot speaks. It says so before it steps back, and asks the handler to walk elsewhere.
+    pub speaks: bool,
     /// How the shield judges; none: the engine does not ask it.
     pub shield: Option<ShieldConfig>,
 }
@@ -82,10 +88,11 @@ impl Default for GeometricConfig {
             robot_radius_m: 0.30,
             handler_radius_m: 0.25,
             model: DelayedHarness::default().into(),
+            behind: None,
             handler_mask_m: 0.40,
             memory_s: 10.0,
             reserve_m: 0.04,
-            steps_back: false,
+            speaks: false,
             shield: None,
         }
     }
@@ -102,7 +109,8 @@ impl GeometricConfig {
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: settings.interaction()?,
-            steps_back: settings.speak.on,
+            behind: Some(settings.interaction_in(Formation::Behind)?),
+            speaks: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()
         })
@@ -132,6 +140,8 @@ pub struct Observation<'a> {
     pub cue: CueKind,
     /// Whether the cue in force is another one than at the last decision.
     pub cue_is_new: bool,
+    /// Where the handler walks.
+    pub formation: Formation,
 }
 
 /// The geometric policy. Call [`decide`](Self::decide) once in each decision period.
@@ -140,6 +150,7 @@ pub struct GeometricEngine {
     config: GeometricConfig,
     table: ActionTable,
     team: Team,
+    forming: Forming,
     memory: Memory,
     odometry_incarnation: Option<u32>,
     odom_from_robot: Se2,
@@ -159,12 +170,13 @@ impl GeometricEngine {
     /// An engine for that team and that action table.
     #[must_use]
     pub fn new(config: GeometricConfig, table: ActionTable) -> Self {
-        let team = Team::new(&config);
+        let team = Team::beside(&config);
         let shield = config.shield.clone().map(Shield::new);
         let kept = (config.memory_s / config.dt_s).clamp(1.0, 1000.0) as u64;
         Self {
             robot_from_handler: team.robot_from_handler(),
             team,
+            forming: Forming::default(),
             memory: Memory::new(kept),
             config,
             table,
@@ -185,7 +197,7 @@ impl GeometricEngine {
     /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit.
     /// One-hot on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
     pub fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
-        match self.costs_m(observation) {
+        match self.costs_m(observation).filter(|_| !self.waits_for_answer()) {
             Some(costs_m) => probabilities(&costs_m),
             None => one_hot_stop(),
         }
@@ -211,6 +223,7 @@ impl GeometricEngine {
         if !believable(&observation.odom_from_robot) || !believable(&observation.start_from_robot) {
             return None;
         }
+        self.take_formation(observation.formation);
         self.take_pose(observation);
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
@@ -221,23 +234,26 @@ impl GeometricEngine {
         }
         self.take_cue(observation);
         if self.cue == CueKind::Stop {
+            self.forming.rest();
             self.plan = Plan::Stand;
             return None;
         }
         let odom_from_robot = self.odom_from_robot;
         let place = Point::from(odom_from_robot.translation.vector);
-        let window = self.memory.window(place);
+        let mut window = self.memory.window(place, self.team.width().fits_m);
         let odom_from_start = odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse();
         let route = self.route.get_or_insert_with(|| Route::new(odom_from_start.rotation.angle()));
         let cue_place = Point::from(odom_from_start.translation.vector);
         let goal = route.goal(&window, &odom_from_robot, &beams.hits, self.cue, cue_place);
         self.plan = goal.plan;
         if goal.seeds.is_empty() {
+            self.consider_single_file(&mut window, true);
             return None;
         }
         let cost = CostToGo::spread(&window, &goal.seeds, place);
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
+        self.consider_room_beside(&mut window);
         self.ask_shield(observation);
         let memory = observation.shield.and_then(|(evidence, _)| evidence.memory);
         let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams, memory);
@@ -245,6 +261,8 @@ impl GeometricEngine {
         for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
             *cost += if judged.cause == UnsafeCause::FloorUnseen { UNSEEN_M } else { 0.0 };
         }
+        let is_held = costs.iter().all(|cost_m| *cost_m >= costs[ActionTable::STOP]);
+        self.consider_single_file(&mut window, is_held);
         Some(costs)
     }
 
@@ -291,6 +309,7 @@ impl GeometricEngine {
 
     fn take_cue(&mut self, observation: &Observation) {
         if observation.cue_is_new || observation.cue != self.cue {
+            self.forming.rest();
             let start_rad =
                 (self.odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse()).rotation.angle();
             let was_turn = matches!(self.cue, CueKind::Left | CueKind::Right);
@@ -299,6 +318,12 @@ impl GeometricEngine {
             self.history.clear();
         }
         self.cue = observation.cue;
+    }
+
+    /// Whether the team is where it was some seconds ago.
+    fn gets_nowhere(&self) -> bool {
+        let (Some(first), Some(last)) = (self.history.front(), self.history.back()) else { return false };
+        self.history.len() == HISTORY && (first.inverse() * last).translation.vector.norm() < NOWHERE_M
     }
 
     /// Whether the team has moved for some seconds and got nowhere.
@@ -326,20 +351,18 @@ impl GeometricEngine {
     ) -> [f64; MAX_ACTIONS] {
         let robot_from_odom = self.odom_from_robot.inverse();
         let floor = memory.map(|memory| SeenFloor { memory, robot_from_odom });
-        let worth_with = |reserve_m: f64| {
-            let scene = Scene {
-                window,
-                cost,
-                facing_rad,
-                team: &self.team,
-                table: &self.table,
-                reserve_m,
-                last_motion: self.last_motion,
-                unrest: self.unrest,
-                floor,
-            };
-            scene.worth(&self.odom_from_robot, &self.robot_from_handler)
+        let scene_with = |reserve_m: f64| Scene {
+            window,
+            cost,
+            facing_rad,
+            team: &self.team,
+            table: &self.table,
+            reserve_m,
+            last_motion: self.last_motion,
+            unrest: self.unrest,
+            floor,
         };
+        let worth_with = |reserve_m| scene_with(reserve_m).worth(&self.odom_from_robot, &self.robot_from_handler);
         let margins_m = self.margins_m(window);
         // Before an edge or a step the robot waits, and the handler is told. That only happens where the policy wants
         // to go on. Without a shield, the obstacles that are known decide.
@@ -353,7 +376,7 @@ impl GeometricEngine {
             ways.any(|(action, _)| !is_forbidden(action) && !leads_back(action))
         };
         let wished = worth_with(self.config.reserve_m + 2.0 * beams.sigma_m);
-        let here_m = rollout::cost_m(cost, window, &self.odom_from_robot);
+        let here_m = scene_with(0.0).cost_m(&self.odom_from_robot);
         let gets_on = |worth: &[Option<f64>]| {
             let gets_on = |action: usize, cost_m: f64| cost_m < here_m && !is_forbidden(action) && !leads_back(action);
             let mut ways = worth.iter().enumerate();
@@ -362,7 +385,7 @@ impl GeometricEngine {
         };
         let worth = if has_way(&wished) && gets_on(&wished) { wished } else { cheaper(wished, worth_with(0.0)) };
         let is_wedged = !has_way(&worth);
-        let may_back = self.config.steps_back && !gets_on(&worth) && self.backed.may_step();
+        let may_back = self.config.speaks && !gets_on(&worth) && self.backed.may_step();
         let mut costs = [f64::INFINITY; MAX_ACTIONS];
         for (action, worth) in worth.into_iter().enumerate() {
             costs[action] = match worth {

@@ -13,7 +13,7 @@ use std::path::Path;
 use guidance::cue::CueTrack;
 use guidance::se2::pose2;
 use guidance::{ActionTable, Evidence, HandlerBody, Se2};
-use messages::{CueKind, MAX_ACTIONS, ScanHeader};
+use messages::{CueKind, Formation, MAX_ACTIONS, ScanHeader};
 use settings::{PlannerUse, PolicyModel};
 
 pub use geometric::{GeometricConfig, GeometricEngine};
@@ -47,6 +47,8 @@ pub struct Situation<'a> {
     pub cue: CueKind,
     /// Whether the cue in force is another one than at the last decision.
     pub cue_is_new: bool,
+    /// Where the handler walks.
+    pub formation: Formation,
 }
 
 /// An engine could not decide.
@@ -67,6 +69,11 @@ pub trait Engine: Send {
     /// # Errors
     /// Where nothing could be decided.
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError>;
+
+    /// The formation that the last decision asks for, if another one than that in force. Most engines know of none.
+    fn asks_for(&self) -> Option<Formation> {
+        None
+    }
 }
 
 impl<'a> From<&Situation<'a>> for geometric::Observation<'a> {
@@ -82,6 +89,7 @@ impl<'a> From<&Situation<'a>> for geometric::Observation<'a> {
             start_from_robot: pose2(&situation.start_from_robot),
             cue: situation.cue,
             cue_is_new: situation.cue_is_new,
+            formation: situation.formation,
         }
     }
 }
@@ -90,19 +98,24 @@ impl Engine for GeometricEngine {
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError> {
         Ok(Self::decide(self, &situation.into()))
     }
+
+    fn asks_for(&self) -> Option<Formation> {
+        Self::asks_for(self)
+    }
 }
 
 /// What every engine is held to: no engine decides against a stop, nor goes on looking for an opening for ever.
 pub struct Pilot {
     engine: Box<dyn Engine>,
     track: CueTrack,
+    formation: Formation,
 }
 
 impl Pilot {
     /// The pilot with that engine.
     #[must_use]
     pub fn new(engine: Box<dyn Engine>) -> Self {
-        Self { engine, track: CueTrack::default() }
+        Self { engine, track: CueTrack::default(), formation: Formation::Beside }
     }
 
     /// One decision: certain to stand where that is not the engine's to say ([`CueTrack::must_stand`]), the engine's
@@ -116,7 +129,20 @@ impl Pilot {
         }
         self.track.observe(&situation.start_from_robot);
         let decided = self.engine.decide(situation)?;
-        Ok(if self.track.must_stand(situation.cue) { stand() } else { decided })
+        if self.track.must_stand(situation.cue) {
+            self.formation = situation.formation;
+            return Ok(stand());
+        }
+        // Whoever moves needs no other formation.
+        let stands = decided.iter().all(|p| *p <= decided[ActionTable::STOP]);
+        self.formation = self.engine.asks_for().filter(|_| stands).unwrap_or(situation.formation);
+        Ok(decided)
+    }
+
+    /// Where the last decision wants the handler to walk.
+    #[must_use]
+    pub fn formation(&self) -> Formation {
+        self.formation
     }
 }
 

@@ -9,11 +9,11 @@
 use std::collections::VecDeque;
 
 use guidance::{ActionTable, Se2};
-use messages::{CueKind, MAX_ACTIONS};
+use messages::{CueKind, Formation, MAX_ACTIONS};
 use settings::PlannerUse;
 
 use crate::geometric::{self, GeometricEngine};
-use crate::{Engine, EngineError, Probabilities, Situation};
+use crate::{Engine, EngineError, Probabilities, Situation, stand};
 
 /// An action that costs so much more than the best one has its probability divided by e, metres.
 const UNIT_M: f64 = 1.0 / 3.0;
@@ -101,9 +101,16 @@ impl Engine for PlannedEngine {
             self.odometry_incarnation = situation.odometry_incarnation;
             self.progress = Progress::default();
         }
-        let is_taken_over = self.progress.observe(situation.odom_from_robot);
+        let makes_none = self.progress.observe(situation.odom_from_robot);
+        // No network was trained with a handler behind the robot.
+        let is_taken_over = makes_none || situation.formation == Formation::Behind;
+        if self.planner.waits_for_answer() {
+            return Ok(stand());
+        }
         // Where it sees no way, whether the way has ended is the network's to say.
-        let Some(costs_m) = costs_m else { return Ok(proposed) };
+        let Some(costs_m) = costs_m else {
+            return Ok(if situation.formation == Formation::Behind { stand() } else { proposed });
+        };
         let decided = if is_taken_over {
             geometric::probabilities(&costs_m)
         } else if self.only_takes_over {
@@ -116,6 +123,10 @@ impl Engine for PlannedEngine {
             self.progress.chosen(&decided, &costs_m);
         }
         Ok(decided)
+    }
+
+    fn asks_for(&self) -> Option<Formation> {
+        self.planner.asks_for()
     }
 }
 

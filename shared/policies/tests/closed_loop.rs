@@ -222,6 +222,7 @@ impl Walk {
                 start_from_robot: pose2(&(cue_start.inverse() * robot)),
                 cue,
                 cue_is_new: new,
+                formation: messages::Formation::Beside,
             });
             report.slowest = report.slowest.max(begun.elapsed());
             let sum: f32 = shares.iter().sum();
@@ -533,6 +534,7 @@ fn odd_input_stands() {
             start_from_robot: Pose2::default(),
             cue: CueKind::Forward,
             cue_is_new: true,
+            formation: messages::Formation::Beside,
         });
         assert_eq!(shares[0], 1.0);
         assert_eq!(engine.plan(), Plan::Blind);
@@ -549,6 +551,7 @@ fn odd_input_stands() {
             start_from_robot: Pose2::default(),
             cue: CueKind::Left,
             cue_is_new: false,
+            formation: messages::Formation::Beside,
         });
         assert!((shares.iter().sum::<f32>() - 1.0).abs() < 1e-5);
     }
@@ -576,6 +579,7 @@ fn what_one_frame_saw_does_not_stop_the_team_and_what_two_saw_does() {
             start_from_robot: Pose2::default(),
             cue: CueKind::Forward,
             cue_is_new: false,
+            formation: messages::Formation::Beside,
         });
         shares[1] > 0.5
     };

@@ -75,6 +75,7 @@ fn decide(pilot: &mut Pilot, cue: CueKind, cue_is_new: bool, start_from_robot: S
         start_from_robot,
         cue,
         cue_is_new,
+        formation: messages::Formation::Beside,
     };
     pilot.decide(&situation).expect("decides")[..8].to_vec()
 }

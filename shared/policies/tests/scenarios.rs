@@ -132,6 +132,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             start_from_robot: pose2(&(cue_start.inverse() * robot)),
             cue,
             cue_is_new: new,
+            formation: messages::Formation::Beside,
         });
         times.push(begun.elapsed());
         let wanted: Vec<f64> = shares[..table.len()].iter().map(|share| f64::from(*share)).collect();

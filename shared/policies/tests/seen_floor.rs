@@ -91,6 +91,7 @@ impl Senses {
             start_from_robot: Pose2::default(),
             cue: CueKind::Forward,
             cue_is_new: true,
+            formation: messages::Formation::Beside,
         };
         GeometricEngine::new(config, ActionTable::eight()).decide(&observation).to_vec()
     }

@@ -3,8 +3,8 @@
 mod lidar;
 mod voice;
 
-use messages::ServiceId;
 use messages::topic::{AgeLimit, TOPICS};
+use messages::{Formation, ServiceId};
 
 use crate::devices::{DeviceRow, either};
 use crate::sections::{
@@ -54,6 +54,8 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
+    let single_file = settings.interaction_in(Formation::Behind);
+    single_file.map_err(|error| format!("[handler] behind_m: {error}"))?;
     crate::planned::check(settings)?;
     crate::sections::check_speak(&settings.speak)?;
     if settings.supervision.restart_budget == 0 {

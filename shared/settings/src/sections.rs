@@ -19,7 +19,7 @@ use guidance::{
     HarnessError, Interaction, InteractionModel, MemoryConfig, Pace, RigidHarness, RotatingRod, ShieldConfig, StepMax,
 };
 use matching::CorrectedConfig;
-use messages::{NS_PER_S, Pose2, TopicId};
+use messages::{Formation, NS_PER_S, Pose2, TopicId};
 use rplidar::Model;
 use serde::{Deserialize, Serialize};
 use unitree::Silence;
@@ -46,6 +46,8 @@ pub use speak::{Speak, SpokenLanguage, Verbosity};
 const SCAN_GAP_NS: u64 = NS_PER_S;
 /// Nobody where the handler should be, where visible, for this long.
 const NOT_SEEN_NS: u64 = NS_PER_S;
+/// A handler knows what a sentence asks so long after the voice has begun to say it, nanoseconds.
+const SAID_NS: u64 = NS_PER_S * 3 / 2;
 /// A step back stays so far from every edge and step of the floor, metres.
 const BACK_FROM_EDGES_M: f64 = 1.0;
 
@@ -156,6 +158,12 @@ impl Settings {
         }
     }
 
+    /// When the handler knows what a stop asks of them, after it began, nanoseconds. None: the robot does not speak.
+    #[must_use]
+    pub fn asked_after_ns(&self) -> Option<u64> {
+        self.speak.on.then(|| self.speak.hold_after.ns().saturating_add(SAID_NS))
+    }
+
     /// Whether scans correct the odometry: as it is said, else where both come from devices.
     #[must_use]
     pub fn matches_scans(&self) -> bool {
@@ -261,10 +269,22 @@ impl Settings {
         memory.on.then(|| memory.config(self.footing()))
     }
 
-    /// The handler's interaction model, one step of which is a decision.
+    /// The handler's interaction model in a formation, one step of which is a decision.
     ///
     /// # Errors
     /// Where the parameters are no handler's; the reason says which.
+    pub fn interaction_in(&self, formation: Formation) -> Result<InteractionModel, HarnessError> {
+        let beside = self.interaction()?;
+        match formation {
+            Formation::Beside => Ok(beside),
+            Formation::Behind => beside.at(Pose2::new(-self.handler.behind_m.get(), 0.0, 0.0)),
+        }
+    }
+
+    /// How the handler follows beside the robot.
+    ///
+    /// # Errors
+    /// As [`Settings::interaction_in`].
     pub fn interaction(&self) -> Result<InteractionModel, HarnessError> {
         let handler = &self.handler;
         Ok(match handler.model {
@@ -305,6 +325,8 @@ pub struct Handler {
     pub seen_radius_m: Positive,
     /// Default offset: where the handler walks, in the robot frame.
     pub robot_from_handler: Pose2,
+    /// In single file the handler's middle is so far behind the robot's, metres.
+    pub behind_m: Positive,
     /// Delayed harness: remembered share of the offset per decision; 0 = rigid.
     pub alpha: Share,
     /// Rod: where the robot holds it, x and y in the robot frame, metres.
@@ -323,6 +345,7 @@ impl Default for Handler {
             radius_m: Positive::of(0.25),
             seen_radius_m: Positive::of(0.20),
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            behind_m: Positive::of(0.9),
             alpha: Share::of(0.4),
             rod_grip_m: [-0.3, 0.0],
             rod_length_m: Positive::of(0.8),

@@ -322,10 +322,10 @@ impl Speaker {
         }
         let hold = *hold;
         let lasted = |since_ns: u64| now_ns.saturating_sub(since_ns) >= self.config.hold_after_ns;
-        // The shield waits only so long: each step back is told at once.
-        let is_step_back = kind == StopKind::StepBack;
+        // Shield and supervisor wait only so long: what the handler is to do is told at once, and each time.
+        let is_asked = matches!(kind, StopKind::StepBack | StopKind::Narrow | StopKind::Wide);
         let (due, about_ns) = match hold.told {
-            _ if is_step_back && !hold.is_told() => (lasted(hold.sentence_since_ns), hold.sentence_since_ns),
+            _ if is_asked && !hold.is_told() => (lasted(hold.sentence_since_ns), hold.sentence_since_ns),
             None => (lasted(hold.since_ns) && !self.was_told(&sentence, HOLD_AGAIN_NS, now_ns), hold.since_ns),
             Some((at_ns, _)) if now_ns >= at_ns + self.config.remind_ns => (true, now_ns),
             Some((at_ns, what)) => {
@@ -337,7 +337,7 @@ impl Speaker {
             self.hold = Some(Hold { told: Some((now_ns, sentence)), ..hold });
             self.drop_waiting_urgency(Urgency::Hold);
             let utterance = Utterance { sentence, urgency: Urgency::Hold, about_ns, reason: state.limited_by };
-            let breaks_in_after_ns = if is_step_back { 0 } else { u64::MAX };
+            let breaks_in_after_ns = if is_asked { 0 } else { u64::MAX };
             self.add(Waiting { utterance, until_ns: u64::MAX, breaks_in_after_ns }, now_ns);
         }
     }

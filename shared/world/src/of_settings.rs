@@ -120,6 +120,7 @@ impl From<&Settings> for PhysicsConfig {
                 robot_from_handler: settings
                     .interaction()
                     .map_or(handler.robot_from_handler, |model| pose2(&model.robot_from_default())),
+                behind_m: handler.behind_m.get(),
                 alpha: handler.alpha.get(),
                 dt_s: settings.policy.dt.s(),
                 radius_m: handler.radius_m.get(),

@@ -76,6 +76,8 @@ impl Default for RobotConfig {
 pub struct HandlerConfig {
     /// Where the handler walks when the robot does not turn or change speed.
     pub robot_from_handler: Pose2,
+    /// In single file they walk so far behind the robot, metres, centre to centre.
+    pub behind_m: f64,
     /// The delayed harness (Kim et al. 2023, eq. 2): remembered share of the offset per step of `dt_s`, 0 to 0.9.
     pub alpha: f64,
     /// The step that `alpha` is for, seconds.
@@ -96,6 +98,7 @@ impl Default for HandlerConfig {
     fn default() -> Self {
         Self {
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
+            behind_m: 0.9,
             alpha: 0.4,
             dt_s: 0.5,
             radius_m: 0.25,
@@ -149,6 +152,7 @@ impl PhysicsConfig {
         ConfigError::check("handler.robot_from_handler.x_m", offset.x_m, -3.0, 3.0)?;
         ConfigError::check("handler.robot_from_handler.y_m", offset.y_m, -3.0, 3.0)?;
         ConfigError::check("handler.robot_from_handler.yaw_rad", offset.yaw_rad, -3.2, 3.2)?;
+        ConfigError::check("handler.behind_m", handler.behind_m, 0.1, 3.0)?;
         ConfigError::check("handler.alpha", handler.alpha, 0.0, 0.9)?;
         ConfigError::check("handler.dt_s", handler.dt_s, 0.01, 10.0)?;
         ConfigError::check("handler.radius_m", handler.radius_m, 0.05, 2.0)?;

@@ -6,7 +6,7 @@ use episodes::{Config, Episode, Report};
 use guidance::se2::Point;
 use guidance::shield::{choose, suppress};
 use guidance::{ActionTable, Draw};
-use messages::CueKind;
+use messages::{CueKind, Formation};
 use policies::{Pilot, Situation};
 use settings::Choice;
 use world::Site;
@@ -57,6 +57,8 @@ fn situation(episode: &Episode) -> Situation<'_> {
         start_from_robot,
         cue,
         cue_is_new,
+        // Episodes have no voice that asks for another.
+        formation: Formation::Beside,
     }
 }
 

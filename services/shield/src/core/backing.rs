@@ -1,16 +1,6 @@
 //! A step back waits until the handler has been told of it, and each one anew.
 
-use messages::{Mode, NS_PER_S, age_ns};
-use settings::Settings;
-
-/// The robot steps back so long after the voice has begun to say so, nanoseconds.
-const SAID_NS: u64 = NS_PER_S * 3 / 2;
-
-/// How long a step back waits, nanoseconds. A robot that does not speak makes none.
-pub(super) fn told_ns(settings: &Settings) -> u64 {
-    let speaks = settings.speak.on;
-    if speaks { settings.speak.hold_after.ns().saturating_add(SAID_NS) } else { u64::MAX }
-}
+use messages::{Mode, age_ns};
 
 /// A wait counts for one cue, by its incarnation and seq, in one epoch.
 type Asked = (u32, u64, u64);

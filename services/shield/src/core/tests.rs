@@ -4,7 +4,7 @@ mod second;
 mod steps;
 
 use super::{Core, CoreConfig};
-use guidance::{ActionTable, DelayedHarness};
+use guidance::ActionTable;
 use messages::{
     Attitude, Cue, CueInForce, CueKind, DepthHeader, Header, Mode, ModeClass, Odometry, Outcome, PermitCause,
     PolicyAction, Pose2, Pose3, ScanHeader, ServiceId, StopKind, StopReason, Twist2, UnsafeCause,
@@ -112,8 +112,7 @@ fn ready() -> Core {
 }
 
 fn ready_with(settings: &Settings) -> Core {
-    let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let mut core = Core::new(CoreConfig::of(settings, harness.into(), ActionTable::eight()));
+    let mut core = Core::new(CoreConfig::of(settings, ActionTable::eight()).expect("a harness"));
     core.take_mode(&mode(ModeClass::Run, 990));
     core.take_odometry(&odometry(990, 0.0));
     core.take_depth(&depth_header(990), &wall_mm(5000));

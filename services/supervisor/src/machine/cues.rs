@@ -22,6 +22,7 @@ impl Machine {
         if !cue.kind.is_moving() {
             // Locomotion took it already; here it ends the cue in force.
             self.mode.cue = CueInForce::default();
+            self.ask_no_more();
             self.mode_changed = true;
             self.answer(cue, None);
             return;
@@ -37,6 +38,7 @@ impl Machine {
             self.mode.reason = StopReason::default();
             self.stops.end_mode_stop(now.run_ns);
         }
+        self.agree_on_formation(cue);
         self.mode.cue = CueInForce { valid: true, cue: *cue };
         self.mode_changed = true;
         self.answer(cue, None);

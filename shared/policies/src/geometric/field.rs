@@ -6,8 +6,6 @@ use nalgebra::Vector2;
 use std::cmp::Reverse;
 use std::collections::{BinaryHeap, VecDeque};
 
-/// Half the team's width (0.3 m to the left of its middle and 0.25 m + 0.35 m - 0.15 m to the right) and a little more.
-pub const TEAM_CLEARANCE_M: f64 = 0.47;
 /// Within this of the robot any floor will do: it stands there, metres.
 const STANDING_M: f64 = 0.3;
 /// Nothing goes nearer to an obstacle than this with the middle of the team.
@@ -29,7 +27,7 @@ pub fn reachable(window: &Window, from: Point, ahead: impl Fn(Point) -> bool) ->
     while let Some(cell) = open.pop_front() {
         for next in Window::neighbours(cell) {
             let centre = window.centre(next);
-            let needed_m = window.clearance_m[cell].min(TEAM_CLEARANCE_M);
+            let needed_m = window.clearance_m[cell].min(window.fits_m);
             let fits = window.clearance_m[next] >= needed_m || (centre - from).norm() < STANDING_M;
             if !reached[next] && fits && window.known[next] == Known::Free && ahead(centre) {
                 reached[next] = true;
@@ -120,8 +118,8 @@ fn price(window: &Window, cell: usize) -> f64 {
     if clearance_m < WALL_M || window.known[cell] == Known::Occupied {
         return f64::INFINITY;
     }
-    let near = (1.0 - clearance_m).max(0.0) / (1.0 - TEAM_CLEARANCE_M);
-    let tight = (TEAM_CLEARANCE_M - clearance_m).max(0.0) / TEAM_CLEARANCE_M;
+    let near = (1.0 - clearance_m).max(0.0) / (1.0 - window.fits_m);
+    let tight = (window.fits_m - clearance_m).max(0.0) / window.fits_m;
     let unknown = if window.known[cell] == Known::Unknown { UNKNOWN_PRICE } else { 1.0 };
     unknown * (1.0 + 1.5 * near * near + if tight > 0.0 { 5.0 + 25.0 * tight } else { 0.0 })
 }

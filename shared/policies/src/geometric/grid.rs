@@ -161,11 +161,11 @@ impl Memory {
         })
     }
 
-    /// The surroundings of a place (odometry frame), with the clearance of every cell.
-    pub fn window(&self, centre: Point) -> Window {
-        let first = first_key(centre);
-        let mut window =
-            Window { first, known: vec![Known::Unknown; SIDE * SIDE], clearance_m: Vec::new(), hits: Vec::new() };
+    /// The surroundings of a place (odometry frame), with the clearance of every cell, for a team that fits where it
+    /// has so much of it, metres.
+    pub fn window(&self, centre: Point, fits_m: f64) -> Window {
+        let (first, known) = (first_key(centre), vec![Known::Unknown; SIDE * SIDE]);
+        let mut window = Window { first, known, clearance_m: Vec::new(), hits: Vec::new(), fits_m };
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &self.cells[slot_of(key)];
@@ -192,6 +192,8 @@ pub struct Window {
     pub clearance_m: Vec<f64>,
     /// Obstacle points, odometry frame.
     pub hits: Vec<Point>,
+    /// The middle of the team fits where a cell has so much clearance, metres.
+    pub fits_m: f64,
 }
 
 impl Window {

@@ -11,8 +11,6 @@ use nalgebra::Vector2;
 const DEPTH: usize = 8;
 /// Ways kept for each first action at each depth.
 const WIDTH: usize = 10;
-/// The middle of the team lies this far to the left of the robot (it has its handler on the right), metres.
-const MIDDLE_Y_M: f64 = -0.15;
 /// How far ahead on the way the robot looks to where it should face, metres.
 const LOOK_M: f64 = 1.0;
 /// Heading errors below this are left alone: half a turn action, radians.
@@ -116,6 +114,11 @@ impl Scene<'_> {
             .collect()
     }
 
+    /// The way from the middle of the team to the goal, metres.
+    pub fn cost_m(&self, robot: &Se2) -> f64 {
+        self.cost.at(self.window, self.team.middle(robot)).unwrap_or(NO_WAY_M)
+    }
+
     fn best_from(&self, first: Way, onward: &[Se2]) -> f64 {
         let mut ways = vec![first];
         let mut best_dead_m = f64::INFINITY;
@@ -150,7 +153,8 @@ impl Scene<'_> {
         if swept_m < self.reserve_m && swept_m < way.room_m - 1e-3 || room_m < self.reserve_m && room_m < way.room_m {
             return None;
         }
-        let (middle, cost_m) = (middle(&robot), cost_m(self.cost, self.window, &robot));
+        let middle = self.team.middle(&robot);
+        let cost_m = self.cost_m(&robot);
         let heading = self.heading_error(&robot, middle);
         let tight = ((ROOM_M - swept_m) / ROOM_M).clamp(0.0, 1.5);
         let spent_m = way.spent_m
@@ -186,15 +190,6 @@ impl Scene<'_> {
         let left = back.translation.vector.norm() + back.rotation.angle().abs();
         if last > 0.08 && left < 0.5 * last { REVERSAL_PRICE * self.unrest } else { 0.0 }
     }
-}
-
-fn middle(robot: &Se2) -> Point {
-    robot * Point::new(0.0, MIDDLE_Y_M)
-}
-
-/// The way from the middle of the team to the goal, metres.
-pub fn cost_m(cost: &CostToGo, window: &Window, robot: &Se2) -> f64 {
-    cost.at(window, middle(robot)).unwrap_or(NO_WAY_M)
 }
 
 /// What the motion asks of the handler beyond walking, metres.

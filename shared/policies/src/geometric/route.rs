@@ -1,6 +1,6 @@
 //! Which way the cue means here: along the corridor, round its bend, into an opening, or nowhere.
 
-use super::field::{TEAM_CLEARANCE_M, reachable};
+use super::field::reachable;
 use super::grid::Window;
 use super::openings::{Opening, Profile, Side};
 use super::travel::TravelLine;
@@ -141,6 +141,11 @@ impl Route {
         goal.unwrap_or_else(|| self.along(&view, cue))
     }
 
+    /// How far the way goes on ahead from the robot, along the travel line, metres.
+    pub fn ahead_m(&mut self, window: &Window, odom_from_robot: &Se2) -> f64 {
+        self.view(window, odom_from_robot).ahead_m
+    }
+
     fn view<'a>(&mut self, window: &'a Window, robot: &'a Se2) -> View<'a> {
         let odom_from_line = Se2::new(robot.translation.vector, self.line.yaw_rad);
         let line_from_odom = odom_from_line.inverse();
@@ -191,7 +196,7 @@ impl Route {
             };
             let other = side.other();
             let wall_m = self.wall_m[other as usize];
-            let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + TEAM_CLEARANCE_M, wall_m);
+            let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + view.window.fits_m, wall_m);
             if !shut && view.ahead_m >= END_M {
                 return None;
             }
@@ -242,7 +247,7 @@ impl Route {
     /// The opening of that side that ends within `slack_m` of the corridor's end, if there is one that the team can get
     /// into.
     fn opening_at_end(&self, view: &View, side: Side, slack_m: f64) -> Option<Opening> {
-        let end_m = view.ahead_m + TEAM_CLEARANCE_M;
+        let end_m = view.ahead_m + view.window.fits_m;
         let at_end = |opening: &Opening| {
             opening.end_m > end_m - slack_m && opening.begin_m < COMMIT_M && opening.middle_m() > -1.0
         };

@@ -7,23 +7,60 @@ use guidance::{Disc, Hull, Interaction, InteractionModel, Se2};
 
 /// Discs that fill the room between robot and handler.
 const BETWEEN: usize = 4;
+/// Half the width of a team side by side (0.3 m to the left of its middle and 0.25 m + 0.35 m - 0.15 m to the right)
+/// and a little more. Its middle lies so far to the left of the robot, which has its handler on the right.
+const BESIDE: Width = Width { fits_m: 0.47, middle_y_m: -0.15 };
+/// A team in single file needs so much more than the robot's own disc, metres.
+const FILE_RESERVE_M: f64 = 0.02;
+
+/// How wide a team is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Width {
+    /// Its middle fits where there is so much clearance, metres.
+    pub fits_m: f64,
+    /// Where its middle lies from the robot, to the left, metres.
+    pub middle_y_m: f64,
+}
 
 /// The interaction model and the two discs.
 #[derive(Debug, Clone)]
 pub struct Team {
     model: InteractionModel,
+    width: Width,
     robot_radius_m: f64,
     handler_radius_m: f64,
 }
 
 impl Team {
-    /// The team that the configuration describes.
-    pub fn new(config: &GeometricConfig) -> Self {
-        Self {
-            model: config.model.clone(),
-            robot_radius_m: config.robot_radius_m,
-            handler_radius_m: config.handler_radius_m,
-        }
+    /// The team that the configuration describes, side by side.
+    pub fn beside(config: &GeometricConfig) -> Self {
+        Self::new(config, &config.model, BESIDE)
+    }
+
+    /// The team in single file, whose handler follows by `model`.
+    pub fn behind(config: &GeometricConfig, model: &InteractionModel) -> Self {
+        let fits_m = config.robot_radius_m.max(config.handler_radius_m) + FILE_RESERVE_M;
+        Self::new(config, model, Width { fits_m, middle_y_m: 0.0 })
+    }
+
+    fn new(config: &GeometricConfig, model: &InteractionModel, width: Width) -> Self {
+        let (robot_radius_m, handler_radius_m) = (config.robot_radius_m, config.handler_radius_m);
+        Self { model: model.clone(), width, robot_radius_m, handler_radius_m }
+    }
+
+    /// How the handler follows.
+    pub fn model(&self) -> &InteractionModel {
+        &self.model
+    }
+
+    /// How wide it is.
+    pub fn width(&self) -> Width {
+        self.width
+    }
+
+    /// Its middle, in the frame of the robot's pose.
+    pub fn middle(&self, robot: &Se2) -> Point {
+        robot * Point::new(0.0, self.width.middle_y_m)
     }
 
     /// Where the handler walks when nothing disturbs them.

@@ -1,7 +1,7 @@
 //! What the handler does with the handle: holds it, stands without it, and walks back to it.
 
 use guidance::se2::{Point, pose2, se2, wrap_angle};
-use messages::Pose2;
+use messages::{Formation, Pose2};
 use nalgebra::Vector2;
 
 use super::{CLOSING_MPS, HANDLER, Physics, TICK_S, placed};
@@ -36,6 +36,7 @@ enum Grip {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Hand {
     grip: Grip,
+    formation: Formation,
     held_up_ticks: u32,
     /// Where the robot was (world frame), the newest place last.
     trail: Vec<Point>,
@@ -72,6 +73,22 @@ impl Physics {
         Ok(self)
     }
 
+    /// The handler was asked to walk there: they let the handle go, and take it again in their new place.
+    pub fn form(&mut self, formation: Formation) {
+        if self.hand.formation != formation {
+            (self.hand.formation, self.hand.grip) = (formation, Grip::Returns);
+        }
+    }
+
+    /// Where the handler walks, robot frame.
+    fn robot_from_place(&self) -> Pose2 {
+        let handler = &self.config.handler;
+        match self.hand.formation {
+            Formation::Beside => handler.robot_from_handler,
+            Formation::Behind => Pose2::new(-handler.behind_m, 0.0, 0.0),
+        }
+    }
+
     /// One tick of the handler.
     pub(super) fn move_handler(&mut self) {
         let (robot, time_s) = (self.place(super::ROBOT), self.ticks as f64 * TICK_S);
@@ -93,7 +110,7 @@ impl Physics {
         let handler = &self.config.handler;
         let tau_s = handler.time_constant_s();
         let keep = tau_s / (tau_s + TICK_S);
-        let mut target = handler.robot_from_handler;
+        let mut target = self.robot_from_place();
         if self.twist.speed_mps() > CLOSING_MPS {
             let phase = std::f64::consts::TAU * (self.ticks as f64 * TICK_S) / handler.sway_period_s;
             target.y_m += handler.sway_m * phase.sin();
@@ -127,7 +144,7 @@ impl Physics {
     /// Back to the handle: straight, or else along the way that the robot went.
     fn walk_back(&mut self) {
         let at = self.place(HANDLER);
-        let handle = self.world_from_robot * se2(self.config.handler.robot_from_handler);
+        let handle = self.world_from_robot * se2(self.robot_from_place());
         let to_handle = Point::from(handle.translation.vector);
         let body = &self.bodies[HANDLER];
         let (radius_m, z) = (body.radius_m, body.z);

@@ -2,8 +2,8 @@
 
 use super::{MS, action, depth_header, header, mode, odometry, open_scan, scan_header, wall_mm};
 use crate::core::{Core, CoreConfig};
-use guidance::{ActionTable, DelayedHarness};
-use messages::{Attitude, Cue, CueInForce, CueKind, Mode, ModeClass, Odometry, Outcome, Permit, PolicyAction, Pose2};
+use guidance::ActionTable;
+use messages::{Attitude, Cue, CueInForce, CueKind, Mode, ModeClass, Odometry, Outcome, Permit, PolicyAction};
 use settings::Settings;
 
 /// What a policy wants with the table that has a step back.
@@ -29,8 +29,7 @@ fn walked() -> Core {
 }
 
 fn walked_with(settings: &Settings) -> Core {
-    let harness = DelayedHarness::new(Pose2::new(-0.75, -0.35, 0.0), 0.4, 0.5).expect("a harness");
-    let mut core = Core::new(CoreConfig::of(settings, harness.into(), ActionTable::nine()));
+    let mut core = Core::new(CoreConfig::of(settings, ActionTable::nine()).expect("a harness"));
     for decision in 2..10 {
         decides(&mut core, decision, 0.25 * (decision - 1) as f64, "forward");
     }

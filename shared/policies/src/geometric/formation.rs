@@ -1,0 +1,131 @@
+//! Side by side, or in single file: where the way ends for the team as it walks, and goes on for the other formation.
+
+use guidance::se2::Point;
+use guidance::{Interaction, Se2};
+use messages::{CueKind, Formation};
+
+use super::GeometricEngine;
+use super::grid::Window;
+use super::team::Team;
+
+/// The way goes on so much farther in single file, metres.
+const FARTHER_M: f64 = 1.0;
+/// Number of decisions that find it so before the engine asks: two seconds.
+const SURE: u32 = 4;
+/// Beside the robot there is room again where the team has come so far in single file, and so far ahead, metres.
+const CAME_M: f64 = 1.0;
+const AHEAD_M: f64 = 2.0;
+/// The handler comes from behind to the side over so many places.
+const PLACES: usize = 4;
+
+/// What the engine makes of the formation in force.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Forming {
+    formation: Formation,
+    /// Number of decisions that found another formation better, less those that did not.
+    found: u32,
+    asks: bool,
+    /// Where the formation began (odometry frame).
+    began: Option<Point>,
+}
+
+impl Forming {
+    /// The formation that is asked for, if another one than that in force.
+    pub fn asks_for(&self) -> Option<Formation> {
+        self.asks.then_some(match self.formation {
+            Formation::Beside => Formation::Behind,
+            Formation::Behind => Formation::Beside,
+        })
+    }
+
+    /// Asks for nothing.
+    pub fn rest(&mut self) {
+        (self.found, self.asks) = (0, false);
+    }
+
+    /// What a decision finds. A question that was spoken stands until the handler answers by a cue. Without a voice the
+    /// engine asks until as many decisions find it otherwise.
+    fn find(&mut self, other_is_better: bool, is_spoken: bool) {
+        self.found = if other_is_better { (self.found + 1).min(SURE) } else { self.found.saturating_sub(1) };
+        self.asks = self.found == SURE || self.asks && (is_spoken || self.found > 0);
+    }
+}
+
+impl GeometricEngine {
+    /// The formation that the engine asks for, if another one than that in force.
+    #[must_use]
+    pub fn asks_for(&self) -> Option<Formation> {
+        self.forming.asks_for()
+    }
+
+    /// Whether the robot has to stand until the handler answers. Without a voice the team tries on.
+    #[must_use]
+    pub fn waits_for_answer(&self) -> bool {
+        self.config.speaks && self.forming.asks
+    }
+
+    pub(super) fn take_formation(&mut self, formation: Formation) {
+        if self.forming.formation == formation {
+            return;
+        }
+        self.team = match (&self.config.behind, formation) {
+            (Some(model), Formation::Behind) => Team::behind(&self.config, model),
+            _ => Team::beside(&self.config),
+        };
+        if let Some(shield) = &mut self.shield {
+            shield.take_place(self.team.model());
+        }
+        self.robot_from_handler = self.team.robot_from_handler();
+        self.forming = Forming { formation, ..Forming::default() };
+    }
+
+    /// Whether a team that is held side by side would get on in single file, under the cue *forward*: its way goes on
+    /// much farther, or the team gets nowhere in a place that is too narrow for it.
+    pub(super) fn consider_single_file(&mut self, window: &mut Window, is_held: bool) {
+        if self.forming.formation != Formation::Beside {
+            return;
+        }
+        let Some(model) = self.config.behind.as_ref().filter(|_| self.cue == CueKind::Forward) else { return };
+        let (beside_fits_m, file_fits_m) = (window.fits_m, Team::behind(&self.config, model).width().fits_m);
+        let is_jammed =
+            self.gets_nowhere() && window.clearance_at(self.team.middle(&self.odom_from_robot)) < beside_fits_m;
+        let is_narrow = (is_held || is_jammed) && {
+            let beside_m = if is_jammed { 0.0 } else { self.ahead_m(window, beside_fits_m) };
+            self.ahead_m(window, file_fits_m) > beside_m + FARTHER_M
+        };
+        self.forming.find(is_narrow, self.config.speaks);
+    }
+
+    /// How far the way goes on for a team that fits where there is so much clearance, metres.
+    fn ahead_m(&mut self, window: &mut Window, fits_m: f64) -> f64 {
+        let fitted_m = std::mem::replace(&mut window.fits_m, fits_m);
+        let ahead_m = self.route.as_mut().map_or(0.0, |route| route.ahead_m(window, &self.odom_from_robot));
+        window.fits_m = fitted_m;
+        ahead_m
+    }
+
+    /// Whether a team in single file has room for the handler beside the robot again.
+    pub(super) fn consider_room_beside(&mut self, window: &mut Window) {
+        let robot = self.odom_from_robot;
+        let here = Point::from(robot.translation.vector);
+        if self.forming.formation != Formation::Behind || self.cue != CueKind::Forward {
+            return;
+        }
+        let came_m = (here - *self.forming.began.get_or_insert(here)).norm();
+        let beside = Team::beside(&self.config);
+        let is_wide = came_m > CAME_M
+            && self.handler_gets_beside(window, &beside)
+            && self.ahead_m(window, beside.width().fits_m) > AHEAD_M;
+        self.forming.find(is_wide, self.config.speaks);
+    }
+
+    fn handler_gets_beside(&self, window: &Window, beside: &Team) -> bool {
+        let (from, to) = (self.team.model().robot_from_default(), beside.model().robot_from_default());
+        (0..=PLACES).all(|place| {
+            let share = place as f64 / PLACES as f64;
+            let way = from.translation.vector.lerp(&to.translation.vector, share);
+            let discs = beside.discs(&self.odom_from_robot, &Se2::new(way, 0.0));
+            beside.room_m(window, &discs) > self.config.reserve_m
+        })
+    }
+}
