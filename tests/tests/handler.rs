@@ -37,3 +37,54 @@ fn a_robot_on_legs_waits_for_a_handler_who_lets_go() {
         assert_waited(&lets_go(&["--physics", "mujoco"]));
     }
 }
+
+/// A walk through a doorway of 0.9 m by a robot that speaks, or does not; the report.
+fn through_the_narrow_door(speaks: bool) -> Value {
+    let place = Place::new();
+    let config = place.path().join("speak.toml");
+    std::fs::write(&config, format!("[speak]\non = {speaks}\nfile = \"said.wav\"\n")).expect("written");
+    let scenario = project().join("config/scenarios/narrow-door.toml");
+    let (report, _) = place.json(&[
+        "walk",
+        "--scenario",
+        &scenario.to_string_lossy(),
+        "--speed",
+        "0",
+        "--config",
+        &config.to_string_lossy(),
+        "--json",
+    ]);
+    place.assert_empty();
+    report
+}
+
+#[test]
+fn the_handler_comes_behind_through_a_narrow_door_and_beside_again_after_it() {
+    let report = through_the_narrow_door(true);
+    assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
+    let stops = report["stops"].as_array().expect("stops");
+    let asked: Vec<_> = stops.iter().map(|stop| &stop["reason"]).filter(|r| **r == "narrow" || **r == "wide").collect();
+    assert_eq!(asked, ["narrow", "wide"], "{report:#}");
+    // The robot waits for its voice, and the handler takes three seconds.
+    for reason in ["narrow", "wide"] {
+        let asked_s = report["stopped_s_by_reason"][reason].as_f64().expect("a time");
+        assert!((4.5..10.0).contains(&asked_s), "{reason}: {asked_s}");
+    }
+}
+
+#[test]
+fn a_robot_that_does_not_speak_says_why_it_stands_before_a_narrow_passage() {
+    let place = Place::new();
+    let walls = "[[wall]]\npoints = [[-3, 0.9], [14, 0.9], [14, -0.9], [-3, -0.9], [-3, 0.9]]\n";
+    let jamb = |y_m: f64| format!("[[box]]\nat = [5, {y_m}]\nsize = [2.0, 0.45]\nz = [0, 2.6]\n");
+    let world = place.path().join("passage.toml");
+    std::fs::write(&world, format!("{walls}{}{}", jamb(0.675), jamb(-0.675))).expect("written");
+    let lines = "goal = { at = [11, 0], within_m = 0.5 }\ntime_limit_s = 60\nstart = { at = [0, 0.15], yaw_deg = 0 }\n\
+         [[cue]]\nkind = \"forward\"\nat_s = 1.0\n";
+    let scenario = place.scenario(&world.to_string_lossy(), lines);
+    let (report, _) = place.json(&["walk", "--scenario", &scenario, "--speed", "0", "--json"]);
+    assert_eq!((&report["reached"], touches(&report)), (&json!(false), [0, 0]), "{report:#}");
+    let narrow_s = report["stopped_s_by_reason"]["narrow"].as_f64().expect("a time");
+    assert!(narrow_s > 20.0, "{report:#}");
+    place.assert_empty();
+}

@@ -9,7 +9,7 @@ use crate::hull::Disc;
 use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
-use lost::{Lost, is_near_one};
+use lost::Lost;
 
 /// Share of a correction that one scan makes.
 const GAIN: f64 = 0.7;
@@ -168,7 +168,7 @@ impl HandlerEstimate {
 
     /// After a gap, a restart or a new odometry frame: nothing is known any more. A handler who was lost still is.
     pub fn reset(&mut self, odom_from_robot: &Se2) {
-        let lost = self.lost.map(|_| Lost::default());
+        let lost = self.lost.map(Lost::anew);
         *self = Self { lost, ..Self::new(self.model.clone(), self.limits.clone()) };
         (self.odom_from_start, self.odom_from_robot) = (*odom_from_robot, *odom_from_robot);
     }
@@ -182,7 +182,7 @@ impl HandlerEstimate {
         *self = Self {
             odom_from_start: self.odom_from_robot,
             odom_from_robot: self.odom_from_robot,
-            lost: Some(Lost::default()),
+            lost: Some(Lost::awaited()),
             ..estimate
         };
     }
@@ -280,7 +280,8 @@ impl HandlerEstimate {
         } else {
             Sighting::NotVisible
         };
-        let in_place = seen.filter(|middle| is_near_one(*middle, [center, self.default_place()]));
+        let places = [center, self.default_place()];
+        let in_place = seen.filter(|middle| self.lost.is_some_and(|lost| lost.is_near_one(*middle, places)));
         self.look_for(sighting, in_place, now_ns);
         sighting
     }
@@ -291,7 +292,7 @@ impl HandlerEstimate {
         let since_ns = self.absent_since_ns.filter(|_| sighting == Sighting::Absent);
         self.absent_since_ns = since_ns.or((sighting == Sighting::Absent).then_some(now_ns));
         if self.absent_since_ns.is_some_and(|since_ns| now_ns.saturating_sub(since_ns) >= self.limits.not_seen_ns) {
-            self.lost = Some(Lost::default());
+            self.lost.get_or_insert_default();
         }
         let at = in_place.map(|middle| self.odom_from_robot * middle);
         if self.lost.as_mut().is_some_and(|lost| lost.ends(at, now_ns)) {
@@ -491,6 +492,20 @@ mod tests {
         let mut estimate = lost();
         assert!(is_lost_after(&mut estimate, (1100..2100).step_by(100), there));
         assert!(!is_lost_after(&mut estimate, 2100..2101, there));
+    }
+
+    #[test]
+    fn a_handler_who_is_to_walk_elsewhere_is_lost_until_they_have_stood_there_for_a_second() {
+        let behind = estimate().model().at(Pose2::new(-1.1, 0.0, 0.0)).expect("a harness");
+        let mut estimate = estimate();
+        estimate.take_place(&behind);
+        assert!(is_lost_after(&mut estimate, (0..3000).step_by(100), |_| Point::new(-0.75, -0.35)), "beside");
+        assert!(is_lost_after(&mut estimate, (3000..4000).step_by(100), |_| Point::new(-1.05, 0.05)));
+        assert!(!is_lost_after(&mut estimate, 4000..4001, |_| Point::new(-1.05, 0.05)));
+        let place = estimate.robot_from_handler().translation.vector;
+        // The same place once more changes nothing.
+        estimate.take_place(&behind);
+        assert!(!estimate.is_lost() && (place.x + 1.1).abs() < 0.1, "{place}");
     }
 
     #[test]

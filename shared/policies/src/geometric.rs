@@ -104,12 +104,14 @@ impl GeometricConfig {
     /// # Errors
     /// Where the handler's parameters are no handler's.
     pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
+        // A handler behind the robot has to be seen there.
+        let sees_behind = settings.lidar.field_of_view_deg.get() >= 360.0;
         Ok(Self {
             dt_s: settings.policy.dt.s(),
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: settings.interaction()?,
-            behind: Some(settings.interaction_in(Formation::Behind)?),
+            behind: sees_behind.then(|| settings.interaction_in(Formation::Behind)).transpose()?,
             speaks: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()

@@ -345,7 +345,7 @@ impl Default for Handler {
             radius_m: Positive::of(0.25),
             seen_radius_m: Positive::of(0.20),
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            behind_m: Positive::of(0.9),
+            behind_m: Positive::of(1.2),
             alpha: Share::of(0.4),
             rod_grip_m: [-0.3, 0.0],
             rod_length_m: Positive::of(0.8),

@@ -98,7 +98,7 @@ impl Default for HandlerConfig {
     fn default() -> Self {
         Self {
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
-            behind_m: 0.9,
+            behind_m: 1.2,
             alpha: 0.4,
             dt_s: 0.5,
             radius_m: 0.25,

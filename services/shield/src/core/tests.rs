@@ -1,4 +1,5 @@
 mod back;
+mod forming;
 mod reasons;
 mod second;
 mod steps;
@@ -32,7 +33,11 @@ fn scan_header(stamp_ms: u64) -> ScanHeader {
 
 /// In the open, with the handler where they should be.
 fn open_scan() -> Vec<f32> {
-    let center = handler_place();
+    scan_of(handler_place())
+}
+
+/// In the open, with the handler there.
+fn scan_of(center: (f64, f64)) -> Vec<f32> {
     (0..360)
         .map(|i| {
             let angle = -std::f64::consts::PI + f64::from(i).to_radians();

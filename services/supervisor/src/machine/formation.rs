@@ -4,20 +4,26 @@ use messages::{Cue, CueKind, CueSource, Formation, LocomotionState, ModeClass, S
 
 use super::Machine;
 
-/// The robot stands, and asks the handler to walk elsewhere.
-#[derive(Debug, Clone, Copy)]
+/// The robot stands, and the handler is to walk elsewhere.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Asking {
     formation: Formation,
+    /// The robot asks for it. Otherwise a handler who walked behind is seen there no longer.
+    is_asked: bool,
     /// Run time of the first state that asked, nanoseconds.
     since_ns: u64,
 }
 
-/// The formation that a stop asks for.
-fn asked_by(kind: StopKind) -> Option<Formation> {
-    match kind {
-        StopKind::Narrow => Some(Formation::Behind),
-        StopKind::Wide => Some(Formation::Beside),
-        _ => None,
+impl Asking {
+    /// What a stop that began then means for a handler who walks there.
+    fn by(kind: StopKind, formation: Formation, since_ns: u64) -> Option<Self> {
+        let to = |formation, is_asked| Some(Self { formation, is_asked, since_ns });
+        match (kind, formation) {
+            (StopKind::Narrow, _) => to(Formation::Behind, true),
+            (StopKind::Wide, _) => to(Formation::Beside, true),
+            (StopKind::HandlerNotSeen, Formation::Behind) => to(Formation::Beside, false),
+            _ => None,
+        }
     }
 }
 
@@ -29,11 +35,14 @@ impl Machine {
             self.ask_no_more();
             return;
         }
-        let (stamp_ns, asked) = (state.header.stamp_ns, asked_by(state.limited_by.kind));
-        if let Some(formation) = asked.filter(|asked| self.asking.is_none_or(|asking| asking.formation != *asked)) {
-            self.asking = Some(Asking { formation, since_ns: stamp_ns });
+        let stamp_ns = state.header.stamp_ns;
+        let asked = Asking::by(state.limited_by.kind, self.mode.formation, stamp_ns);
+        let is_same = |asked: &Asking, asking: Asking| Asking { since_ns: stamp_ns, ..asking } == *asked;
+        if let Some(asked) = asked.filter(|asked| self.asking.is_none_or(|asking| !is_same(asked, asking))) {
+            self.asking = Some(asked);
         }
-        let Some((asking, after_ns)) = self.asking.zip(self.limits.asked_after_ns) else { return };
+        let question = self.asking.filter(|asking| asking.is_asked);
+        let Some((asking, after_ns)) = question.zip(self.limits.asked_after_ns) else { return };
         if stamp_ns >= asking.since_ns.saturating_add(after_ns) && self.mode.formation_asked != asking.formation {
             self.mode.formation_asked = asking.formation;
             self.mode_changed = true;

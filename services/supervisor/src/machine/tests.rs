@@ -9,6 +9,7 @@ use transport::ClockKind;
 
 mod answers;
 mod beats;
+mod formation;
 
 const MS: u64 = 1_000_000;
 const STEPPED: ClockKind = ClockKind::Stepped { speed: 0.0 };

@@ -6,14 +6,23 @@ use crate::se2::Point;
 const BACK_NS: u64 = 1_000_000_000;
 /// Scans that are farther apart do not follow each other, nanoseconds.
 const APART_NS: u64 = 500_000_000;
-/// They stand so near to their place, and move by no more than that, metres.
+/// They stand so near to their place, and move by no more than that, metres. Of a handler who comes to another place a
+/// scan shows a part only, which lies between the two.
 const NEAR_M: f64 = 0.4;
+const NEAR_AWAITED_M: f64 = 0.25;
 const STAYS_M: f64 = 0.25;
 
 /// A handler who has been missing for too long.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Lost {
+    near_m: f64,
     person: Option<Person>,
+}
+
+impl Default for Lost {
+    fn default() -> Self {
+        Self { near_m: NEAR_M, person: None }
+    }
 }
 
 /// A person in the handler's place.
@@ -26,6 +35,21 @@ struct Person {
 }
 
 impl Lost {
+    /// A handler who is to come to another place.
+    pub fn awaited() -> Self {
+        Self { near_m: NEAR_AWAITED_M, person: None }
+    }
+
+    /// Nobody has been seen yet.
+    pub fn anew(self) -> Self {
+        Self { person: None, ..self }
+    }
+
+    /// Whether a person stands near one of the places where the handler may be.
+    pub fn is_near_one(&self, middle: Point, places: [Point; 2]) -> bool {
+        places.iter().any(|place| (middle - place).norm() <= self.near_m)
+    }
+
     /// Takes the person whom a scan shows in the handler's place (odometry frame). The handler is back where that
     /// person has stood there for long enough.
     pub fn ends(&mut self, at: Option<Point>, now_ns: u64) -> bool {
@@ -38,9 +62,4 @@ impl Lost {
         });
         self.person.is_some_and(|person| now_ns.saturating_sub(person.since_ns) >= BACK_NS)
     }
-}
-
-/// Whether a person stands near one of the places where the handler may be.
-pub(super) fn is_near_one(middle: Point, places: [Point; 2]) -> bool {
-    places.iter().any(|place| (middle - place).norm() <= NEAR_M)
 }

@@ -315,6 +315,18 @@ fn each_step_back_is_told_before_it_is_made() {
     assert_eq!(bench.texts().iter().filter(|text| **text == "Stepping back.").count(), 4, "{:?}", bench.heard);
 }
 
+/// The supervisor takes it that the handler knows after 2.1 s.
+#[test]
+fn a_handler_is_asked_to_come_behind_whatever_was_told_before() {
+    let mut bench = Bench::running();
+    bench.pass(3000, &[StopKind::AllUnsafe]);
+    bench.pass(2100, &[StopKind::Narrow]);
+    assert_eq!(bench.texts().last(), Some(&"Narrow. Behind me."), "{:?}", bench.heard);
+    bench.pass(3000, &[]);
+    bench.pass(2100, &[StopKind::Wide]);
+    assert_eq!(bench.texts().last(), Some(&"Wide again. Beside me."), "{:?}", bench.heard);
+}
+
 #[test]
 fn a_hold_that_is_over_leaves_nothing_to_say() {
     let mut bench = Bench::running();

@@ -1,0 +1,67 @@
+//! Where the handler walks: a policy asks for it, a cue agrees, and the shield waits until they are seen there.
+
+use super::{MS, action, depth_header, header, mode, odometry, ready, scan_header, scan_of, wall_mm};
+use crate::core::Core;
+use messages::{Cue, CueInForce, CueKind, Formation, Mode, ModeClass, Outcome, PolicyAction};
+
+/// Where the handler walks behind the robot (robot frame).
+const BEHIND: (f64, f64) = (-1.2, 0.0);
+
+/// A policy that wants to go ahead with the handler there.
+fn wants(decision: u64, formation: Formation) -> PolicyAction {
+    PolicyAction { formation, ..action(decision, 1) }
+}
+
+/// Half a second passes in that formation, with a handler there; then the policy decides.
+fn decides(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handler: (f64, f64)) -> Outcome {
+    let ms = 500 * decision;
+    for stamp in [410, 310, 210, 110, 10].map(|before_ms| ms - before_ms) {
+        core.take_mode(&Mode { header: header(stamp, 1), ..mode });
+        core.take_odometry(&odometry(stamp, 0.0));
+        core.take_depth(&depth_header(stamp), &wall_mm(5000 - (stamp / 100 % 7) as u16));
+        core.on_scan((stamp + 10) * MS, &scan_header(stamp), &scan_of(handler));
+    }
+    core.on_action(ms * MS, &wants(decision, wanted)).expect("the active policy's").outcome
+}
+
+fn in_formation(formation: Formation) -> Mode {
+    Mode { formation, ..mode(ModeClass::Run, 0) }
+}
+
+#[test]
+fn a_robot_that_asks_the_handler_to_come_behind_stands_though_nobody_is_beside_it() {
+    let (mut core, beside) = (ready(), super::handler_place());
+    let asks =
+        |core: &mut Core, decision, at| decides(core, decision, in_formation(Formation::Beside), Formation::Behind, at);
+    assert_eq!(asks(&mut core, 3, beside), Outcome::Narrow);
+    for decision in 4..12 {
+        assert_eq!(asks(&mut core, decision, BEHIND), Outcome::Narrow, "{decision}");
+    }
+    // They do not come back beside it; the policy goes on as if.
+    let goes_on = decides(&mut core, 12, in_formation(Formation::Beside), Formation::Beside, BEHIND);
+    assert_eq!(goes_on, Outcome::HandlerNotSeen);
+}
+
+#[test]
+fn in_single_file_nothing_moves_until_the_handler_is_seen_behind() {
+    let (mut core, behind) = (ready(), in_formation(Formation::Behind));
+    for decision in 3..9 {
+        let outcome = decides(&mut core, decision, behind, Formation::Behind, super::handler_place());
+        assert_eq!(outcome, Outcome::HandlerNotSeen, "{decision}");
+    }
+    let outcomes = (9..15).map(|decision| decides(&mut core, decision, behind, Formation::Behind, BEHIND));
+    let outcomes: Vec<_> = outcomes.collect();
+    // After a second.
+    assert_eq!(outcomes[..2], [Outcome::HandlerNotSeen; 2], "{outcomes:?}");
+    assert_eq!(outcomes[3..], [Outcome::Granted; 3], "{outcomes:?}");
+    assert_eq!(decides(&mut core, 15, behind, Formation::Beside, BEHIND), Outcome::Wide);
+}
+
+#[test]
+fn a_turn_asks_for_nothing() {
+    let mut core = ready();
+    let cue = Cue { header: header(0, 7), kind: CueKind::Left, ..Cue::default() };
+    let left = Mode { cue: CueInForce { valid: true, cue }, ..in_formation(Formation::Beside) };
+    let outcome = decides(&mut core, 3, left, Formation::Behind, super::handler_place());
+    assert_eq!(outcome, Outcome::Granted);
+}
