@@ -199,7 +199,7 @@ impl GeometricEngine {
     /// Probabilities over the action table: nearly all on the best action, a little on the others in order of merit.
     /// One-hot on stop where there is no cue, nothing is seen, or the way has ended ([`plan`](Self::plan) says which).
     pub fn decide(&mut self, observation: &Observation) -> [f32; MAX_ACTIONS] {
-        match self.costs_m(observation).filter(|_| !self.waits_for_answer()) {
+        match self.costs_m(observation).filter(|_| self.asks_for().is_none()) {
             Some(costs_m) => probabilities(&costs_m),
             None => one_hot_stop(),
         }

@@ -70,7 +70,8 @@ pub trait Engine: Send {
     /// Where nothing could be decided.
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError>;
 
-    /// The formation that the last decision asks for, if another one than that in force. Most engines know of none.
+    /// The formation that the last decision asks for, if another one than that in force: it stands. Most engines know of
+    /// none.
     fn asks_for(&self) -> Option<Formation> {
         None
     }
@@ -133,9 +134,7 @@ impl Pilot {
             self.formation = situation.formation;
             return Ok(stand());
         }
-        // Whoever moves needs no other formation.
-        let stands = decided.iter().all(|p| *p <= decided[ActionTable::STOP]);
-        self.formation = self.engine.asks_for().filter(|_| stands).unwrap_or(situation.formation);
+        self.formation = self.engine.asks_for().unwrap_or(situation.formation);
         Ok(decided)
     }
 

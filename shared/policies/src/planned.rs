@@ -104,7 +104,7 @@ impl Engine for PlannedEngine {
         let makes_none = self.progress.observe(situation.odom_from_robot);
         // No network was trained with a handler behind the robot.
         let is_taken_over = makes_none || situation.formation == Formation::Behind;
-        if self.planner.waits_for_answer() {
+        if self.planner.asks_for().is_some() {
             return Ok(stand());
         }
         // Where it sees no way, whether the way has ended is the network's to say.

@@ -10,8 +10,10 @@ use super::team::Team;
 
 /// The way goes on so much farther in single file, metres.
 const FARTHER_M: f64 = 1.0;
-/// Number of decisions that find it so before the engine asks: two seconds.
+/// Number of decisions that find it so before the engine asks: two seconds. Without a voice the team tries for ten
+/// seconds before it stands, and on after four decisions that find it otherwise.
 const SURE: u32 = 4;
+const SURE_SILENT: u32 = 20;
 /// Beside the robot there is room again where the team has come so far in single file, and so far ahead, metres.
 const CAME_M: f64 = 1.0;
 const AHEAD_M: f64 = 2.0;
@@ -43,11 +45,14 @@ impl Forming {
         (self.found, self.asks) = (0, false);
     }
 
-    /// What a decision finds. A question that was spoken stands until the handler answers by a cue. Without a voice the
-    /// engine asks until as many decisions find it otherwise.
-    fn find(&mut self, other_is_better: bool, is_spoken: bool) {
-        self.found = if other_is_better { (self.found + 1).min(SURE) } else { self.found.saturating_sub(1) };
-        self.asks = self.found == SURE || self.asks && (is_spoken || self.found > 0);
+    /// What a decision finds. A question that was spoken stands until the handler answers by a cue.
+    fn find(&mut self, other_is_better: bool, speaks: bool) {
+        let sure = if speaks { SURE } else { SURE_SILENT };
+        self.found = match other_is_better {
+            true => (self.found + 1).min(sure),
+            false => self.found.saturating_sub(sure / 4),
+        };
+        self.asks = self.found == sure || self.asks && (speaks || self.found > 0);
     }
 }
 
@@ -56,12 +61,6 @@ impl GeometricEngine {
     #[must_use]
     pub fn asks_for(&self) -> Option<Formation> {
         self.forming.asks_for()
-    }
-
-    /// Whether the robot has to stand until the handler answers. Without a voice the team tries on.
-    #[must_use]
-    pub fn waits_for_answer(&self) -> bool {
-        self.config.speaks && self.forming.asks
     }
 
     pub(super) fn take_formation(&mut self, formation: Formation) {
