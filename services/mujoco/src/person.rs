@@ -60,7 +60,8 @@ pub struct PersonConfig {
 impl Default for PersonConfig {
     fn default() -> Self {
         let HandlerConfig { robot_from_handler, behind_m, radius_m, height_m, .. } = HandlerConfig::default();
-        Self { robot_from_handler, behind_m, radius_m, height_m, mass_kg: 70.0, reaction_s: 0.3, acceleration_mps2: 2.0 }
+        let (mass_kg, reaction_s, acceleration_mps2) = (70.0, 0.3, 2.0);
+        Self { robot_from_handler, behind_m, radius_m, height_m, mass_kg, reaction_s, acceleration_mps2 }
     }
 }
 
@@ -111,7 +112,18 @@ impl Person {
         // A cylinder about its axis.
         let turning_kgm2 = config.mass_kg * config.radius_m * config.radius_m / 2.0;
         let forces = vec![0.0; model.ffi().nv as usize];
-        Ok(Self { config, robot, angles, rates, turning_kgm2, felt: VecDeque::new(), forces, pull_n: 0.0, holds: true, formation: Formation::Beside })
+        Ok(Self {
+            config,
+            robot,
+            angles,
+            rates,
+            turning_kgm2,
+            felt: VecDeque::new(),
+            forces,
+            pull_n: 0.0,
+            holds: true,
+            formation: Formation::Beside,
+        })
     }
 
     /// The handler was asked to walk there: they let the handle go, and take it again in their new place.

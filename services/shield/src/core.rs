@@ -3,22 +3,24 @@
 mod backing;
 mod explain;
 mod forming;
+mod waiting;
 
 use backing::Backing;
 use explain::explain;
 use forming::Places;
 use guidance::contact;
-use guidance::se2::{Point, pose2};
+use guidance::se2::pose2;
 use guidance::shield::{choose, leaves_only_stop, masked_at_edge, most_wanted_motion, suppress};
 use guidance::{
     ActionTable, Awareness, AwarenessConfig, Draw, FloorWatch, HarnessError, Judgement, Pose, Se2, Shield,
     ShieldConfig, TiltWatch,
 };
 use messages::{
-    Cue, CueInForce, CueKind, DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
-    PolicyAction, ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    CueKind, DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
+    ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
+use waiting::Waiting;
 
 /// The policy before decides where the active one has not by this much after the decision was due.
 const STANDBY_NS: u64 = NS_PER_S / 20;
@@ -26,10 +28,6 @@ const STANDBY_NS: u64 = NS_PER_S / 20;
 /// least this, and so long after the voice begins to tell of a stop.
 const TOLD_MIN_NS: u64 = NS_PER_S;
 const SAID_NS: u64 = NS_PER_S / 2;
-/// Steps are one step up to this distance, metres. So far away from one the robot waits there no longer.
-const SAME_STEP_M: f64 = 0.5;
-const LEFT_M: f64 = 1.5;
-
 /// What the core needs to know.
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
@@ -95,23 +93,6 @@ struct Running {
     begin_ns: u64,
     odom_from_begin: Se2,
     end_ns: u64,
-}
-
-/// The robot waits before an edge or a low step.
-#[derive(Debug, Clone, Copy)]
-struct Waiting {
-    /// Since then without a break; none: it is on its way.
-    since_ns: Option<u64>,
-    /// The last decision that found it waiting.
-    last_ns: u64,
-    /// From then on the handler knew of it; none: not yet.
-    told_at_ns: Option<u64>,
-    /// The cue in force.
-    cue: CueInForce,
-    /// The action that leads over it, and its place (odometry frame).
-    action: usize,
-    place: Point,
-    is_low_step: bool,
 }
 
 /// The shield's state.
@@ -189,30 +170,6 @@ impl Core {
         self.allow_step_by_cue(mode);
         self.take_formation(mode);
         self.mode = Some(*mode);
-    }
-
-    /// The cue forward, given anew before a low step, allows the step. Any other cue, none, a fault and a lock allow no
-    /// step.
-    fn allow_step_by_cue(&mut self, mode: &Mode) {
-        let CueInForce { valid, cue } = mode.cue;
-        let is_forward = mode.class == ModeClass::Run && valid && cue.kind == CueKind::Forward;
-        if !is_forward {
-            // A stop leaves no cue in force.
-            self.awareness.allow_no_step();
-        }
-        let is_new = |waiting: &Waiting| {
-            let Cue { header, kind, .. } = waiting.cue.cue;
-            (header.incarnation, header.seq, kind) != (cue.header.incarnation, cue.header.seq, cue.kind)
-        };
-        let Some(waiting) = self.waiting.filter(is_new) else { return };
-        self.waiting = None;
-        let goes_on_until_ns = waiting.last_ns.saturating_add(self.wait_gap_ns());
-        let told_now = self.told_at_ns(waiting.since_ns).filter(|told_at_ns| *told_at_ns <= goes_on_until_ns);
-        let told_at_ns = waiting.told_at_ns.or(told_now);
-        let was_told = told_at_ns.is_some_and(|told_at_ns| cue.header.stamp_ns >= told_at_ns);
-        if waiting.is_low_step && was_told && is_forward {
-            self.awareness.allow_step(waiting.place);
-        }
     }
 
     /// The newest pose. A new frame, and a pose further off than the robot can walk, void the handler's estimate.
@@ -400,40 +357,6 @@ impl Core {
         self.wait_at_edge(now_ns, told, &running);
         running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
-    }
-
-    fn wait_at_edge(&mut self, now_ns: u64, action: usize, running: &Running) {
-        if running.drawn == Outcome::Granted
-            && let Some(waiting) = &mut self.waiting
-        {
-            waiting.since_ns = None;
-        }
-        let here = Point::from(self.awareness.odom_from_robot().translation.vector);
-        self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
-        let Judgement { cause, place, .. } = running.judgement;
-        // The handler is asked about edges ahead alone: *forward* does not allow a step to the side.
-        let leads_ahead = self.config.table.actions()[action].leads_ahead();
-        let Some(place) = place.filter(|_| cause.is_edge() && leads_ahead) else {
-            if let Some(waiting) = &mut self.waiting {
-                // The handler is told of something else meanwhile.
-                waiting.since_ns = None;
-            }
-            return;
-        };
-        if running.drawn == Outcome::AllUnsafe && self.is_cued_forward() {
-            let cue = self.mode.map_or_else(CueInForce::default, |mode| mode.cue);
-            let place = self.awareness.odom_from_robot() * place;
-            let is_low_step = cause.is_low_step();
-            let is_same =
-                |before: &Waiting| before.is_low_step == is_low_step && (before.place - place).norm() <= SAME_STEP_M;
-            let before = self.waiting.filter(is_same);
-            let cue = before.map_or(cue, |before| before.cue);
-            let goes_on = |before: &Waiting| age_ns(now_ns, before.last_ns) <= self.wait_gap_ns();
-            let since_ns = before.filter(goes_on).and_then(|before| before.since_ns).or(Some(now_ns));
-            let now_told = || self.told_at_ns(since_ns).filter(|told_at_ns| *told_at_ns <= now_ns);
-            let told_at_ns = before.and_then(|before| before.told_at_ns).or_else(now_told);
-            self.waiting = Some(Waiting { since_ns, last_ns: now_ns, told_at_ns, cue, action, place, is_low_step });
-        }
     }
 
     /// Decisions that are farther apart do not make one wait, nanoseconds.

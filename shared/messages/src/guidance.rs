@@ -1,7 +1,7 @@
 //! Cue, action, permit: the way from the handler's wish to a motion that is allowed.
 
 use crate::json::{mirrored, named};
-use crate::{Header, Pose2, StopReason, Twist2};
+use crate::{Formation, Header, Pose2, StopReason, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -54,22 +54,6 @@ impl CueKind {
         self != Self::Stop
     }
 }
-
-/// Where the handler walks.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
-#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-#[cfg_attr(feature = "ipc", type_name("guidedog/Formation/1"))]
-#[repr(C)]
-#[serde(rename_all = "snake_case")]
-pub enum Formation {
-    /// Beside the robot, at the default offset of the interaction model.
-    #[default]
-    Beside = 0,
-    /// Behind the robot, in single file: through a passage that is too narrow for both side by side.
-    Behind,
-}
-
-named!(Formation);
 
 /// Where a cue came from.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]

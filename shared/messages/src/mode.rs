@@ -1,7 +1,7 @@
 //! Run, fault or lock, why, and what the robot does about it.
 
 use crate::json::{mirrored, named};
-use crate::{Cue, Formation, Header, Pose2, ServiceId, StopKind, TopicId, Twist2};
+use crate::{Cue, Header, Pose2, ServiceId, StopKind, TopicId, Twist2};
 #[cfg(feature = "ipc")]
 use iceoryx2::prelude::ZeroCopySend;
 use serde::{Deserialize, Serialize};
@@ -190,6 +190,22 @@ mirrored! {
         pub cue: Cue,
     }
 }
+
+/// Where the handler walks.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, TryFromBytes)]
+#[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
+#[cfg_attr(feature = "ipc", type_name("guidedog/Formation/1"))]
+#[repr(C)]
+#[serde(rename_all = "snake_case")]
+pub enum Formation {
+    /// Beside the robot, at the default offset of the interaction model.
+    #[default]
+    Beside = 0,
+    /// Behind the robot, in single file: through a passage that is too narrow for both side by side.
+    Behind,
+}
+
+named!(Formation);
 
 mirrored! {
     /// The supervisor's word on whether motion is possible.

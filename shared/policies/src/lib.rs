@@ -70,8 +70,8 @@ pub trait Engine: Send {
     /// Where nothing could be decided.
     fn decide(&mut self, situation: &Situation<'_>) -> Result<Probabilities, EngineError>;
 
-    /// The formation that the last decision asks for, if another one than that in force: it stands. Most engines know of
-    /// none.
+    /// The formation that the last decision asks for, if another one than that in force. It stands. Most engines know
+    /// of none.
     fn asks_for(&self) -> Option<Formation> {
         None
     }
