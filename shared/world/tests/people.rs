@@ -137,6 +137,27 @@ fn generated_people_are_of_every_kind() {
     assert!(pauses.map(|pause| pause.for_s).all(|for_s| (10.0..=60.0).contains(&for_s)));
 }
 
+/// So that the walk of `tests/tests/walks.rs` is one among people.
+#[test]
+fn the_walk_among_people_meets_every_one_of_them() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/worlds/people.toml");
+    let world = Arc::new(World::load(&file).unwrap());
+    let mut physics = Physics::new(world, PhysicsConfig::default(), Pose2::default()).unwrap();
+    let truths = walk(&mut physics, FORWARD, 66.0);
+    assert_eq!(touches(truths.last().unwrap()), [0, 0, 0]);
+    for person in 0..4 {
+        let to_robot_m = |truth: &WorldTruth| {
+            let (walker, robot) = (&truth.walkers[person], &truth.world_from_robot);
+            (walker.x_m - robot.x_m).hypot(walker.y_m - robot.y_m)
+        };
+        let nearest = truths.iter().min_by(|a, b| to_robot_m(a).total_cmp(&to_robot_m(b))).unwrap();
+        assert!(to_robot_m(nearest) < 1.8, "{person}: {} m", to_robot_m(nearest));
+    }
+    // The last of them stands while the robot comes by.
+    let stood = truths.windows(2).filter(|pair| pair[0].walkers[3] == pair[1].walkers[3]);
+    assert!(stood.filter(|pair| (pair[0].walkers[3].x_m - pair[0].world_from_robot.x_m).abs() < 2.0).count() > 300);
+}
+
 #[test]
 fn what_a_person_cannot_do_is_refused_with_its_key() {
     for (person, told) in [

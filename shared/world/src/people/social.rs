@@ -49,6 +49,9 @@ pub struct SocialForce {
     /// Least time in which a body in the way is reached (the time gap T of Tordeux et al. 2016, "Collision-free speed
     /// model for pedestrian dynamics", half of theirs), seconds. Forces alone let people walk into each other.
     pub time_gap_s: f64,
+    /// People step back from a body that is nearer than this, metres. Chosen: a hand's breadth or two, so that a handler
+    /// who sways does not touch one who waits.
+    pub stand_off_m: f64,
 }
 
 impl SocialForce {
@@ -69,6 +72,7 @@ impl SocialForce {
         apart_m: 0.8,
         hurry: 1.3,
         time_gap_s: 0.5,
+        stand_off_m: 0.2,
     };
 }
 
@@ -161,17 +165,17 @@ impl SocialForce {
         (own.velocity + acceleration * dt_s).cap_magnitude(self.hurry * desired_mps)
     }
 
-    /// A velocity without what of it leads into one of the others.
+    /// A velocity without what of it leads too near to one of the others; away from one who is too near already.
     #[must_use]
-    pub fn not_into(&self, others: &[Mover], own: &Mover, mut velocity: Vector2<f64>) -> Vector2<f64> {
-        for other in others {
+    pub fn not_into(&self, others: &[Mover], own: &Mover, velocity: Vector2<f64>, desired_mps: f64) -> Vector2<f64> {
+        let keep_off = |velocity: Vector2<f64>, other: &Mover| {
             let to_other = other.at - own.at;
-            let Some(towards) = to_other.try_normalize(1e-6) else { continue };
-            let gap_m = to_other.norm() - own.radius_m - other.radius_m;
-            let most_mps = (gap_m / self.time_gap_s + other.velocity.dot(&towards)).max(0.0);
-            velocity -= towards * (velocity.dot(&towards) - most_mps).max(0.0);
-        }
-        velocity
+            let Some(towards) = to_other.try_normalize(1e-6) else { return velocity };
+            let room_m = to_other.norm() - own.radius_m - other.radius_m - self.stand_off_m;
+            let most_mps = room_m / self.time_gap_s + other.velocity.dot(&towards);
+            velocity - towards * (velocity.dot(&towards) - most_mps).max(0.0)
+        };
+        others.iter().fold(velocity, keep_off).cap_magnitude(self.hurry * desired_mps)
     }
 }
 
@@ -215,16 +219,14 @@ mod tests {
     fn nobody_walks_into_one_who_is_seen() {
         let law = SocialForce::PUBLISHED;
         let (own, on) = (mover(0.0, 0.0, 1.3), Vector2::new(1.3, 0.2));
-        let next = |other: Mover| law.not_into(&[other], &own, on);
-        let stands = next(mover(0.7, 0.0, 0.0));
+        let next = |other: Mover| law.not_into(&[other], &own, on, 1.3);
+        let stands = next(mover(0.9, 0.0, 0.0));
         assert!((stands - Vector2::new(0.4, 0.2)).norm() < 1e-9, "0.2 m in half a second, and on aside: {stands}");
-        assert!((next(mover(0.7, 0.0, 0.5)).x - 0.9).abs() < 1e-9, "after one who walks on");
-        assert_eq!(next(mover(0.7, 0.0, -1.0)).x, 0.0);
+        assert!((next(mover(0.9, 0.0, 0.5)).x - 0.9).abs() < 1e-9, "after one who walks on");
+        assert!((next(mover(0.6, 0.0, 0.0)).x + 0.2).abs() < 1e-9, "0.1 m too near: steps back");
+        assert!(next(mover(0.6, 0.0, -5.0)).norm() < 1.3 * 1.3 + 1e-9, "no faster than in a hurry");
         assert_eq!(next(mover(5.0, 0.0, 0.0)), on);
-        assert!(
-            (law.next_velocity(&own, Vector2::new(9.0, 0.0), 1.0, 0.5).x - 1.3).abs() < 1e-9,
-            "no faster in a hurry"
-        );
+        assert!((law.next_velocity(&own, Vector2::new(9.0, 0.0), 1.0, 0.5).x - 1.3).abs() < 1e-9);
     }
 
     #[test]

@@ -66,6 +66,8 @@ struct Stroll {
     /// The way at which they last had come on, metres, and how long ago that was, seconds.
     came_on_m: f64,
     waited_s: f64,
+    /// Whether they have touched robot or handler: then they take notice of them.
+    noticed: bool,
     /// Agents who were touched in this step, a bit for each.
     touched: u64,
 }
@@ -143,14 +145,15 @@ impl Strolls {
         let friends: Vec<Mover> = friends.into_iter().map(|other| other.own).collect();
         let strangers: Vec<Mover> =
             strangers.into_iter().map(|other| other.own).chain(on_paths.iter().copied()).collect();
-        let team = if stroll.person.yields { self.seen.as_slice() } else { &[] };
+        let team = if stroll.person.yields || stroll.noticed { self.seen.as_slice() } else { &[] };
         let mut force = law.towards(own, desired) + law.in_group(own, desired, &friends);
         force += strangers.iter().map(|other| law.from_other(own, other)).sum::<Vector2<f64>>();
         force += team.iter().map(|other| self.of_team.from_other(own, other)).sum::<Vector2<f64>>();
         if let Some((distance_m, towards)) = nearest(world, own.at, own.radius_m + FEEL_M) {
             force += law.from_wall(distance_m - own.radius_m, towards);
         }
-        law.not_into(team, own, law.next_velocity(own, force, stroll.person.speed_mps, dt_s))
+        let speed_mps = stroll.person.speed_mps;
+        law.not_into(team, own, law.next_velocity(own, force, speed_mps, dt_s), speed_mps)
     }
 }
 
@@ -172,6 +175,7 @@ impl Stroll {
             pause_s: 0.0,
             came_on_m: 0.0,
             waited_s: 0.0,
+            noticed: false,
             touched: 0,
         })
     }
@@ -242,6 +246,7 @@ impl Stroll {
                 continue;
             }
             self.touched |= 1 << number;
+            self.noticed = true;
             let towards = before.normalize();
             let way = to - from;
             to = from + (way - towards * way.dot(&towards).max(0.0));
