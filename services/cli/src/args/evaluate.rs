@@ -141,8 +141,8 @@ pub enum TasksArg {
 pub enum PeopleArg {
     /// One or two people on fixed paths, in a third of the worlds with room for them
     Paths,
-    /// People of the social force model, in every world with room for them: they come towards the team or walk along
-    /// with it, alone or in groups, stop in the way, overtake
+    /// People of the social force model, in every world: they come towards the team or walk along with it, alone or in
+    /// groups, stop in the way, overtake
     Social,
     /// Nobody
     None,
@@ -221,9 +221,9 @@ On maps a course goes round corners and over crossings, to where it ends or fork
 side way is asked for from 1.15 m of width on; where one could leave the corridor and it is not clear whether
 that is meant, as through a door of 0.8 to 1.1 m, no task is set. An episode has more decisions where its way is
 long. --explain tells what each task asks for.
---people social: one or two parties where the corridor is at least 2.3 m wide. A party is one person, a group of two or
-three, one who stops in the way for 10 to 60 s, or one who overtakes at 1.3 to 1.6 m/s. 85 % walk round robot and
-handler; the others take no notice of them, and walk on until they touch. docs/people.md has the model.
+--people social: one or two parties in each world. A party is one person, a group of two or three, one who stops in the
+way for 10 to 60 s (in corridors of 2.3 m or more), or one who overtakes at 1.3 to 1.6 m/s. 85 % walk round robot and
+handler; the others take no notice of them until they touch. docs/people.md has the model.
 --worlds buildings: rooms behind doorways, alcoves, openings from 0.7 m of width on, oblique and uneven walls, door
 frames, doors across the corridor, pillars at corners, radiators, benches. Widths and counts lie within those of 11
 real floors. A side way is asked for from 1.2 m of width on.

@@ -53,7 +53,8 @@ pub(crate) fn populate_course(
     world: &World,
     random: &mut ChaCha8Rng,
 ) -> Vec<Person> {
-    if !random.random_bool(config.people) || course.width_m < PASSABLE_M {
+    let has_room = course.width_m >= PASSABLE_M || config.crowd == Crowd::Social;
+    if !random.random_bool(config.people) || !has_room {
         return Vec::new();
     }
     let count = random.random_range(1..=2);
@@ -79,8 +80,11 @@ fn party(course: &Course, world: &World, group: u32, random: &mut ChaCha8Rng) ->
     let Some(paths) = (0..STROLL_TRIES).find_map(|_| lanes(course, world, &radii_m, comes_towards, random)) else {
         return Vec::new();
     };
+    // Who meets the team in a narrow corridor turns round in the end. One who stops there would block it.
     let pauses = match kind {
-        3 => vec![Pause { way_m: between(random, [1.0, STROLL_M]), for_s: between(random, STOPS_S) }],
+        3 if course.width_m >= PASSABLE_M => {
+            vec![Pause { way_m: between(random, [1.0, STROLL_M]), for_s: between(random, STOPS_S) }]
+        }
         _ => Vec::new(),
     };
     let yields = random.random_bool(YIELDING);
@@ -108,7 +112,7 @@ fn lanes(
     let from_m = between(random, [0.5, (length_m / 2.0 - STROLL_M / 2.0).max(0.5)]);
     let to_m = between(random, [(from_m + STROLL_M).min(length_m), length_m]);
     (to_m - from_m >= STROLL_M).then_some(())?;
-    let free_m = course.width_m / 2.0 - radii_m[0] - CLEAR_M;
+    let free_m = (course.width_m / 2.0 - radii_m[0] - CLEAR_M).max(0.0);
     let left_m = between(random, [-free_m, free_m]);
     let inwards = -left_m.signum();
     let are_abreast = radii_m.len() > 1 && 2.0 * free_m > ABREAST_M * radii_m.len() as f64;
