@@ -33,6 +33,14 @@ fn every_built_in_scenario_is_walked_without_a_collision() {
     }
 }
 
+/// One overtakes, two come the other way side by side, and one stops in the way.
+#[test]
+fn people_of_the_social_force_model_are_met_without_a_touch() {
+    let report = walk("people", &[]);
+    assert_good(&report, "people", 30.0);
+    assert_eq!(report["collisions"]["hit_by_others"], 0, "{report:#}");
+}
+
 /// Kim et al. 2023, section 3: the robot makes up for the handler's errors.
 #[test]
 fn a_handler_who_faces_off_the_way_and_cues_too_early_or_too_late_gets_there() {

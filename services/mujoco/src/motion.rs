@@ -173,7 +173,7 @@ impl LeggedMotion {
         let agent = |i: usize| Agent { at: Point::new(at[i].x_m, at[i].y_m), radius_m: self.radii_m[i] };
         let (time_s, agents) = (self.steps as f64 * STEP_S, [agent(0), agent(1)]);
         let mut is_walked_into = false;
-        self.people.step(time_s, TICK_S, &agents, |_, _| is_walked_into = true);
+        self.people.step(&self.world, time_s, TICK_S, &agents, |_, _| is_walked_into = true);
         self.place_people();
         is_walked_into
     }

@@ -21,6 +21,7 @@ use layout::Plan;
 
 pub use drops::generate_drops;
 
+pub use crowd::Crowd;
 pub(crate) use crowd::populate_course;
 pub(crate) use furnish::{Kinds, furnish_course};
 
@@ -39,6 +40,8 @@ pub struct GeneratorConfig {
     pub glass: f64,
     /// Share of worlds in which people walk.
     pub people: f64,
+    /// Who they are.
+    pub crowd: Crowd,
     /// What is left free beside a thing, at the least, metres.
     pub passage_m: f64,
     /// Share of corridors that are like those of buildings: rooms behind doorways, alcoves, narrow openings, uneven
@@ -55,6 +58,7 @@ impl Default for GeneratorConfig {
             clutter_per_m: 0.2,
             glass: 0.06,
             people: 0.35,
+            crowd: Crowd::Paths,
             passage_m: 1.35,
             buildings: 0.0,
         }

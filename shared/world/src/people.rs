@@ -1,7 +1,17 @@
-//! Walking people: they walk their path at a constant speed, and most of them stop for robot and handler.
+//! Walking people. Most walk their path at a constant speed, and stop for robot and handler. Others walk along their
+//! path by the social force model ([`social`]): they walk round people, robot, handler and walls.
+
+pub mod social;
+mod stroll;
+mod way;
 
 use guidance::se2::Point;
 use messages::Walker;
+
+use crate::World;
+use social::Mover;
+use stroll::Strolls;
+use way::Way;
 
 /// Who yields stops while robot or handler is nearer than this and ahead, metres, centre to centre.
 pub const YIELD_M: f64 = 1.2;
@@ -21,6 +31,34 @@ pub enum Walk {
     Once,
 }
 
+/// How somebody walks along the path.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub enum Moves {
+    /// On the path itself, at a constant speed.
+    #[default]
+    Path,
+    /// By the social force model, towards the path's end.
+    Social(Manner),
+}
+
+/// What a person of the social force model does besides.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Manner {
+    /// People of the same number walk together.
+    pub group: Option<u32>,
+    /// Stops in the way, in the order of the path.
+    pub pauses: Vec<Pause>,
+}
+
+/// A stop on the way.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pause {
+    /// Where, along the path from its start, metres. It counts once, on the first way past.
+    pub way_m: f64,
+    /// For how long, seconds.
+    pub for_s: f64,
+}
+
 /// Somebody who walks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Person {
@@ -32,19 +70,20 @@ pub struct Person {
     pub radius_m: f64,
     /// What happens at the end of the path.
     pub walk: Walk,
-    /// Whether they stop where robot or handler is within [`YIELD_M`] ahead; others walk on until they touch.
+    /// Whether they stop where robot or handler is within [`YIELD_M`] ahead, or walk round them in the social force
+    /// model; others walk on until they touch.
     pub yields: bool,
     /// Run time at which they set out, seconds.
     pub start_s: f64,
+    /// How they walk.
+    pub moves: Moves,
 }
 
 /// Where one of them is.
 #[derive(Debug, Clone)]
 struct State {
     person: Person,
-    /// The path, closed where it is walked as a loop.
-    corners: Vec<Point>,
-    length_m: f64,
+    path: Way,
     /// Way from the path's start, metres, and whether it grows.
     at_m: f64,
     onward: bool,
@@ -55,6 +94,8 @@ struct State {
 #[derive(Debug, Clone)]
 pub struct People {
     states: Vec<State>,
+    /// Those of them who walk by the social force model.
+    strolls: Strolls,
 }
 
 /// Robot or handler, as people see them.
@@ -70,13 +111,13 @@ impl People {
     /// These people at the start of their paths.
     #[must_use]
     pub fn new(people: &[Person]) -> Self {
-        Self { states: people.iter().map(State::new).collect() }
+        Self { states: people.iter().map(State::new).collect(), strolls: Strolls::new(people) }
     }
 
     /// The discs that they are.
     pub fn walkers(&self) -> impl Iterator<Item = Walker> + '_ {
-        self.states.iter().map(|state| {
-            let at = state.place(state.at_m);
+        self.states.iter().enumerate().map(|(number, state)| {
+            let at = self.strolls.place(number).unwrap_or_else(|| state.path.place(state.at_m));
             Walker { x_m: at.x, y_m: at.y, radius_m: state.person.radius_m }
         })
     }
@@ -93,57 +134,55 @@ impl People {
         self.states.is_empty()
     }
 
-    /// Lets everybody walk for `dt_s`. Nobody steps into an agent: who would is held, and `touched(person, agent)` is
-    /// called.
-    pub fn step(&mut self, time_s: f64, dt_s: f64, agents: &[Agent], mut touched: impl FnMut(usize, usize)) {
+    /// Lets everybody walk for `dt_s` in their world. Nobody steps into an agent: who would is held, and
+    /// `touched(person, agent)` is called, once for each of both. Agents keep their order from step to step.
+    pub fn step(
+        &mut self,
+        world: &World,
+        time_s: f64,
+        dt_s: f64,
+        agents: &[Agent],
+        mut touched: impl FnMut(usize, usize),
+    ) {
+        let mut on_paths = Vec::new();
         for (number, state) in self.states.iter_mut().enumerate() {
+            if matches!(state.person.moves, Moves::Social(_)) {
+                continue;
+            }
+            let from = state.path.place(state.at_m);
             state.step(time_s, dt_s, agents, |agent| touched(number, agent));
+            if !self.strolls.is_empty() {
+                let at = state.path.place(state.at_m);
+                on_paths.push(Mover { at, velocity: (at - from) / dt_s, radius_m: state.person.radius_m });
+            }
         }
+        self.strolls.step(world, (time_s, dt_s), agents, &on_paths, touched);
     }
 }
 
 impl State {
     fn new(person: &Person) -> Self {
-        let mut corners = person.path.clone();
-        if person.walk == Walk::Loop {
-            corners.extend(person.path.first());
-        }
-        let length_m = corners.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum();
-        Self { person: person.clone(), corners, length_m, at_m: 0.0, onward: true, waited_s: 0.0 }
-    }
-
-    /// The place `way_m` along the path.
-    fn place(&self, way_m: f64) -> Point {
-        let mut left = way_m;
-        for pair in self.corners.windows(2) {
-            let side = pair[1] - pair[0];
-            let length = side.norm();
-            if left <= length && length > 0.0 {
-                return pair[0] + side * (left / length);
-            }
-            left -= length;
-        }
-        self.corners.last().copied().unwrap_or_default()
+        Self { person: person.clone(), path: Way::of(person), at_m: 0.0, onward: true, waited_s: 0.0 }
     }
 
     /// Way along the path and direction after going `step_m` on.
     fn after(&self, step_m: f64) -> (f64, bool) {
         let to = if self.onward { self.at_m + step_m } else { self.at_m - step_m };
         match self.person.walk {
-            Walk::Loop => (to.rem_euclid(self.length_m), self.onward),
-            Walk::Once => (to.min(self.length_m), self.onward),
-            Walk::BackAndForth if to > self.length_m => ((2.0 * self.length_m - to).max(0.0), false),
-            Walk::BackAndForth if to < 0.0 => ((-to).min(self.length_m), true),
+            Walk::Loop => (to.rem_euclid(self.path.length_m), self.onward),
+            Walk::Once => (to.min(self.path.length_m), self.onward),
+            Walk::BackAndForth if to > self.path.length_m => ((2.0 * self.path.length_m - to).max(0.0), false),
+            Walk::BackAndForth if to < 0.0 => ((-to).min(self.path.length_m), true),
             Walk::BackAndForth => (to, self.onward),
         }
     }
 
     fn step(&mut self, time_s: f64, dt_s: f64, agents: &[Agent], mut touched: impl FnMut(usize)) {
-        if self.length_m <= 0.0 || time_s < self.person.start_s {
+        if self.path.length_m <= 0.0 || time_s < self.person.start_s {
             return;
         }
-        let (from, (way_m, onward)) = (self.place(self.at_m), self.after(self.person.speed_mps * dt_s));
-        let to = self.place(way_m);
+        let (from, (way_m, onward)) = (self.path.place(self.at_m), self.after(self.person.speed_mps * dt_s));
+        let to = self.path.place(way_m);
         let mut held = false;
         for (number, agent) in agents.iter().enumerate() {
             let (before, after) = ((agent.at - from).norm(), (agent.at - to).norm());
@@ -167,18 +206,20 @@ impl State {
 
 #[cfg(test)]
 mod tests {
-    use super::{Agent, People, Person, Walk};
+    use super::{Agent, Moves, People, Person, Walk};
+    use crate::World;
     use guidance::se2::Point;
 
     fn walker(walk: Walk, yields: bool) -> People {
         let path = vec![Point::new(0.0, 0.0), Point::new(3.0, 0.0)];
-        People::new(&[Person { path, speed_mps: 1.0, radius_m: 0.25, walk, yields, start_s: 0.0 }])
+        let moves = Moves::Path;
+        People::new(&[Person { path, speed_mps: 1.0, radius_m: 0.25, walk, yields, start_s: 0.0, moves }])
     }
 
     fn x_after(people: &mut People, seconds: f64, agents: &[Agent]) -> (f64, usize) {
-        let mut touches = 0;
+        let (world, mut touches) = (World::new(2.6, Vec::new()), 0);
         for tick in 0..(seconds * 100.0) as usize {
-            people.step(tick as f64 * 0.01, 0.01, agents, |_, _| touches += 1);
+            people.step(&world, tick as f64 * 0.01, 0.01, agents, |_, _| touches += 1);
         }
         (people.walkers().next().unwrap().x_m, touches)
     }

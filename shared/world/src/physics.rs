@@ -338,7 +338,7 @@ impl Physics {
             }
         }
         let (mut touches, mut count) = ([(0, 0); 3 * MAX_WALKERS], 0);
-        self.people.step(self.ticks as f64 * TICK_S, TICK_S, &agents, |person, agent| {
+        self.people.step(&self.world, self.ticks as f64 * TICK_S, TICK_S, &agents, |person, agent| {
             touches[count] = (person, bodies[agent]);
             count += 1;
         });

@@ -291,7 +291,7 @@ impl Team {
         let (mut stepped, mut now) = (Stepped::default(), Se2::identity());
         self.twist = Twist2::ZERO;
         for part in 1..=parts {
-            stepped.hit_by_others += self.move_people(part_s, velocity);
+            stepped.hit_by_others += self.move_people(world, part_s, velocity);
             if stepped.collided() || self.falls.any() || stands && self.handler_rests {
                 continue;
             }
@@ -341,7 +341,7 @@ impl Team {
     }
 
     /// Lets people walk on; how many of them walked into robot or handler, each touch once.
-    fn move_people(&mut self, dt_s: f64, velocity: Twist2) -> u32 {
+    fn move_people(&mut self, world: &World, dt_s: f64, velocity: Twist2) -> u32 {
         if self.people.is_empty() {
             return 0;
         }
@@ -352,7 +352,7 @@ impl Team {
         let agents = [agent(ROBOT, outline[0]), handler, agent(ROBOT, outline[outline.len() - 1])];
         let mut touches = [[false; 2]; MAX_WALKERS];
         let agents = &agents[..=outline.len()];
-        self.people.step(self.time_s, dt_s, agents, |person, agent| touches[person][agent % 2] = true);
+        self.people.step(world, self.time_s, dt_s, agents, |person, agent| touches[person][agent % 2] = true);
         self.time_s += dt_s;
         self.note_walkers();
         let towards = self.world_from_robot.rotation * Vector2::new(velocity.vx_mps, velocity.vy_mps);
@@ -387,7 +387,7 @@ mod tests {
     use super::{Bodies, HandlerProfile, Team};
     use crate::floor::{Hole, rectangle};
     use crate::prism::Prism;
-    use crate::{Person, Walk, World};
+    use crate::{Moves, Person, Walk, World};
     use guidance::DelayedHarness;
     use guidance::se2::{Point, Se2};
     use messages::{Pose2, Twist2};
@@ -453,7 +453,8 @@ mod tests {
     #[test]
     fn who_walks_into_a_standing_team_is_counted_apart() {
         let path = vec![Point::new(2.0, 0.0), Point::new(-2.0, 0.0)];
-        let person = Person { path, speed_mps: 1.0, radius_m: 0.25, walk: Walk::Once, yields: false, start_s: 0.0 };
+        let (walk, moves) = (Walk::Once, Moves::Path);
+        let person = Person { path, speed_mps: 1.0, radius_m: 0.25, walk, yields: false, start_s: 0.0, moves };
         let world = World::new(2.6, Vec::new()).with_people(vec![person]);
         let mut team = team(&world);
         let others: u32 = (0..12)

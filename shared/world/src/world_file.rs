@@ -66,6 +66,9 @@
 //! walk = "back_and_forth"          # default; or "loop", "once" (stands still at the end)
 //! yields = true                    # default: stops while robot or handler is within 1.2 m ahead
 //! start_s = 0                      # default 0: run time at which they set out
+//! moves = "path"                   # default; "social": by the social force model, round people, walls and the team
+//! group = 1                        # of "social" alone: people of the same number walk together; default none
+//! pauses = [[6, 20]]               # of "social" alone: stops 6 m along the path for 20 s; default none
 //! ```
 
 use std::ops::Range;
@@ -77,7 +80,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::floor::{DarkFloor, Hole, Stairs, overlap, rectangle};
-use crate::people::{Person, Walk};
+use crate::people::{Manner, Moves, Pause, Person, Walk};
 use crate::prism::{Prism, SeenBy};
 use crate::ramp::Ramp;
 use crate::text_file::TomlText;
@@ -101,6 +104,8 @@ const HOLE_DEEP_M: f64 = 20.0;
 const STEP_M: [f64; 2] = [0.01, 0.5];
 /// The most steps of a flight of stairs.
 const STEPS_MAX: usize = 100;
+/// The longest stop of a person, seconds.
+const PAUSE_MAX_S: f64 = 3600.0;
 /// The most corners in all, so that a slip of a generator is refused and not built.
 const MAX_CORNERS: usize = 200_000;
 
@@ -201,6 +206,19 @@ struct Somebody {
     yields: bool,
     #[serde(default)]
     start_s: f64,
+    #[serde(default)]
+    moves: Movement,
+    group: Option<u32>,
+    #[serde(default)]
+    pauses: Vec<[f64; 2]>,
+}
+
+#[derive(Default, PartialEq, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum Movement {
+    #[default]
+    Path,
+    Social,
 }
 
 /// Walking with some care for a guide robot in the way.
@@ -461,7 +479,28 @@ impl Reader<'_> {
             walk: person.walk,
             yields: person.yields,
             start_s: person.start_s,
+            moves: self.moves(&span, person)?,
         })
+    }
+
+    fn moves(&self, span: &Range<usize>, person: &Somebody) -> Result<Moves, WorldError> {
+        if person.moves == Movement::Path {
+            let alone = [("group", person.group.is_some()), ("pauses", !person.pauses.is_empty())];
+            return match alone.into_iter().find(|(_, is_given)| *is_given) {
+                Some((key, _)) => Err(self.toml.refuse(span, key, "it needs moves = \"social\"".into())),
+                None => Ok(Moves::Path),
+            };
+        }
+        let places: Vec<Point> = person.path.iter().map(|[x, y]| Point::new(*x, *y)).collect();
+        let (mut from_m, length_m) = (0.0, places.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum());
+        let pause = |&[way_m, for_s]: &[f64; 2]| {
+            self.toml.check(span, "pauses", way_m, (from_m, length_m))?;
+            self.toml.check(span, "pauses", for_s, (0.0, PAUSE_MAX_S))?;
+            from_m = way_m;
+            Ok(Pause { way_m, for_s })
+        };
+        let pauses = person.pauses.iter().map(pause).collect::<Result<_, WorldError>>()?;
+        Ok(Moves::Social(Manner { group: person.group, pauses }))
     }
 
     fn point(&self, span: &Range<usize>, key: &'static str, [x, y]: [f64; 2]) -> Result<Point, WorldError> {

@@ -6,7 +6,9 @@ use std::sync::Arc;
 
 use guidance::se2::Point;
 use guidedog_world::floor::rectangle;
-use guidedog_world::{Hole, LegsConfig, Person, Physics, PhysicsConfig, Prism, RobotConfig, Walk, World, WorldError};
+use guidedog_world::{
+    Hole, LegsConfig, Moves, Person, Physics, PhysicsConfig, Prism, RobotConfig, Walk, World, WorldError,
+};
 use messages::{Pose2, Twist2, WorldTruth};
 
 const FORWARD: Twist2 = Twist2 { vx_mps: 0.5, vy_mps: 0.0, wz_radps: 0.0 };
@@ -151,7 +153,8 @@ fn what_hangs_high_is_for_the_handler_only_and_a_step_for_nobody() {
 
 fn towards(yields: bool) -> World {
     let path = vec![Point::new(3.0, 0.0), Point::new(-3.0, 0.0)];
-    let person = Person { path, speed_mps: 0.8, radius_m: 0.25, walk: Walk::Once, yields, start_s: 0.0 };
+    let (walk, moves) = (Walk::Once, Moves::Path);
+    let person = Person { path, speed_mps: 0.8, radius_m: 0.25, walk, yields, start_s: 0.0, moves };
     World::new(2.6, vec![]).with_people(vec![person])
 }
 

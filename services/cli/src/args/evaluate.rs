@@ -36,6 +36,9 @@ pub struct EvaluateArgs {
     /// What is asked
     #[arg(long, value_enum, default_value_t = TasksArg::Mixed)]
     pub tasks: TasksArg,
+    /// Who walks about
+    #[arg(long, value_enum, default_value_t = PeopleArg::Paths)]
+    pub people: PeopleArg,
     /// Columns and rows of the camera
     #[arg(long, value_name = "WxH", default_value = "128x64", value_parser = pixels)]
     pub camera: [usize; 2],
@@ -133,6 +136,18 @@ pub enum TasksArg {
     Drops,
 }
 
+/// See [`world::Crowd`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PeopleArg {
+    /// One or two people on fixed paths, in a third of the worlds with room for them
+    Paths,
+    /// People of the social force model, in every world: they come towards the team or walk along with it, alone or in
+    /// groups, stop in the way, overtake
+    Social,
+    /// Nobody
+    None,
+}
+
 /// How an action is chosen.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum ChoiceArg {
@@ -186,6 +201,7 @@ Examples:
   guidedog evaluate --worlds buildings --policy geometric --noise legged
   guidedog evaluate --policy guide --planner off
   guidedog evaluate --policy geometric --tasks drops --noise legged --camera 640x480
+  guidedog evaluate --people social --noise legged --episodes 200
   guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
   guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json
 
@@ -205,6 +221,9 @@ On maps a course goes round corners and over crossings, to where it ends or fork
 side way is asked for from 1.15 m of width on; where one could leave the corridor and it is not clear whether
 that is meant, as through a door of 0.8 to 1.1 m, no task is set. An episode has more decisions where its way is
 long. --explain tells what each task asks for.
+--people social: one or two parties in each world. A party is one person, a group of two or three, one who stops in the
+way for 10 to 60 s (in corridors of 2.3 m or more), or one who overtakes at 1.3 to 1.6 m/s. 85 % walk round robot and
+handler; the others take no notice of them until they touch. docs/people.md has the model.
 --worlds buildings: rooms behind doorways, alcoves, openings from 0.7 m of width on, oblique and uneven walls, door
 frames, doors across the corridor, pillars at corners, radiators, benches. Widths and counts lie within those of 11
 real floors. A side way is asked for from 1.2 m of width on.

@@ -19,9 +19,9 @@ use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Value, json};
 use settings::{Choice, HandlerModel, PlannerUse, PolicyModel, Profile, Settings};
 use sha2::{Digest as _, Sha256};
-use world::{FloorPlan, GeneratorConfig};
+use world::{Crowd, FloorPlan, GeneratorConfig};
 
-use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, TasksArg};
+use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, PeopleArg, TasksArg};
 use crate::exit::Failure;
 use crate::out::{self, say};
 use log::{Log, Outcomes};
@@ -110,6 +110,9 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
     }
     if args.tasks == TasksArg::Orientation && args.worlds != [Path::new(GENERATED)] {
         return refused("--tasks orientation is of straight, empty corridors: --worlds generated");
+    }
+    if args.tasks == TasksArg::Orientation && args.people == PeopleArg::Social {
+        return refused("--tasks orientation is of empty corridors: --people none");
     }
     if args.tasks == TasksArg::Drops && args.worlds != [Path::new(GENERATED)] {
         return refused(
@@ -210,6 +213,9 @@ impl Evaluation {
             "seed": args.seed,
             "settings_sha256": serde_json::to_vec(&self.settings).ok().map(|text| sha256(&text)),
         });
+        if args.people != PeopleArg::Paths {
+            head["people"] = json!(word(&args.people));
+        }
         if let Some([part, of]) = args.shard {
             head[log::SHARD] = json!(format!("{part}/{of}"));
         }
@@ -357,6 +363,11 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
     config.measure = episodes::RewardMeasure::Start;
     config.reward.motion_penalty = 0.0;
     let mut worlds = generated(args).unwrap_or_default();
+    match args.people {
+        PeopleArg::Paths => {}
+        PeopleArg::Social => (worlds.people, worlds.crowd) = (1.0, Crowd::Social),
+        PeopleArg::None => worlds.people = 0.0,
+    }
     match args.tasks {
         TasksArg::Mixed => {}
         TasksArg::Orientation => {
