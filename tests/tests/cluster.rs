@@ -15,6 +15,8 @@ fn cluster(place: &Place, python: &str, own: &[&str], args: &[&str]) -> Command 
     let program = programs().join("guidedog");
     command.arg(project().join("scripts/cluster")).arg(place.path().join("run"));
     command.arg("--guidedog").arg(program).args(own).arg("--").args(args);
+    // Ray begins its workers with a low priority, which on a busy machine is none.
+    command.env("RAY_worker_niceness", "0");
     command.current_dir(place.path()).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     command
 }

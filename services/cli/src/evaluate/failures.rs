@@ -195,46 +195,40 @@ fn page(
     tasks: &BTreeMap<usize, String>,
     drawn: &BTreeMap<usize, String>,
 ) -> String {
-    let given: Vec<String> =
-        elements(summary, "/arguments").iter().filter_map(|w| w.as_str().map(str::to_owned)).collect();
+    let given = elements(summary, "/arguments").iter().filter_map(Value::as_str).map(str::to_owned);
+    let given = escaped(&words::command(&given.collect::<Vec<_>>()));
+    let (failed, all) = (count(summary, "/count"), outcomes.len());
     let mut body = format!(
-        "<h1>{} of {} episodes failed</h1>\n<pre>{}</pre>\n<p>Red is the robot, blue the handler, grey the way that was \
-         meant; a red dot is a motion that was refused. Green is lower than the lidar's plane, orange above it, cyan \
-         glass.</p>\n",
-        count(summary, "/count"),
-        outcomes.len(),
-        escaped(&words::command(&given)),
+        "<h1>{failed} of {all} episodes failed</h1>\n<pre>{given}</pre>\n<p>Red is the robot, blue the handler, grey \
+         the way that was meant; a red dot is a motion that was refused. Green is lower than the lidar's plane, orange \
+         above it, cyan glass.</p>\n",
     );
     for cluster in elements(summary, "/clusters") {
-        let share = 100.0 * number(cluster, "/share");
+        let (share, count) = (100.0 * number(cluster, "/share"), count(cluster, "/count"));
         let note = if cluster["is_failure"] == json!(true) { "" } else { " Not counted as a failure." };
-        let (what, why) = (escaped(text(cluster, "/words")), escaped(text(cluster, "/explanation")));
-        let _ = write!(
-            body,
-            "<h2>{what}</h2>\n<p><b>{} episodes, {share:.1} %.</b> {why}{note}</p>\n<pre>{}</pre>\n<div class=\"cases\">\n",
-            count(cluster, "/count"),
-            escaped(text(cluster, "/replay")),
-        );
-        let numbers: Vec<usize> =
-            elements(cluster, "/episodes").iter().filter_map(|n| Some(n.as_u64()? as usize)).collect();
-        for number in numbers.iter().filter(|number| drawn.contains_key(number)) {
+        let [what, why, replay] = ["/words", "/explanation", "/replay"].map(|key| escaped(text(cluster, key)));
+        let _ = writeln!(body, "<h2>{what}</h2>\n<p><b>{count} episodes, {share:.1} %.</b> {why}{note}</p>");
+        let _ = writeln!(body, "<pre>{replay}</pre>\n<div class=\"cases\">");
+        let numbers = elements(cluster, "/episodes").iter().filter_map(|number| Some(number.as_u64()? as usize));
+        let numbers: Vec<usize> = numbers.collect();
+        for number in &numbers {
+            let Some(picture) = drawn.get(number) else { continue };
             let happened = outcomes.get(number).and_then(|outcome| outcome.failed).map(|failed| failed.happened());
-            let _ = write!(
-                body,
-                "<figure>{}<figcaption><a href=\"{}\">Episode {number}</a>. {} <i>{}.</i></figcaption></figure>\n",
-                drawn[number],
-                file_name(*number, "json"),
-                escaped(&tasks[number]),
-                escaped(&happened.unwrap_or_default()),
-            );
+            let [task, happened] = [tasks.get(number), happened.as_ref()].map(|text| text.map(|text| escaped(text)));
+            let (task, happened) = (task.unwrap_or_default(), happened.unwrap_or_default());
+            let caption = format!("{}. {task} <i>{happened}.</i>", link(*number, &format!("Episode {number}")));
+            let _ = writeln!(body, "<figure>{picture}<figcaption>{caption}</figcaption></figure>");
         }
-        let links = numbers.iter().map(|n| format!("<a href=\"{}\">{n}</a>", file_name(*n, "json")));
-        let _ = write!(body, "</div>\n<p>Episodes: {}</p>\n", links.collect::<Vec<_>>().join(", "));
+        let links: Vec<String> = numbers.iter().map(|number| link(*number, &number.to_string())).collect();
+        let _ = writeln!(body, "</div>\n<p>Episodes: {}</p>", links.join(", "));
     }
-    format!(
-        "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>Failures</title>\n<style>{STYLE}</style>\
-         </head>\n<body>\n{body}</body></html>\n"
-    )
+    let head = format!("<meta charset=\"utf-8\"><title>Failures</title>\n<style>{STYLE}</style>");
+    format!("<!DOCTYPE html>\n<html lang=\"en\"><head>{head}</head>\n<body>\n{body}</body></html>\n")
+}
+
+/// A link to an episode's file.
+fn link(number: usize, text: &str) -> String {
+    format!("<a href=\"{}\">{text}</a>", file_name(number, "json"))
 }
 
 const STYLE: &str = "body{font-family:sans-serif;margin:2em;max-width:90em}pre{background:#eee;padding:.5em;\
