@@ -9,6 +9,7 @@ pub mod config;
 pub mod episode;
 pub mod excess;
 mod explain;
+pub mod failure;
 mod judged;
 mod of_settings;
 pub mod score;
@@ -21,6 +22,7 @@ pub use config::{Arrival, Config, HandlerRanges, Handlers, Harness, NoTask, Nois
 pub use episode::{Episode, Step};
 pub use excess::{Excess, OpenFloor};
 pub use explain::explain;
+pub use failure::{Asked, Class, Failure, Thing, Watch};
 pub use score::{FloorReport, Held, Report, Score, StepCounts};
 pub use task::{Goal, Task};
 pub use teacher::Teacher;

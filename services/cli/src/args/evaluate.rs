@@ -61,6 +61,15 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
     #[arg(conflicts_with_all = ["outcomes", "paired", "merge"])]
     pub explain: Option<u32>,
+    /// Store each episode that fails as a file for --replay in this folder, with index.html (what fails most comes
+    /// first, with pictures) and failures.json
+    #[arg(long, value_name = "FOLDER", conflicts_with_all = ["shard", "merge", "explain"])]
+    pub failures: Option<PathBuf>,
+    /// Walk episodes again, and tell what changed: files of --failures, folders of them, or numbers of episodes. Other
+    /// arguments replace those of a file
+    #[arg(long, value_name = "FILE|FOLDER|NUMBER", num_args = 1..)]
+    #[arg(conflicts_with_all = ["outcomes", "resume", "shard", "paired", "merge", "explain", "failures"])]
+    pub replay: Vec<String>,
     /// Write what became of each episode into this file, a line of JSON for each
     #[arg(long, value_name = "FILE", conflicts_with = "paired")]
     pub outcomes: Option<PathBuf>,
@@ -70,9 +79,10 @@ pub struct EvaluateArgs {
     /// Of the episodes only part I of N, counted from 1: several machines share an evaluation
     #[arg(long, value_name = "I/N", value_parser = shard, requires = "outcomes", conflicts_with = "pictures")]
     pub shard: Option<[u32; 2]>,
-    /// Run nothing: report the episodes in the --outcomes files of shards. Other arguments do not count
+    /// Run nothing: report the episodes in the --outcomes files of shards; with --outcomes write them into one file.
+    /// Other arguments do not count
     #[arg(long, value_name = "FILE", num_args = 1..)]
-    #[arg(conflicts_with_all = ["outcomes", "resume", "shard", "paired", "pictures"])]
+    #[arg(conflicts_with_all = ["resume", "shard", "paired", "pictures"])]
     pub merge: Vec<PathBuf>,
     /// On so many threads; on all cores without it. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
@@ -204,6 +214,10 @@ Examples:
   guidedog evaluate --people social --noise legged --episodes 200
   guidedog evaluate --tasks drops --episodes 100000 --shard 1/4 --outcomes part-1.jsonl --resume
   guidedog evaluate --merge part-1.jsonl part-2.jsonl part-3.jsonl part-4.jsonl --json
+  guidedog evaluate --worlds floor.yaml --failures failures
+  guidedog evaluate --replay failures
+  guidedog evaluate --replay failures/episode-37.json --policy geometric --pictures pictures
+  guidedog evaluate --worlds floor.yaml --replay 37
 
 An episode is one cue and a hundred decisions; robot and handler have come along the corridor, and what the
 robot saw on the last two metres is remembered. A motion in which robot or handler would touch something is
@@ -233,4 +247,9 @@ the handler says forward. low_steps_announced counts the steps that the robot to
 floor, robot or handler has fallen and the episode ends. stood_before_edge: the way goes over an edge, and at the
 end the robot stands within 2 m of it. A stop for the floor is false where no edge is within 1 m, nor a low step
 within 1.6 m; those at dark floor are counted separately. The figures beside an edge leave out episodes in which
-robot or handler begins nearer to it than 0.15 m.";
+robot or handler begins nearer to it than 0.15 m.
+--failures: an episode fails where robot or handler touches something or falls, where the cue is not followed, where
+the robot is stuck for 20 s, or moves after stop. Each failure has one class; docs/evaluation.md defines them. Whom a
+person walked into is listed, and is not counted. --replay compares an episode with what is stored: same, fixed,
+fails otherwise (the same class, other figures), other class. An equal program has to give the same (exit code 7).
+outcomes_sha256 is a digest of all outcomes without timings: equal on any number of cores and machines.";

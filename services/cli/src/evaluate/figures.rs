@@ -4,6 +4,7 @@ use episodes::Report;
 use messages::CueKind;
 use serde_json::{Value, json};
 
+use super::failures;
 use super::outcome::Outcome;
 use crate::out::number;
 use crate::statistics::{mean, ratio};
@@ -78,7 +79,7 @@ pub fn difference(with: &[Outcome], without: &[Outcome]) -> Value {
 /// The report as lines for people.
 pub fn text(report: &Value) -> String {
     let missing = report["episodes_missing"].as_u64().map(|n| format!("{n} episodes are missing"));
-    let mut lines: Vec<String> = missing.into_iter().collect();
+    let mut lines: Vec<String> = missing.into_iter().chain([failures::line(&report["failures"])]).collect();
     let row = |name: &str, at: &str, digits: usize| {
         let interval = report.pointer(at).filter(|value| value.is_object())?;
         let value = |key| number(interval, key);

@@ -7,9 +7,10 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-use episodes::Report;
+use episodes::{Failure as Failed, Report};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+use sha2::{Digest as _, Sha256};
 
 use super::outcome::Outcome;
 use crate::exit::Failure;
@@ -29,7 +30,33 @@ struct Line {
     number: usize,
     report: Report,
     stopped: bool,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    failed: Option<Failed>,
     latency_us: Vec<u32>,
+}
+
+impl Line {
+    fn of(number: usize, outcome: &Outcome) -> Self {
+        let latency_us = outcome.latency_us.iter().map(|us| us.round() as u32).collect();
+        Self { number, report: outcome.report, stopped: outcome.stopped, failed: outcome.failed, latency_us }
+    }
+
+    fn text(&self) -> Result<String, Failure> {
+        Ok(serde_json::to_string(self).map_err(Failure::of_run)? + "\n")
+    }
+}
+
+/// SHA-256 over what became of each episode, in the order of their numbers. How long decisions took is not in it, so
+/// that every machine has the same.
+///
+/// # Errors
+/// Where an outcome cannot be written as JSON.
+pub fn digest(outcomes: &Outcomes) -> Result<String, Failure> {
+    let mut hash = Sha256::new();
+    for (number, outcome) in outcomes {
+        hash.update(Line { latency_us: Vec::new(), ..Line::of(*number, outcome) }.text()?);
+    }
+    Ok(super::hex(&hash.finalize()))
 }
 
 /// A file that outcomes are written to.
@@ -87,12 +114,19 @@ impl Log {
     /// # Errors
     /// Where it cannot be written.
     pub fn add(&self, number: usize, outcome: &Outcome) -> Result<(), Failure> {
-        let latency_us = outcome.latency_us.iter().map(|us| us.round() as u32).collect();
-        let line = Line { number, report: outcome.report, stopped: outcome.stopped, latency_us };
-        let text = serde_json::to_string(&line).map_err(Failure::of_run)? + "\n";
+        let text = Line::of(number, outcome).text()?;
         let mut file = self.file.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         file.write_all(text.as_bytes()).map_err(|error| failed(&self.path, &error))
     }
+}
+
+/// Writes a file with these episodes.
+///
+/// # Errors
+/// As [`Log::create`].
+pub fn write(path: &Path, head: &Value, outcomes: &Outcomes) -> Result<(), Failure> {
+    let log = Log::create(path, head)?;
+    outcomes.iter().try_for_each(|(number, outcome)| log.add(*number, outcome))
 }
 
 /// The episodes of several files, which must be of one evaluation, and what describes it.
@@ -115,8 +149,7 @@ pub fn merge(paths: &[PathBuf]) -> Result<(Value, Outcomes), Failure> {
 
 /// Adds an episode. The same one has the same outcome wherever it was run.
 fn add(path: &Path, all: &mut Outcomes, number: usize, outcome: Outcome) -> Result<(), Failure> {
-    let is_same = |other: &Outcome| (other.report, other.stopped) == (outcome.report, outcome.stopped);
-    if all.get(&number).is_some_and(|other| !is_same(other)) {
+    if all.get(&number).is_some_and(|other| other.told() != outcome.told()) {
         return Err(Failure::input(format!(
             "{}: episode {number} is there twice, and came out otherwise",
             path.display()
@@ -147,7 +180,8 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Value, Outcomes), Failure> {
             return Err(wrong(i + 1, &format!("episode {} of {count}, counted from 0", line.number)));
         }
         let latency_us = line.latency_us.iter().map(|us| *us as f32).collect();
-        let outcome = Outcome { report: line.report, stopped: line.stopped, latency_us, trace: None };
+        let Line { report, stopped, failed, .. } = line;
+        let outcome = Outcome { report, stopped, failed, latency_us, trace: None };
         add(path, &mut outcomes, line.number, outcome)?;
     }
     Ok((head, outcomes))

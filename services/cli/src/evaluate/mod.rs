@@ -1,11 +1,14 @@
 //! `guidedog evaluate`: many episodes, on all cores, and what became of them.
 
 mod explain;
+mod failures;
 mod figures;
 mod floor;
 mod log;
 mod outcome;
 mod picture;
+mod replay;
+mod words;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -16,7 +19,7 @@ use episodes::{Arrival, Config, Episode, Handlers, Harness, Noise, Places, part_
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 use settings::{Choice, HandlerModel, PlannerUse, PolicyModel, Profile, Settings};
 use sha2::{Digest as _, Sha256};
 use world::{Crowd, FloorPlan, GeneratorConfig};
@@ -45,29 +48,35 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
         if let Some(head) = head.as_object_mut() {
             head.remove(log::SHARD);
         }
-        let report = report(head, &outcomes.into_values().collect::<Vec<_>>());
+        args.outcomes.as_ref().map_or(Ok(()), |path| log::write(path, &head, &outcomes))?;
+        let report = report(head, &outcomes, failures::summary(&outcomes, None, None))?;
         return tell(&report, as_json);
     }
+    if !args.replay.is_empty() {
+        return replay::replay(args, as_json);
+    }
     check(args)?;
-    let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
-    let settings = crate::prepare::load(profile, args.config.as_deref())?;
-    let evaluation = Evaluation::of(args, settings)?;
-    args.pictures.as_ref().map_or(Ok(()), |folder| may_write(folder))?;
+    let evaluation = Evaluation::of(args, settings_of(args)?)?;
+    [&args.pictures, &args.failures].into_iter().flatten().try_for_each(|folder| may_write(folder))?;
     if let Some(count) = args.explain {
         return explain::explain(&evaluation, args, count, as_json);
     }
     let head = evaluation.head(args);
     let outcomes = evaluation.logged(args, &head)?;
-    let mut report = report(head, &outcomes);
+    let summary = failures::summary(&outcomes, Some(&words::given()), args.failures.as_deref());
+    let mut report = report(head, &outcomes, summary)?;
+    let all: Vec<Outcome> = outcomes.values().cloned().collect();
     if args.paired {
         let numbers: Vec<usize> = (0..args.episodes as usize).collect();
-        let without: Vec<Outcome> =
-            evaluation.run(args, 1.0, &numbers, None)?.into_iter().map(|(_, outcome)| outcome).collect();
+        let without = evaluation.run(args, evaluation.way(1.0, false), &numbers, None)?;
+        let without: Vec<Outcome> = without.into_iter().map(|(_, outcome)| outcome).collect();
         report["without_shield"] = json!({});
         figures::add(&mut report["without_shield"], &without);
-        report["difference"] = figures::difference(&outcomes, &without);
+        report["difference"] = figures::difference(&all, &without);
     }
-    let drawn = args.pictures.as_ref().map_or(Ok(()), |folder| evaluation.draw(args, folder, &outcomes));
+    let drawn = args.pictures.as_ref().map_or(Ok(()), |folder| evaluation.draw(args, folder, &all));
+    let store = |folder: &PathBuf| failures::store(&evaluation, args, folder, &outcomes);
+    let drawn = drawn.and_then(|()| args.failures.as_ref().map_or(Ok(()), store));
     if let Err(failure) = &drawn {
         report["error"] = json!(failure.message);
     }
@@ -75,8 +84,14 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     drawn.map_err(|failure| Failure { told: true, ..failure })
 }
 
-/// The figures of episodes that `head` describes.
-fn report(head: Value, outcomes: &[Outcome]) -> Value {
+/// The configuration of the episodes.
+fn settings_of(args: &EvaluateArgs) -> Result<Settings, Failure> {
+    let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
+    crate::prepare::load(profile, args.config.as_deref())
+}
+
+/// The figures of episodes that `head` describes, of which those of `failures` failed.
+fn report(head: Value, outcomes: &Outcomes, failures: Value) -> Result<Value, Failure> {
     let mut report = head;
     if let Some(report) = report.as_object_mut() {
         log::ONLY_THERE.iter().for_each(|key| drop(report.remove(*key)));
@@ -86,11 +101,14 @@ fn report(head: Value, outcomes: &[Outcome]) -> Value {
     if done < wanted {
         report["episodes_missing"] = json!(wanted - done);
     }
-    figures::add(&mut report, outcomes);
+    report["outcomes_sha256"] = json!(log::digest(outcomes)?);
+    report["failures"] = failures;
+    let all: Vec<Outcome> = outcomes.values().cloned().collect();
+    figures::add(&mut report, &all);
     if report["tasks"] == json!(word(&TasksArg::Drops)) {
-        floor::add(&mut report, outcomes);
+        floor::add(&mut report, &all);
     }
-    report
+    Ok(report)
 }
 
 /// Refuses what cannot be run, before anything is.
@@ -143,6 +161,13 @@ fn world_names(args: &EvaluateArgs) -> Vec<String> {
     args.worlds.iter().map(|path| path.display().to_string()).collect()
 }
 
+/// Digests of this program and of the maps.
+fn files_sha256(args: &EvaluateArgs) -> [Value; 2] {
+    let read = |path: &Path| std::fs::read(path).ok().map(|bytes| sha256(&bytes));
+    let program = std::env::current_exe().ok().and_then(|program| read(&program));
+    [json!(program), json!(maps(&args.worlds).iter().map(|map| read(map)).collect::<Vec<_>>())]
+}
+
 fn picture_name(kind: &str, number: usize) -> String {
     format!("{kind}-{number}.svg")
 }
@@ -155,7 +180,11 @@ fn maps(worlds: &[PathBuf]) -> Vec<PathBuf> {
 }
 
 fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().map(|byte| format!("{byte:02x}")).collect()
+    hex(&Sha256::digest(bytes))
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
 /// The word of an argument's choice, as it is given.
@@ -221,19 +250,36 @@ impl Evaluation {
         }
         if args.outcomes.is_some() {
             // Another program, or other maps of the same names, has other episodes.
-            let read = |path: &Path| std::fs::read(path).ok().map(|bytes| sha256(&bytes));
-            head[log::ONLY_THERE[0]] = json!(std::env::current_exe().ok().and_then(|program| read(&program)));
-            head[log::ONLY_THERE[1]] = json!(maps(&args.worlds).iter().map(|map| read(map)).collect::<Vec<_>>());
+            let [program, worlds] = files_sha256(args);
+            head[log::ONLY_THERE[0]] = program;
+            head[log::ONLY_THERE[1]] = worlds;
         }
         head
+    }
+
+    /// What decides how an episode of these arguments comes out.
+    fn digests(&self, args: &EvaluateArgs) -> Map<String, Value> {
+        let ([program, worlds], head) = (files_sha256(args), self.head(args));
+        let all = [
+            ("program_sha256", program),
+            ("worlds_sha256", worlds),
+            ("policy", head["policy"].clone()),
+            ("policy_sha256", head["sha256"].clone()),
+            ("settings_sha256", head["settings_sha256"].clone()),
+        ];
+        all.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
+    }
+
+    fn way(&self, beta: f64, traced: bool) -> Way {
+        Way { beta, choice: self.choice, traced }
     }
 
     fn episode(&self) -> Result<Episode, Failure> {
         Episode::new(self.config.clone()).map_err(Failure::of_input)
     }
 
-    /// The episodes that are wanted, in order, with those that a file has already; each is written there as it ends.
-    fn logged(&self, args: &EvaluateArgs, head: &Value) -> Result<Vec<Outcome>, Failure> {
+    /// The episodes that are wanted, with those that a file has already; each is written there as it ends.
+    fn logged(&self, args: &EvaluateArgs, head: &Value) -> Result<Outcomes, Failure> {
         let (log, mut outcomes) = match &args.outcomes {
             None => (None, Outcomes::new()),
             Some(path) if args.resume && path.exists() => {
@@ -244,23 +290,22 @@ impl Evaluation {
         let is_ours = |number: &usize| args.shard.is_none_or(|[part, of]| *number as u32 % of == part - 1);
         let is_new = |number: &usize| !outcomes.contains_key(number);
         let numbers: Vec<usize> = (0..args.episodes as usize).filter(is_ours).filter(is_new).collect();
-        outcomes.extend(self.run(args, args.beta_test, &numbers, log.as_ref())?);
-        Ok(outcomes.into_values().collect())
+        outcomes.extend(self.run(args, self.way(args.beta_test, false), &numbers, log.as_ref())?);
+        Ok(outcomes)
     }
 
     /// Runs the episodes of these numbers, on all workers.
     fn run(
         &self,
         args: &EvaluateArgs,
-        beta: f64,
+        way: Way,
         numbers: &[usize],
         log: Option<&Log>,
     ) -> Result<Vec<(usize, Outcome)>, Failure> {
         let count = numbers.len();
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
-        let way = Way { beta, choice: self.choice, traced: false };
-        let pilots = (0..workers).map(|_| self.pilot(beta)).collect::<Result<Vec<_>, _>>()?;
+        let pilots = (0..workers).map(|_| self.pilot(way.beta)).collect::<Result<Vec<_>, _>>()?;
         let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
         let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
             let mut episode = self.episode()?;
@@ -269,8 +314,7 @@ impl Evaluation {
                 let Some(number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)).copied() else { return Ok(done) };
                 let seed = part_seed(args.seed, number as u64);
                 let walked = walk(&mut episode, &mut pilot, &self.config, seed, way);
-                let written =
-                    walked.and_then(|walked| log.map_or(Ok(()), |log| log.add(number, &walked)).map(|()| walked));
+                let written = walked.and_then(|one| log.map_or(Ok(()), |log| log.add(number, &one)).map(|()| one));
                 // What one cannot walk, or write, ends the work of all.
                 done.push((number, written.inspect_err(|_| next.store(count, Ordering::Relaxed))?));
                 bar.inc(1);
@@ -298,7 +342,7 @@ impl Evaluation {
             report.collisions > 0 || !report.success
         };
         let (mut episode, mut pilot) = (self.episode()?, self.pilot(args.beta_test)?);
-        let way = Way { beta: args.beta_test, choice: self.choice, traced: true };
+        let way = self.way(args.beta_test, true);
         let numbers = 0..outcomes.len();
         let first = numbers.clone().take(PICTURES).map(|number| ("first", number));
         let wrong = numbers.filter(is_wrong).take(PICTURES).map(|number| ("wrong", number));

@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use episodes::{Config, Episode, Report};
+use episodes::{Config, Episode, Failure as Failed, Report, Watch};
 use guidance::se2::Point;
 use guidance::shield::{choose, suppress};
 use guidance::{ActionTable, Draw};
@@ -26,10 +26,19 @@ pub struct Outcome {
     /// After its end stop was asked for: stop was all that the pilot left, and the robot did not move any more; on legs
     /// from the decision after it on.
     pub stopped: bool,
+    /// Why it failed, where it did.
+    pub failed: Option<Failed>,
     /// From what is seen to what is decided, microseconds, for each decision.
     pub latency_us: Vec<f32>,
     /// Where it went, where that was wanted.
     pub trace: Option<Box<Trace>>,
+}
+
+impl Outcome {
+    /// What an equal program gives again.
+    pub fn told(&self) -> (Report, bool, Option<Failed>) {
+        (self.report, self.stopped, self.failed)
+    }
 }
 
 /// Where an episode went.
@@ -102,6 +111,7 @@ pub fn walk(
         let line = episode.task().line.corners().to_vec();
         Box::new(Trace { site: episode.site().clone(), line, places: Vec::new(), collisions: Vec::new() })
     });
+    let (mut watch, start) = (Watch::begin(episode), episode.team().world_from_handler());
     for decision in 0.. {
         let begun = Instant::now();
         let decided = decide(episode, pilot)?;
@@ -110,6 +120,7 @@ pub fn walk(
         episode.wants(wanted, action);
         let collisions = episode.report().collisions;
         let ended = episode.step(action).ended;
+        watch.step(episode, config, action != ActionTable::STOP);
         if let Some(trace) = &mut trace {
             let team = episode.team();
             let place = |pose: guidance::Se2| Point::from(pose.translation.vector);
@@ -138,7 +149,9 @@ pub fn walk(
     episode.step(action);
     let moved = there.inverse() * episode.team().world_from_robot();
     let stood = moved.translation.vector.norm() < still && moved.rotation.angle().abs() < still;
-    Ok(Outcome { report, stopped: leaves_stop && stood, latency_us, trace })
+    let stopped = leaves_stop && stood;
+    let failed = watch.failure(episode, &start, &report, stopped);
+    Ok(Outcome { report, stopped, failed, latency_us, trace })
 }
 
 #[cfg(test)]
