@@ -5,7 +5,7 @@ mod figures;
 mod floor;
 mod log;
 mod outcome;
-mod picture;
+pub mod picture;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -120,7 +120,10 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
 }
 
 /// The pictures come last; that they cannot be written is found out first.
-fn may_write(folder: &Path) -> Result<(), Failure> {
+///
+/// # Errors
+/// Where nothing can be written into that folder.
+pub fn may_write(folder: &Path) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
     std::fs::create_dir_all(folder).map_err(failed)?;
     let probe = folder.join(format!(".guidedog-{}", std::process::id()));
@@ -156,7 +159,7 @@ fn sha256(bytes: &[u8]) -> String {
 }
 
 /// The word of an argument's choice, as it is given.
-fn word(choice: &impl clap::ValueEnum) -> Option<String> {
+pub fn word(choice: &impl clap::ValueEnum) -> Option<String> {
     choice.to_possible_value().map(|value| value.get_name().to_owned())
 }
 
@@ -255,7 +258,7 @@ impl Evaluation {
         let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
         let way = Way { beta, choice: self.choice, traced: false };
         let pilots = (0..workers).map(|_| self.pilot(beta)).collect::<Result<Vec<_>, _>>()?;
-        let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
+        let (next, bar) = (AtomicUsize::new(0), progress(count as u64, "episodes"));
         let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
             let mut episode = self.episode()?;
             let mut done = Vec::new();
@@ -320,9 +323,9 @@ fn old_pictures(folder: &Path, kind: &'static str) -> Vec<PathBuf> {
 }
 
 /// A bar for people, where there are any.
-fn progress(count: u64) -> ProgressBar {
+pub fn progress(count: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(count);
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} episodes, {eta} left");
+    let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}, {{eta}} left"));
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(500));
     bar

@@ -242,7 +242,7 @@ fn thresholds_come_in_the_lidars_own_order() {
         disc(Point::origin(), 0.3),
         disc(here, radius_m),
         disc(place(&motion.robot), 0.3),
-        disc(place(&motion.handler), radius_m),
+        disc(place(&motion.handler.expect("a handler")), radius_m),
     ]);
     assert_eq!(thresholds.len(), 300);
     for (i, threshold) in thresholds.iter().enumerate() {
@@ -270,7 +270,7 @@ fn the_remainder_goes_on_with_robot_and_handler() {
     assert!((motion.robot.inverse() * robot).translation.vector.norm() < 1e-12);
     // The step's whole motion is what is left of it: the model's own step from where the handler is.
     let truth = robot * handler().model().step(handler().robot_from_handler(), &robot);
-    assert!((place(&motion.handler) - place(&truth)).norm() < 1e-12);
+    assert!((place(&motion.handler.expect("a handler")) - place(&truth)).norm() < 1e-12);
 }
 
 #[test]

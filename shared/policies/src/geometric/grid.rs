@@ -79,8 +79,8 @@ impl Memory {
         self.cells.fill(Cell::default());
     }
 
-    /// Takes in one scan and the camera's obstacle points (robot frame).
-    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Point) {
+    /// Takes in one scan and the camera's obstacle points (robot frame); where the handler is, if there is one.
+    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Option<Point>) {
         self.now += 1;
         self.free_what_beams_pass(odom_from_robot, beams, handler);
         for hit in beams.hits.iter().flatten() {
@@ -101,7 +101,7 @@ impl Memory {
         }
     }
 
-    fn free_what_beams_pass(&mut self, odom_from_robot: &Se2, beams: &Beams, handler: Point) {
+    fn free_what_beams_pass(&mut self, odom_from_robot: &Se2, beams: &Beams, handler: Option<Point>) {
         let robot_from_odom = odom_from_robot.inverse();
         let first = first_key(Point::from(odom_from_robot.translation.vector));
         let pass_m = PASS_M + 2.0 * beams.sigma_m;
@@ -115,7 +115,8 @@ impl Memory {
             }
             let occupied = cell.known == Known::Occupied;
             let place = robot_from_odom * if occupied { cell.hit } else { centre_of(key) };
-            let stood_on = place.coords.norm() < STANDING_M || (place - handler).norm() < STANDING_M;
+            let is_at = |body: Point| (place - body).norm() < STANDING_M;
+            let stood_on = is_at(Point::origin()) || handler.is_some_and(is_at);
             let free = if occupied {
                 !cell.camera_only && beams.passed_by_m(place) > pass_m
             } else {
