@@ -69,7 +69,8 @@ pub struct Reach {
 impl Reach {
     /// Where a robot is carried that moves so when the next command comes. It begins that command as much later as it
     /// overruns the stop after it, so that it comes to rest where the command leads from there.
-    fn carries_to(&self, moves: &Twist2) -> Se2 {
+    #[must_use]
+    pub fn carries_to(&self, moves: &Twist2) -> Se2 {
         let [ahead_s, aside_s, turn_s] = self.carried_s;
         se2(Pose2::new(moves.vx_mps * ahead_s, moves.vy_mps * aside_s, moves.wz_radps * turn_s))
     }

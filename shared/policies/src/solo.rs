@@ -5,9 +5,9 @@
 //! actions ahead. Plans are made of the places where the robot would come to rest: a robot that is carried on by what
 //! it moved before ends each action there (`guidance::Reach`). Same input, same output.
 
-use guidance::se2::{Point, se2, wrap_angle};
+use guidance::se2::{Point, wrap_angle};
 use guidance::{ActionTable, Reach, Se2};
-use messages::{MAX_ACTIONS, Pose2, ScanHeader, Twist2};
+use messages::{MAX_ACTIONS, ScanHeader, Twist2};
 
 use crate::Probabilities;
 use crate::geometric::beams::Beams;
@@ -20,7 +20,9 @@ const DEPTH: usize = 8;
 /// Ways kept for each first action at each depth.
 const WIDTH: usize = 12;
 /// What was seen is remembered for so long, seconds.
-const MEMORY_S: f64 = 60.0;
+const MEMORY_S: f64 = 10.0;
+/// Obstacles that the camera alone sees farther away than this may be noise, metres.
+const CAMERA_M: f64 = 3.0;
 /// The way to the goal is asked for so far ahead of the robot's middle: a plan ends with the robot facing its way.
 const AHEAD_M: f64 = 0.35;
 /// Room below this is paid for, metres, and what a second without any room to spare costs, seconds.
@@ -130,15 +132,15 @@ impl SoloEngine {
     /// nothing is seen.
     pub fn decide(&mut self, situation: &SoloSituation<'_>) -> Probabilities {
         let Some(beams) = Beams::read_but(situation.scan, situation.ranges, |_| false) else { return crate::stand() };
-        self.memory.update(&situation.odom_from_robot, &beams, situation.obstacles, None);
+        let near: Vec<Point> =
+            situation.obstacles.iter().copied().filter(|place| place.coords.norm() < CAMERA_M).collect();
+        self.memory.update(&situation.odom_from_robot, &beams, &near, None);
         let place = Point::from(situation.odom_from_robot.translation.vector);
         let window = self.memory.window(place);
         let cost =
             CostToGo::spread_by(&window, &seeds(&window, situation.goal), place, |window, cell| self.price(window, cell));
         // Where the robot would rest if it stopped now.
-        let [ahead_s, aside_s, turn_s] = self.config.reach.carried_s;
-        let Twist2 { vx_mps, vy_mps, wz_radps } = situation.moves;
-        let rests = situation.odom_from_robot * se2(Pose2::new(vx_mps * ahead_s, vy_mps * aside_s, wz_radps * turn_s));
+        let rests = situation.odom_from_robot * self.config.reach.carries_to(&situation.moves);
         let worth = |reserve_m: f64| {
             let scene = Scene { engine: self, window: &window, cost: &cost, reserve_m };
             scene.worth(&rests, situation.unsafe_mask)

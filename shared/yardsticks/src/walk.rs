@@ -184,7 +184,8 @@ impl Walk {
             Draw::Seeded(_) => Draw::Seeded(seed),
             Draw::Surest(_) => Draw::Surest(seed),
         };
-        let mut begun = Se2::identity();
+        let reach = base.shield.reach;
+        let (mut begun, mut before) = (Se2::identity(), Twist2::ZERO);
         loop {
             let walkers = passage.crowd.walkers(course.time_s());
             let scene = party.scene(&passage.world, &walkers);
@@ -204,11 +205,15 @@ impl Walk {
             course.trace.decisions += 1;
             let all_unsafe = guidance::shield::leaves_only_stop(decided.unsafe_mask, &base.table);
             course.trace.all_unsafe += u32::from(all_unsafe);
-            begun = base.table.actions()[action].start_from_end();
-            mind.permit(sensors.now_ns, self.velocities[action]);
+            // A robot that is carried on begins and ends a motion later.
+            let velocity = self.velocities[action];
+            let goes = reach.carries_to(&before) * base.table.actions()[action].start_from_end();
+            begun = if velocity.is_zero() { Se2::identity() } else { goes * reach.carries_to(&velocity).inverse() };
+            before = velocity;
+            mind.permit(sensors.now_ns, velocity);
             party.begin_step();
             for tick in 1..=ticks {
-                party.walk(self.velocities[action], base.dt_s / ticks as f64, tick as f64 / ticks as f64);
+                party.walk(velocity, base.dt_s / ticks as f64, tick as f64 / ticks as f64);
                 if let Some(end) = course.take(passage, &party) {
                     course.trace.end = end;
                     return Ok(course.trace);

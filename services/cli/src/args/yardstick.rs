@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use clap::{Args, Subcommand, ValueEnum};
 use settings::PolicyModel;
 
-use super::evaluate::NoiseArg;
 use super::policy::policy_model;
 
 /// Which yardstick.
@@ -66,8 +65,8 @@ pub struct HowArgs {
     #[arg(long, value_enum, default_value_t = BodyArg::Robot)]
     pub body: BodyArg,
     /// How exact the sensors are
-    #[arg(long, value_enum, default_value_t = NoiseArg::Legged)]
-    pub noise: NoiseArg,
+    #[arg(long, value_enum, default_value_t = YardstickNoise::Legged)]
+    pub noise: YardstickNoise,
     /// What decides for the pair: `guide` or `geometric`, or a model file. The robot alone has a planner of its own
     #[arg(long, value_name = "guide|geometric|FILE", default_value = "geometric", value_parser = policy_model())]
     pub policy: PolicyModel,
@@ -92,6 +91,16 @@ pub struct HowArgs {
     /// Robot, sensors, handler and shield, laid over the profile of a Go2
     #[arg(long, value_name = "FILE")]
     pub config: Option<PathBuf>,
+}
+
+/// How exact the sensors are. Exact ones are none of these: in the open all their depth frames are the same, and a
+/// camera that always says the same stops the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum YardstickNoise {
+    /// Gaussian lidar noise with drop-outs, Redwood depth noise at 1.0, drifting odometry
+    Noisy,
+    /// The same, and a robot that walks on legs as a Go2 does in MuJoCo: it lags, overruns, sways, tilts and slips
+    Legged,
 }
 
 /// Who walks.

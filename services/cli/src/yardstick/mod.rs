@@ -14,8 +14,7 @@ use serde_json::Value;
 use settings::{PlannerUse, PolicyModel, Profile, Settings};
 use yardsticks::{Body, Config, Noise, Passage, Trace, Walk};
 
-use crate::args::evaluate::NoiseArg;
-use crate::args::yardstick::{BodyArg, HowArgs, Yardstick, YardstickArgs};
+use crate::args::yardstick::{BodyArg, HowArgs, Yardstick, YardstickArgs, YardstickNoise};
 use crate::evaluate::{may_write, picture};
 use crate::exit::Failure;
 
@@ -54,10 +53,13 @@ impl How {
         let interaction: InteractionModel = settings.interaction().map_err(Failure::of_input)?;
         let mut base = episodes::Config::of(&settings).map_err(Failure::of_input)?;
         base.noise = match args.noise {
-            NoiseArg::Ideal => Noise::Ideal,
-            NoiseArg::Noisy => Noise::Noisy,
-            NoiseArg::Legged => Noise::Legged,
+            YardstickNoise::Noisy => Noise::Noisy,
+            YardstickNoise::Legged => Noise::Legged,
         };
+        if args.noise == YardstickNoise::Noisy {
+            // It stands at once.
+            base.shield.reach.carried_s = [0.0; 3];
+        }
         let config = Config { base, interaction, draw: settings.shield.choice.seeded(args.seed) };
         let (config, model) = match args.body {
             BodyArg::Robot => (config.alone(table(args.actions.as_deref())?, ALONE_S), None),
