@@ -21,10 +21,15 @@ const DEPTH: usize = 8;
 const WIDTH: usize = 12;
 /// What was seen is remembered for so long, seconds.
 const MEMORY_S: f64 = 10.0;
+/// What the camera alone saw is remembered for so long, seconds: no beam of the lidar shows that it is gone.
+const CAMERA_S: f64 = 1.0;
 /// Obstacles that the camera alone sees farther away than this may be noise, metres.
 const CAMERA_M: f64 = 3.0;
 /// The way to the goal is asked for so far ahead of the robot's middle: a plan ends with the robot facing its way.
 const AHEAD_M: f64 = 0.35;
+/// A plan ends where the robot comes so near to the goal, metres; within this of it, its facing does not matter.
+const AT_GOAL_M: f64 = 0.2;
+const CLOSE_M: f64 = 1.0;
 /// Room below this is paid for, metres, and what a second without any room to spare costs, seconds.
 const ROOM_M: f64 = 0.15;
 const ROOM_PRICE: f64 = 0.8;
@@ -96,6 +101,7 @@ struct Way {
     room_m: f64,
     spent_s: f64,
     total_s: f64,
+    is_there: bool,
 }
 
 /// What the look ahead needs to know.
@@ -103,6 +109,7 @@ struct Scene<'a> {
     engine: &'a SoloEngine,
     window: &'a Window,
     cost: &'a CostToGo,
+    goal: Point,
     reserve_m: f64,
 }
 
@@ -111,10 +118,11 @@ impl SoloEngine {
     #[must_use]
     pub fn new(config: SoloConfig, table: ActionTable) -> Self {
         let motions = table.actions().iter().map(guidance::Action::start_from_end).collect();
+        let decisions = |time_s: f64| (time_s / config.dt_s) as u64;
         let speeds = table.actions().iter().map(|action| action.velocity(config.dt_s).vx_mps);
         Self {
             speed_max_mps: speeds.fold(1e-3, f64::max),
-            memory: Memory::new((MEMORY_S / config.dt_s) as u64),
+            memory: Memory::new(decisions(MEMORY_S)).with_camera_kept(decisions(CAMERA_S)),
             config,
             table,
             motions,
@@ -142,7 +150,7 @@ impl SoloEngine {
         // Where the robot would rest if it stopped now.
         let rests = situation.odom_from_robot * self.config.reach.carries_to(&situation.moves);
         let worth = |reserve_m: f64| {
-            let scene = Scene { engine: self, window: &window, cost: &cost, reserve_m };
+            let scene = Scene { engine: self, window: &window, cost: &cost, goal: situation.goal, reserve_m };
             scene.worth(&rests, situation.unsafe_mask)
         };
         let wished = worth(2.0 * beams.sigma_m);
@@ -189,34 +197,40 @@ impl Scene<'_> {
     /// is forbidden, or stands.
     fn worth(&self, rests: &Se2, unsafe_mask: u32) -> Vec<Option<f64>> {
         let room_m = self.engine.room_m(self.window, rests);
-        let start = Way { robot: *rests, room_m, spent_s: 0.0, total_s: 0.0 };
+        let start = Way { robot: *rests, room_m, spent_s: 0.0, total_s: 0.0, is_there: false };
         let first = |action: usize| {
             let is_open = action != ActionTable::STOP && unsafe_mask >> action & 1 == 0;
             let mut way = is_open.then(|| self.step(&start, action)).flatten()?;
             let turned_back = self.engine.turns(self.engine.last) * self.engine.turns(action) < 0.0;
-            way.spent_s += if turned_back { REVERSAL_PRICE } else { 0.0 };
+            let price_s = if turned_back { REVERSAL_PRICE } else { 0.0 };
+            (way.spent_s, way.total_s) = (way.spent_s + price_s, way.total_s + price_s);
             Some(self.best_from(way))
         };
         (0..self.engine.table.len()).map(first).collect()
     }
 
     fn best_from(&self, first: Way) -> f64 {
+        if first.is_there {
+            return first.total_s;
+        }
         let mut ways = vec![first];
-        let mut best_dead_s = f64::INFINITY;
+        let mut best_s = f64::INFINITY;
         let dt_s = self.engine.config.dt_s;
         for depth in 1..DEPTH {
             let actions = 1..self.engine.table.len();
             let mut next: Vec<Way> =
                 ways.iter().flat_map(|way| actions.clone().filter_map(|action| self.step(way, action))).collect();
             let ended_s = ways.iter().map(|way| way.total_s).fold(f64::INFINITY, f64::min);
-            best_dead_s = best_dead_s.min(ended_s + (DEPTH - depth) as f64 * (DEAD_END_PRICE + dt_s));
+            best_s = best_s.min(ended_s + (DEPTH - depth) as f64 * (DEAD_END_PRICE + dt_s));
+            best_s = next.iter().filter(|way| way.is_there).map(|way| way.total_s).fold(best_s, f64::min);
+            next.retain(|way| !way.is_there);
             if next.is_empty() {
-                return best_dead_s;
+                return best_s;
             }
             next.sort_by(|a, b| a.total_s.total_cmp(&b.total_s));
             ways = thinned(&next);
         }
-        ways.iter().map(|way| way.total_s).fold(best_dead_s, f64::min)
+        ways.iter().map(|way| way.total_s).fold(best_s, f64::min)
     }
 
     fn step(&self, way: &Way, action: usize) -> Option<Way> {
@@ -234,10 +248,18 @@ impl Scene<'_> {
         let tight = ((ROOM_M - swept_m) / ROOM_M).clamp(0.0, 1.5);
         let back_s = if motion.translation.x < 0.0 { BACK_PRICE } else { 0.0 };
         let spent_s = way.spent_s + dt_s * (1.0 + ROOM_PRICE * tight * tight) + back_s;
-        let ahead = robot * Point::new(AHEAD_M, 0.0);
-        let to_go = |place: Point| self.cost.at(self.window, place).unwrap_or(NO_WAY_M);
-        let to_go_m = to_go(ahead).max(to_go(Point::from(robot.translation.vector)) - AHEAD_M);
-        Some(Way { robot, room_m, spent_s, total_s: spent_s + to_go_m / engine.speed_max_mps })
+        let place = Point::from(robot.translation.vector);
+        let left_m = (self.goal - place).norm();
+        let is_there = left_m < AT_GOAL_M;
+        let to_go_m = if is_there { 0.0 } else { self.to_go_m(&robot, if left_m < CLOSE_M { 0.0 } else { AHEAD_M }) };
+        Some(Way { robot, room_m, spent_s, total_s: spent_s + to_go_m / engine.speed_max_mps, is_there })
+    }
+
+    /// The way from so far ahead of the robot, and not less than from where it is.
+    fn to_go_m(&self, robot: &Se2, ahead_m: f64) -> f64 {
+        let from_m = |place: Point| self.cost.at(self.window, place).unwrap_or(NO_WAY_M);
+        let here_m = from_m(Point::from(robot.translation.vector));
+        from_m(robot * Point::new(ahead_m, 0.0)).max(here_m - ahead_m)
     }
 }
 

@@ -81,6 +81,7 @@ impl Task {
             goal_m: REACHED_M,
             begins_m: BEGINS_M,
             time_max_s: TIME_MAX_S,
+            is_localised: false,
         }
     }
 

@@ -147,6 +147,7 @@ impl Episode {
             goal_m: GOAL_M,
             begins_m: 0.0,
             time_max_s: self.time_max_s,
+            is_localised: true,
         })
     }
 }

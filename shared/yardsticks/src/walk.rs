@@ -58,6 +58,9 @@ pub struct Passage {
     pub begins_m: f64,
     /// Time that it has, seconds.
     pub time_max_s: f64,
+    /// The robot is told at each decision where the goal is from it. Otherwise it knows it by its odometry, which
+    /// drifts.
+    pub is_localised: bool,
 }
 
 /// How a passage ended.
@@ -200,6 +203,7 @@ impl Walk {
                 shield: &mut self.shield,
                 judgements: &mut self.judgements,
                 time_s: course.time_s(),
+                world_from_robot: party.world_from_robot(),
             })?;
             let action = decided.chosen(&base.table, draw, u64::from(course.trace.decisions));
             course.trace.decisions += 1;
@@ -370,6 +374,7 @@ struct Decision<'a, 'b> {
     shield: &'a mut Shield,
     judgements: &'a mut Vec<Judgement>,
     time_s: f64,
+    world_from_robot: &'a Se2,
 }
 
 /// What was decided.
@@ -388,9 +393,13 @@ impl Decided {
 }
 
 fn decide(decision: Decision<'_, '_>) -> Result<Decided, YardstickError> {
-    let Decision { mind, sensors, odometry, begun, passage, table, shield, judgements, time_s } = decision;
+    let Decision { mind, sensors, odometry, begun, passage, table, shield, judgements, time_s, world_from_robot } = decision;
     let all = (1u32 << table.len()) - 1;
-    let goal = passage.world_from_start.inverse() * passage.goal;
+    let robot_from_goal = world_from_robot.inverse() * passage.goal;
+    let goal_by = |odom_from_robot: &Se2| match passage.is_localised {
+        true => odom_from_robot * robot_from_goal,
+        false => passage.world_from_start.inverse() * passage.goal,
+    };
     match mind {
         Mind::Robot(awareness, engine) => {
             sensors.tell(awareness, odometry, begun);
@@ -403,14 +412,14 @@ fn decide(decision: Decision<'_, '_>) -> Result<Decided, YardstickError> {
                 obstacles: evidence.depth.map_or(&[][..], guidance::DepthView::points),
                 odom_from_robot: *awareness.odom_from_robot(),
                 moves: evidence.moves,
-                goal,
+                goal: goal_by(awareness.odom_from_robot()),
                 unsafe_mask,
             });
             Ok(Decided { probabilities, unsafe_mask })
         }
         Mind::Pair(awareness, pilot, cue) => {
             sensors.tell(awareness, odometry, begun);
-            cue.aim(awareness.odom_from_robot(), goal, time_s);
+            cue.aim(awareness.odom_from_robot(), goal_by(awareness.odom_from_robot()), time_s);
             let evidence = awareness.evidence(sensors.now_ns);
             let judged = shield.judge_actions(table, evidence, awareness.handler(), judgements);
             let unsafe_mask = if awareness.unusable(sensors.now_ns).is_some() { all } else { judged };

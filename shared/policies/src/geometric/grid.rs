@@ -47,6 +47,7 @@ pub struct Memory {
     cells: Vec<Cell>,
     now: u64,
     kept: u64,
+    camera_kept: u64,
 }
 
 fn key_of(place: Point) -> (i32, i32) {
@@ -71,7 +72,12 @@ fn first_key(centre: Point) -> (i32, i32) {
 impl Memory {
     /// Nothing known; what is seen is kept for that many updates.
     pub fn new(kept: u64) -> Self {
-        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept }
+        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept, camera_kept: kept }
+    }
+
+    /// The same; what the camera alone saw is kept for that many updates.
+    pub fn with_camera_kept(self, camera_kept: u64) -> Self {
+        Self { camera_kept, ..self }
     }
 
     /// Forgets everything: a new odometry frame.
@@ -110,7 +116,7 @@ impl Memory {
             let cell = &mut self.cells[slot_of(key)];
             if cell.key != key {
                 *cell = Cell { key, ..Cell::default() };
-            } else if self.now > cell.seen + self.kept {
+            } else if self.now > cell.seen + if cell.camera_only { self.camera_kept } else { self.kept } {
                 *cell = Cell { key, glimpsed: cell.glimpsed, ..Cell::default() };
             }
             let occupied = cell.known == Known::Occupied;
@@ -170,7 +176,8 @@ impl Memory {
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &self.cells[slot_of(key)];
-            if cell.key != key || self.now > cell.seen + self.kept {
+            let kept = if cell.camera_only { self.camera_kept } else { self.kept };
+            if cell.key != key || self.now > cell.seen + kept {
                 continue;
             }
             window.known[slot] = cell.known;

@@ -169,6 +169,7 @@ mod tests {
             goal_m: 0.3,
             begins_m: 0.0,
             time_max_s: 60.0,
+            is_localised: true,
         };
         let robot = (0..=160).map(|tick| start(1.0 + f64::from(tick) * TICK_S, 0.0, 0.0)).collect();
         let met = vec![Met { time_s: 1.0, person: 0, by_them: true }, Met { time_s: 3.0, person: 0, by_them: false }];
