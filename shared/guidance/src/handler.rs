@@ -1,6 +1,7 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
+mod company;
 mod lost;
 
 use std::iter;
@@ -10,6 +11,8 @@ use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 use lost::{Lost, is_near_one};
+
+pub use company::{Company, Nobody};
 
 /// Share of a correction that one scan makes.
 const GAIN: f64 = 0.7;
@@ -107,67 +110,6 @@ impl HandlerBody {
 
     fn is_apart(&self, at: &Point) -> bool {
         (at - self.center).norm_squared() > APART_M * APART_M
-    }
-}
-
-/// Who walks with the robot, as [`crate::Awareness`] needs to know it.
-pub trait Company {
-    /// After a gap, a restart or a new odometry frame: nothing is known any more.
-    fn reset(&mut self, odom_from_robot: &Se2);
-    /// The robot stands at rest here, and they stand where they do by default.
-    fn rest(&mut self, odom_from_robot: &Se2);
-    /// A decision begins.
-    fn begin_step(&mut self, odom_from_robot: &Se2);
-    /// The share `fraction` of the step has passed, and the robot is here.
-    fn predict(&mut self, odom_from_robot: &Se2, fraction: f64);
-    /// Takes in what the lidar sees.
-    fn look(&mut self, beams: &Beams, now_ns: u64);
-    /// The room that they take, where a lidar is off by `sigma_m`; none: nobody is there.
-    fn room(&self, sigma_m: f64) -> Option<HandlerBody>;
-    /// Whether they should be there, and are missing.
-    fn is_lost(&self) -> bool;
-}
-
-/// The robot walks alone.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct Nobody;
-
-impl Company for Nobody {
-    fn reset(&mut self, _odom_from_robot: &Se2) {}
-    fn rest(&mut self, _odom_from_robot: &Se2) {}
-    fn begin_step(&mut self, _odom_from_robot: &Se2) {}
-    fn predict(&mut self, _odom_from_robot: &Se2, _fraction: f64) {}
-    fn look(&mut self, _beams: &Beams, _now_ns: u64) {}
-    fn room(&self, _sigma_m: f64) -> Option<HandlerBody> {
-        None
-    }
-    fn is_lost(&self) -> bool {
-        false
-    }
-}
-
-impl Company for HandlerEstimate {
-    fn reset(&mut self, odom_from_robot: &Se2) {
-        Self::reset(self, odom_from_robot);
-    }
-    fn rest(&mut self, odom_from_robot: &Se2) {
-        *self = Self::new(self.model.clone(), self.limits.clone());
-        Self::reset(self, odom_from_robot);
-    }
-    fn begin_step(&mut self, odom_from_robot: &Se2) {
-        Self::begin_step(self, odom_from_robot);
-    }
-    fn predict(&mut self, odom_from_robot: &Se2, fraction: f64) {
-        Self::predict(self, odom_from_robot, fraction);
-    }
-    fn look(&mut self, beams: &Beams, now_ns: u64) {
-        let _: Sighting = self.correct(beams, now_ns);
-    }
-    fn room(&self, sigma_m: f64) -> Option<HandlerBody> {
-        Some(self.body(sigma_m))
-    }
-    fn is_lost(&self) -> bool {
-        Self::is_lost(self)
     }
 }
 

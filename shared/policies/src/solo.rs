@@ -136,8 +136,8 @@ impl SoloEngine {
         self.last = ActionTable::STOP;
     }
 
-    /// Probabilities over the action table: nearly all on the best action that the shield leaves. Certain to stand where
-    /// nothing is seen.
+    /// Probabilities over the action table: nearly all on the best action that the shield leaves. Certain to stand
+    /// where nothing is seen.
     pub fn decide(&mut self, situation: &SoloSituation<'_>) -> Probabilities {
         let Some(beams) = Beams::read_but(situation.scan, situation.ranges, |_| false) else { return crate::stand() };
         let near: Vec<Point> =
@@ -145,8 +145,9 @@ impl SoloEngine {
         self.memory.update(&situation.odom_from_robot, &beams, &near, None);
         let place = Point::from(situation.odom_from_robot.translation.vector);
         let window = self.memory.window(place);
-        let cost =
-            CostToGo::spread_by(&window, &seeds(&window, situation.goal), place, |window, cell| self.price(window, cell));
+        let cost = CostToGo::spread_by(&window, &seeds(&window, situation.goal), place, |window, cell| {
+            self.price(window, cell)
+        });
         // Where the robot would rest if it stopped now.
         let rests = situation.odom_from_robot * self.config.reach.carries_to(&situation.moves);
         let worth = |reserve_m: f64| {
@@ -193,8 +194,8 @@ impl SoloEngine {
 }
 
 impl Scene<'_> {
-    /// For each action, the time to the goal by the best way that begins with it, seconds; none where it leaves no room,
-    /// is forbidden, or stands.
+    /// For each action, the time to the goal by the best way that begins with it, seconds; none where it leaves no
+    /// room, is forbidden, or stands.
     fn worth(&self, rests: &Se2, unsafe_mask: u32) -> Vec<Option<f64>> {
         let room_m = self.engine.room_m(self.window, rests);
         let start = Way { robot: *rests, room_m, spent_s: 0.0, total_s: 0.0, is_there: false };

@@ -61,6 +61,6 @@ pub use ramp::Ramp;
 pub use scenario::{CuePoint, CueSequence, CueTrigger, Disturbance, DisturbanceKind, Goal, Route, Scenario};
 pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
 pub use site::{Behind, Course, DropKind, Mapped, Opening, Side, Site};
-pub use tracks::Tracks;
 pub use team::{Bodies, HandlerProfile, Stepped, Team};
+pub use tracks::Tracks;
 pub use world::World;

@@ -203,8 +203,7 @@ impl Sdf<'_> {
         if let Some(frame) = named.into_iter().find(|frame| !frame.is_empty()) {
             return Err(self.refuse(pose, format!("<pose> relative to {frame:?}: frames are not understood")));
         }
-        let [x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad] =
-            self.numbers(pose, pose.text().unwrap_or("0 0 0 0 0 0"))?;
+        let [x_m, y_m, z_m, roll_rad, pitch_rad, yaw_rad] = self.numbers(pose, pose.text().unwrap_or("0 0 0 0 0 0"))?;
         if roll_rad.abs() > UPRIGHT_RAD || pitch_rad.abs() > UPRIGHT_RAD {
             return Err(self.refuse(pose, "<pose> with roll or pitch: only what stands upright is understood"));
         }

@@ -86,7 +86,10 @@ mod tests {
         let tracks = Tracks::parse("t", "0,0,1\n1,2,1\n0.5,7,0.6\n1,8,1.1\n").expect("tracks");
         let one = [Sighting { frame: 0, x_m: 1.0, y_m: 0.5 }, Sighting { frame: 1, x_m: 1.1, y_m: 0.6 }];
         assert_eq!(tracks.of(1), Some(&one[..]));
-        assert_eq!(tracks.pedestrians().map(|(number, track)| (number, track.len())).collect::<Vec<_>>(), [(1, 2), (2, 1)]);
+        assert_eq!(
+            tracks.pedestrians().map(|(number, track)| (number, track.len())).collect::<Vec<_>>(),
+            [(1, 2), (2, 1)]
+        );
         assert_eq!(tracks.of(3), None);
     }
 

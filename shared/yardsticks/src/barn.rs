@@ -139,8 +139,7 @@ fn in_world([x, y]: [f64; 2]) -> Point {
 fn optimal_s(cells: &[[f64; 2]]) -> f64 {
     let start = Point::new(START[0], START[1]);
     let goal = start + nalgebra::Vector2::from(GOAL_M);
-    let corners: Vec<Point> =
-        std::iter::once(start).chain(cells.iter().copied().map(in_world)).chain([goal]).collect();
+    let corners: Vec<Point> = std::iter::once(start).chain(cells.iter().copied().map(in_world)).chain([goal]).collect();
     corners.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum::<f64>() / OPTIMAL_MPS
 }
 
@@ -156,4 +155,41 @@ fn path_beside(world: &Path, number: u32) -> PathBuf {
     let plain = world.with_file_name(format!("path_{number}.npy"));
     let packed = world.with_file_name(format!("path_{number}.npy.xz"));
     if !plain.exists() && packed.exists() { packed } else { plain }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{End, number_of, optimal_s, score};
+    use crate::Touch;
+    use std::path::Path;
+
+    #[test]
+    fn the_score_is_that_of_the_organisers_script() {
+        // Optimal time 5 s: full marks up to 10 s, an eighth from 40 s on.
+        for (actual_s, wanted) in [(4.0, 0.5), (10.0, 0.5), (12.5, 0.4), (20.0, 0.25), (40.0, 0.125), (99.0, 0.125)] {
+            let score = score(End::Goal, actual_s, 5.0);
+            assert!((score.score - wanted).abs() < 1e-12 && score.success, "{score:?}");
+        }
+        for end in [End::Collision(Touch::Robot), End::TimeOut] {
+            let score = score(end, 12.5, 5.0);
+            assert_eq!((score.score, score.success), (0.0, false));
+            assert_eq!((score.collided, score.timed_out), (end != End::TimeOut, end == End::TimeOut));
+        }
+    }
+
+    #[test]
+    fn the_optimal_time_is_that_of_the_way_over_the_cells_from_start_to_goal() {
+        // Cell (15, 0) is at (-2.325, 5.075), cell (15, 29) 29 * 0.15 m on.
+        let straight = optimal_s(&[[15.0, 0.0], [15.0, 29.0]]);
+        let ends_m = 0.075f64.hypot(2.075) + 0.075f64.hypot(13.0 - 5.075 - 29.0 * 0.15);
+        assert!((straight - (29.0 * 0.15 + ends_m) / 2.0).abs() < 1e-12, "{straight}");
+        assert!((optimal_s(&[]) - 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_world_is_known_by_its_number() {
+        let number = |name| number_of(Path::new(name));
+        assert_eq!([number("a/world_105.world.xz"), number("world_0.world")], [Some(105), Some(0)]);
+        assert_eq!([number("world_x.world"), number("path_5.npy"), number("world_5.sdf")], [None; 3]);
+    }
 }

@@ -13,7 +13,8 @@ pub fn rows<const N: usize>(file: &str, bytes: &[u8]) -> Result<Vec<[f64; N]>, Y
     let (header, data) = split(bytes).ok_or_else(|| refuse("no .npy file, or cut short in its header".into()))?;
     let value = |key: &str| value_of(header, key).ok_or_else(|| refuse(format!("the header has no {key}")));
     let kind = value("descr")?.trim_matches(['\'', '"']);
-    let (size, number) = reader(kind).ok_or_else(|| refuse(format!("descr is {kind}: integers or floats are wanted")))?;
+    let (size, number) =
+        reader(kind).ok_or_else(|| refuse(format!("descr is {kind}: integers or floats are wanted")))?;
     if value("fortran_order")? != "False" {
         return Err(refuse("fortran_order is True: rows are wanted one after another".into()));
     }

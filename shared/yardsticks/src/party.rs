@@ -99,9 +99,9 @@ impl Party {
         let robot = noses.into_iter().map(|ahead_m| {
             (self.world_from_robot * Point::new(ahead_m, 0.0), self.bodies.robot_radius_m, Touch::Robot)
         });
-        let handler = self.world_from_handler().map(|handler| {
-            (Point::from(handler.translation.vector), self.bodies.handler_radius_m, Touch::Handler)
-        });
+        let handler = self
+            .world_from_handler()
+            .map(|handler| (Point::from(handler.translation.vector), self.bodies.handler_radius_m, Touch::Handler));
         robot.chain(handler)
     }
 

@@ -280,3 +280,78 @@ impl Keys<'_> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Part, datasets, episodes, recorded};
+    use std::path::PathBuf;
+    use world::Tracks;
+
+    const EPISODE: &str = "[episodes_params]\ntests=['t_a']\n\n[t_a]\nmap_name=ETH ; the place\n\
+        pedestrian_datasets=[\"eth\"]\ndatasets_start_t = [0]\nped_ranges=[(1, -1)]\nagents_start=[]\n\
+        robot_start_goal=[[8, 5, 1.5], [12, 15, 1.5]] ; start and goal\nmax_time=20\n";
+    const DATASET: &str = "[dataset_params]\n[eth] ; recommended map: ETH\nfile_name=eth/e.csv\nfps=10\n\
+        spawn_delay_s = 0\noffset=[1.5, 14, 0]\nswapxy=True\nflipxn=True\nflipyn=False\n";
+
+    fn written(name: &str, text: &str) -> (tempfile::TempDir, PathBuf) {
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).expect("written");
+        (folder, path)
+    }
+
+    #[test]
+    fn episodes_and_datasets_are_read_as_they_stand_there() {
+        let (_kept, path) = written("e.ini", EPISODE);
+        let all = episodes(&path).expect("episodes");
+        assert_eq!(all.len(), 1);
+        assert_eq!((all[0].name.as_str(), all[0].map.as_str(), all[0].time_max_s), ("t_a", "ETH", 20.0));
+        assert_eq!(all[0].robot, [[8.0, 5.0, 1.5], [12.0, 15.0, 1.5]]);
+        assert_eq!(all[0].parts, [Part { dataset: "eth".into(), start_s: 0.0, range: [1, -1] }]);
+        let (_kept, path) = written("d.ini", DATASET);
+        let dataset = &datasets(&path).expect("datasets")["eth"];
+        // y of the tracks is the map's x, and x with the other sign its y.
+        let at = dataset.in_map(2.0, 3.0);
+        assert!((at.x - 4.5).abs() < 1e-12 && (at.y - 12.0).abs() < 1e-12, "{at:?}");
+    }
+
+    #[test]
+    fn time_begins_with_the_first_pedestrian_of_the_range() {
+        let (_kept, path) = written("d.ini", DATASET);
+        let dataset = &datasets(&path).expect("datasets")["eth"];
+        // Pedestrians 1 to 4: 1 is before the range, 3 comes 2 s after 2, and 4 is the last, who is left out.
+        let tracks = "0,10,11,15,30,31,32,33\n1,2,2,1,3,3,4,4\n0,0,1,0,5,6,0,0\n0,0,0,0,0,0,0,0\n";
+        let tracks = Tracks::parse("t", tracks).expect("tracks");
+        let part = |start_s: f64| Part { dataset: "eth".into(), start_s, range: [1, -1] };
+        let people = recorded(&part(0.0), dataset, &tracks, 60.0);
+        let times = |person: usize| people[person].places.iter().map(|(at_s, _)| *at_s).collect::<Vec<_>>();
+        assert_eq!((people.len(), times(0), times(1)), (3, vec![0.0, 0.1], vec![2.0, 2.1]));
+        // With a start time they stand where they begin until then.
+        let later = recorded(&part(3.0), dataset, &tracks, 60.0);
+        assert_eq!(later[0].places.iter().map(|(at_s, _)| *at_s).collect::<Vec<_>>(), [0.0, 3.0, 3.1]);
+        assert_eq!(later[0].places[0].1, later[0].places[1].1);
+        assert_eq!(recorded(&part(0.0), dataset, &tracks, 1.0).len(), 1, "who comes after the end is left out");
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_by_file_section_and_key() {
+        for (from, to, why) in [
+            ("max_time=20", "max_time=soon", "[t_a] max_time: no number from"),
+            ("max_time=20", "", "[t_a] max_time: the key is missing"),
+            ("[12, 15, 1.5]]", "[12, 15]]", "[t_a] robot_start_goal: "),
+            ("[[8, 5, 1.5],", "[[nan, 5, 1.5],", "[t_a] robot_start_goal: no list of Python"),
+            ("= [0]", "= [0, 0]", "[t_a] pedestrian_datasets: as many start times"),
+            ("= [0]", "= [-1]", "[t_a] datasets_start_t: a time is less than 0"),
+            ("map_name=ETH", "[t_a]\nmap_name=ETH", "section [t_a] stands twice"),
+        ] {
+            let (_kept, path) = written("e.ini", &EPISODE.replacen(from, to, 1));
+            let error = episodes(&path).expect_err(why).to_string();
+            assert!(error.contains("e.ini: ") && error.contains(why), "{error}\nnot {why}");
+        }
+        let (_kept, path) = written("d.ini", &DATASET.replace("swapxy=True", "swapxy=yes"));
+        let error = datasets(&path).expect_err("no flag").to_string();
+        assert!(error.contains("[eth] swapxy: neither True nor False"), "{error}");
+        let (_kept, path) = written("e.ini", "[episodes_params]\n");
+        assert!(episodes(&path).expect_err("none").to_string().contains("no episode in it"));
+    }
+}

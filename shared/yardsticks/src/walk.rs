@@ -240,7 +240,11 @@ impl Course {
             end: End::TimeOut,
             began_s: 0.0,
             robot: vec![*party.world_from_robot()],
-            handler: party.world_from_handler().map(|handler| Point::from(handler.translation.vector)).into_iter().collect(),
+            handler: party
+                .world_from_handler()
+                .map(|handler| Point::from(handler.translation.vector))
+                .into_iter()
+                .collect(),
             met: Vec::new(),
             all_unsafe: 0,
             decisions: 0,
@@ -393,7 +397,8 @@ impl Decided {
 }
 
 fn decide(decision: Decision<'_, '_>) -> Result<Decided, YardstickError> {
-    let Decision { mind, sensors, odometry, begun, passage, table, shield, judgements, time_s, world_from_robot } = decision;
+    let Decision { mind, sensors, odometry, begun, passage, table, shield, judgements, time_s, world_from_robot } =
+        decision;
     let all = (1u32 << table.len()) - 1;
     let robot_from_goal = world_from_robot.inverse() * passage.goal;
     let goal_by = |odom_from_robot: &Se2| match passage.is_localised {

@@ -46,8 +46,7 @@ pub struct SocnavbenchArgs {
     /// How the tracks are to be read: its `dataset_params.ini`; without it, the one beside the episodes
     #[arg(long, value_name = "FILE")]
     pub datasets: Option<PathBuf>,
-    /// Folder of the tracks (`eth.csv`, `hotel.csv`, `zara01.csv`, ..., packed as `.xz` or not); without it, that of the
-    /// episodes
+    /// Folder of the tracks (`eth.csv`, `hotel.csv`, ..., packed as `.xz` or not); without it, that of the episodes
     #[arg(long, value_name = "FOLDER")]
     pub tracks: Option<PathBuf>,
     /// Only these episodes, by their names in the file

@@ -171,14 +171,7 @@ pub fn task(task: &Task, site: &Site, handler: &Se2, words: &str, bodies: &Bodie
 
 /// The picture of a walk to a goal, in words: red is the robot, blue the handler, green the goal.
 #[must_use]
-pub fn walked(
-    world: &World,
-    robot: &[Point],
-    handler: &[Point],
-    goal: Point,
-    bodies: &Bodies,
-    words: &str,
-) -> String {
+pub fn walked(world: &World, robot: &[Point], handler: &[Point], goal: Point, bodies: &Bodies, words: &str) -> String {
     let (mut min, mut max) = (goal, goal);
     for place in robot.iter().chain(handler) {
         (min, max) = (min.inf(place), max.sup(place));

@@ -23,7 +23,8 @@ pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
     let outcomes = how.run(&args.how, &walked, |number, trace| {
         let task = &tasks[number / repeats];
         let score = task.score(trace);
-        let words = format!("world {}, {}, {:.1} s, score {:.3}", task.number, ending(&score), score.actual_s, score.score);
+        let words =
+            format!("world {}, {}, {:.1} s, score {:.3}", task.number, ending(&score), score.actual_s, score.score);
         let picture = args.how.pictures.is_some().then(|| how.picture(walked[number], trace, &words));
         Outcome { figures: figures(task, number % repeats, &score), picture }
     })?;

@@ -24,8 +24,7 @@ pub fn socnavbench(args: &SocnavbenchArgs, as_json: bool) -> Result<(), Failure>
     let how = How::of(&args.how)?;
     check(&args.how)?;
     let repeats = args.how.repeats as usize;
-    let all: Vec<&Passage> =
-        walked.iter().flat_map(|(_, passage)| std::iter::repeat_n(passage, repeats)).collect();
+    let all: Vec<&Passage> = walked.iter().flat_map(|(_, passage)| std::iter::repeat_n(passage, repeats)).collect();
     let radius_m = how.config.base.bodies.robot_radius_m;
     let outcomes = how.run(&args.how, &all, |number, trace| {
         let (episode, passage) = &walked[number / repeats];

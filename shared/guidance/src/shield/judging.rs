@@ -82,8 +82,7 @@ impl<'a> Present<'a> {
         let hull = OnceCell::new();
         let carried = config.reach.carries_to(&moves);
         let walks_on = config.reach.walks_on(&moves);
-        let mut present =
-            Self { config, beams, depth, second, memory, handler, now, carried, walks_on, hull, sorted };
+        let mut present = Self { config, beams, depth, second, memory, handler, now, carried, walks_on, hull, sorted };
         present.sort(&Boundary::of(&now));
         present
     }

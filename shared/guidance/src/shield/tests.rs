@@ -489,3 +489,29 @@ fn the_hull_holds_the_way_that_a_handler_walks_on_after_the_robot_stops() {
     let ends = Reach { robot_from_rest: None, ..slow };
     assert_eq!(depth_m(ends, forward, edge), depth_m(Reach { walks_on_s: 0.0, ..ends }, forward, edge));
 }
+
+#[test]
+fn a_robot_alone_needs_room_for_itself_and_for_no_handler() {
+    // Something stands where a handler would walk, and something beside the robot's way.
+    let beside = [Point::new(-0.75, -0.05), Point::new(0.2, 0.33)];
+    let beams = scan(&header(), 360, &beside);
+    let table = ActionTable::eight();
+    let judge = |escape: bool| {
+        let mut judgements = Vec::new();
+        let mut shield = Shield::new(config(escape));
+        (shield.judge_actions_alone(&table, Evidence::scan(&beams), &mut judgements), judgements)
+    };
+    let forbids = |mask: u32, name: &str| mask >> table.index_of(name).expect(name) & 1 == 1;
+    let (mask, judgements) = judge(true);
+    assert!(!forbids(mask, "forward") && !forbids(mask, "turn_left") && forbids(mask, "sidestep_left"), "{mask:b}");
+    // The same hull as that of a handler who is nowhere but within the robot's own disc.
+    let inside = HandlerBody { center: Point::origin(), radius_m: 0.3, mask_radius_m: None, seen: None };
+    let motions = table.actions().iter().map(|action| Motion::new(action.start_from_end(), action.start_from_end()));
+    let mut within = Vec::new();
+    Shield::new(config(true)).judge_motions(motions, Evidence::scan(&beams), inside, &mut within);
+    for (alone, within) in judgements.iter().zip(&within) {
+        assert_eq!((alone.safe, alone.cause), (within.safe, within.cause));
+        assert!((alone.margin_m - within.margin_m).abs() < 1e-9, "{alone:?} {within:?}");
+    }
+    assert!(judge(false).0.count_ones() >= mask.count_ones());
+}

@@ -8,8 +8,8 @@ use guidance::se2::Point;
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use crate::walk::{End, TICK_S, Trace, place};
 use crate::Passage;
+use crate::walk::{End, TICK_S, Trace, place};
 
 /// Ticks of a step, and its length, seconds.
 const TICKS: usize = 2;
