@@ -191,7 +191,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 20] = [
+const OURS: [&str; 21] = [
     "control",
     "messages",
     "transport",
@@ -212,6 +212,7 @@ const OURS: [&str; 20] = [
     "grabber",
     "matching",
     "speech",
+    "yardsticks",
 ];
 
 #[test]
@@ -224,6 +225,7 @@ fn dependencies_point_one_way() {
         ("shared/world", &["messages", "guidance", "settings"][..]),
         ("shared/policies", &["messages", "guidance", "settings"][..]),
         ("shared/episodes", &["messages", "guidance", "settings", "world"][..]),
+        ("shared/yardsticks", &["episodes", "guidance", "messages", "policies", "settings", "world"][..]),
         ("shared/rplidar", &["messages"][..]),
         ("shared/matching", &["messages", "guidance"][..]),
         ("shared/unitree", &["messages"][..]),

@@ -8,6 +8,7 @@ pub mod floor;
 mod policy;
 mod robot;
 mod values;
+pub mod yardstick;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -83,6 +84,8 @@ pub enum Verb {
     /// Run episodes of the wayfinding task with a policy, and tell how it fares
     #[command(after_help = evaluate::HELP)]
     Evaluate(evaluate::EvaluateArgs),
+    /// Walk public benchmarks of robot navigation, and tell their own scores
+    Yardstick(yardstick::YardstickArgs),
     /// Play recorded speech to the cue recogniser, and tell what it hears and what it mishears
     #[command(name = "evaluate-cues", after_help = cues::HELP)]
     EvaluateCues(cues::EvaluateCuesArgs),

@@ -32,6 +32,7 @@ mod runs;
 mod shield;
 mod statistics;
 mod summary;
+mod yardstick;
 
 use std::io::Write;
 use std::process::ExitCode;
@@ -117,6 +118,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Fit(args) => done(fit::fit(&args, json)),
         Verb::FitRobot(args) => done(fit_robot::fit_robot(&args, json)),
         Verb::Evaluate(args) => done(evaluate::evaluate(&args, json)),
+        Verb::Yardstick(args) => done(yardstick::yardstick(&args, json)),
         Verb::EvaluateCues(args) => done(cues::evaluate(&args, json)),
         Verb::Emulate(args) => done(emulate::emulate(&args)),
         Verb::Shield(args) => done(shield::shield(&args, json)),

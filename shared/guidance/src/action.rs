@@ -149,6 +149,14 @@ impl ActionTable {
         TABLE.clone()
     }
 
+    /// Arcs of 0.2 s for a robot that walks alone: `config/actions/solo.toml`.
+    #[must_use]
+    pub fn solo() -> Self {
+        static TABLE: LazyLock<ActionTable> =
+            LazyLock::new(|| ActionTable::shipped(include_str!("../../../config/actions/solo.toml")));
+        TABLE.clone()
+    }
+
     /// Built in, so that a robot needs no file beside its programs, and a test has read it.
     fn shipped(text: &str) -> Self {
         Self::parse(text).expect("a shipped table is right")
@@ -216,6 +224,8 @@ mod tests {
         assert_eq!((ten.len(), ten.id()), (10, 0xccfd_c40c_3c75_ff4b));
         let nine = ActionTable::nine();
         assert_eq!((nine.len(), nine.id()), (9, 0x4b90_c66c_a1b1_e168));
+        let solo = ActionTable::solo();
+        assert_eq!((solo.len(), solo.id()), (15, 0x56bfe313ba1bb690));
         assert!(ten.begins_with(&eight) && nine.begins_with(&eight) && !ten.begins_with(&nine));
         let back: Vec<&str> = nine.actions().iter().filter(|a| a.leads_back()).map(|a| a.name.as_str()).collect();
         assert_eq!(back, ["step_back"]);

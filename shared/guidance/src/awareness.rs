@@ -9,7 +9,7 @@ mod surroundings;
 use messages::{DepthHeader, Header, NS_PER_S, Odometry, Outcome, ScanHeader, SecondScanHeader, Twist2, age_ns};
 
 use crate::contact::comes_about;
-use crate::handler::{HandlerBody, HandlerEstimate, HandlerLimits, Sighting};
+use crate::handler::{Company, HandlerBody, HandlerEstimate, HandlerLimits, Nobody};
 use crate::interaction::InteractionModel;
 use crate::memory::MemoryConfig;
 use crate::se2::{Point, Se2, se2};
@@ -62,12 +62,12 @@ pub enum Pose {
     Next,
 }
 
-/// See the module.
+/// See the module. `H` is who walks with the robot: a handler, or [`Nobody`].
 #[derive(Debug, Clone)]
-pub struct Awareness {
+pub struct Awareness<H = HandlerEstimate> {
     config: AwarenessConfig,
     surroundings: Surroundings,
-    handler: HandlerEstimate,
+    handler: H,
     odometry: Option<Odometry>,
     track: PoseTrack,
     /// Where the robot is now.
@@ -81,9 +81,40 @@ impl Awareness {
     /// Nothing is known yet; the handler follows by that model.
     #[must_use]
     pub fn new(model: InteractionModel, config: AwarenessConfig) -> Self {
+        Self::with(HandlerEstimate::new(model, config.limits.clone()), config)
+    }
+
+    /// The handler walks where `model` says from now on. They count as lost until they are seen there.
+    pub fn take_place(&mut self, model: &InteractionModel) {
+        self.handler.take_place(model);
+    }
+
+    /// Where the handler is taken to be.
+    #[must_use]
+    pub fn handler(&self) -> &HandlerEstimate {
+        &self.handler
+    }
+
+    /// The room that the handler takes.
+    #[must_use]
+    pub fn body(&self) -> HandlerBody {
+        self.handler.body(self.surroundings.beams().sigma_m())
+    }
+}
+
+impl Awareness<Nobody> {
+    /// Nothing is known yet; the robot walks without a handler.
+    #[must_use]
+    pub fn alone(config: AwarenessConfig) -> Self {
+        Self::with(Nobody, config)
+    }
+}
+
+impl<H: Company> Awareness<H> {
+    fn with(handler: H, config: AwarenessConfig) -> Self {
         Self {
             surroundings: Surroundings::new(config.memory.clone(), config.depth_max_age_ns, config.depth_min_m),
-            handler: HandlerEstimate::new(model, config.limits.clone()),
+            handler,
             odometry: None,
             track: PoseTrack::default(),
             odom_from_robot: Se2::identity(),
@@ -130,8 +161,8 @@ impl Awareness {
 
     /// The newest scan of the second lidar. One that cannot be used says nothing.
     pub fn take_second(&mut self, header: &SecondScanHeader, ranges_m: &[f32]) {
-        let body = self.body();
-        self.surroundings.take_second(header, ranges_m, &self.track, &body);
+        let body = self.handler.room(self.surroundings.beams().sigma_m());
+        self.surroundings.take_second(header, ranges_m, &self.track, body.as_ref());
     }
 
     /// The newest depth frame waits no longer.
@@ -161,9 +192,9 @@ impl Awareness {
         let is_fresh = age_ns(now_ns, header.header.stamp_ns) <= self.config.scan_max_age_ns;
         let is_plausible = self.surroundings.implausible_scan().is_none();
         if is_fresh && is_plausible && self.surroundings.usable_scan().is_some() {
-            let _: Sighting = self.handler.correct(self.surroundings.beams(), now_ns);
-            let body = self.body();
-            self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, &body);
+            self.handler.look(self.surroundings.beams(), now_ns);
+            let body = self.handler.room(self.surroundings.beams().sigma_m());
+            self.surroundings.remember(now_ns, header.header.stamp_ns, &self.odom_from_robot, body.as_ref());
         }
         is_usable
     }
@@ -187,13 +218,7 @@ impl Awareness {
     /// Robot and handler stand at rest here: nothing carries them on, and the handler is at the default place.
     pub fn rest(&mut self) {
         self.moving = Moving::default();
-        self.handler = HandlerEstimate::new(self.handler.model().clone(), self.config.limits.clone());
-        self.handler.reset(&self.odom_from_robot);
-    }
-
-    /// The handler walks where `model` says from now on. They count as lost until they are seen there.
-    pub fn take_place(&mut self, model: &InteractionModel) {
-        self.handler.take_place(model);
+        self.handler.rest(&self.odom_from_robot);
     }
 
     /// From now on the robot may move so (robot frame).
@@ -278,18 +303,6 @@ impl Awareness {
             vy_mps: faster(permitted.vy_mps, told.vy_mps),
             wz_radps: faster(permitted.wz_radps, told.wz_radps),
         }
-    }
-
-    /// Where the handler is taken to be.
-    #[must_use]
-    pub fn handler(&self) -> &HandlerEstimate {
-        &self.handler
-    }
-
-    /// The room that the handler takes.
-    #[must_use]
-    pub fn body(&self) -> HandlerBody {
-        self.handler.body(self.surroundings.beams().sigma_m())
     }
 
     /// The newest pose.

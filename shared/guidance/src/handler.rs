@@ -1,6 +1,7 @@
 //! The shield's estimate of where the handler is: predicted by an interaction model along the robot's own motion,
 //! corrected by what the lidar sees near it.
 
+mod company;
 mod lost;
 
 use std::iter;
@@ -10,6 +11,8 @@ use crate::interaction::{HARNESS_M, Interaction, InteractionModel, place};
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2};
 use lost::Lost;
+
+pub use company::{Company, Nobody};
 
 /// Share of a correction that one scan makes.
 const GAIN: f64 = 0.7;

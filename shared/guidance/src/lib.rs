@@ -30,7 +30,7 @@ pub use action::{Action, ActionTable};
 pub use awareness::{Awareness, AwarenessConfig, Pose};
 pub use depth::{DepthView, FloorCell, FloorInView, FloorStep, Slopes, Stance, StepMax};
 pub use floor_watch::FloorWatch;
-pub use handler::{HandlerBody, HandlerEstimate, HandlerLimits};
+pub use handler::{Company, HandlerBody, HandlerEstimate, HandlerLimits, Nobody};
 pub use hull::{Disc, Discs, Hull};
 pub use interaction::{DelayedHarness, HarnessError, Interaction, InteractionModel, RigidHarness, RotatingRod};
 pub use memory::{Floor, Footing, Memory, MemoryConfig, Remembered};

@@ -14,7 +14,7 @@ use nalgebra::Vector2;
 use crate::contact::Contacts;
 use crate::depth::{DepthView, FloorStep, StepMax};
 use crate::handler::HandlerBody;
-use crate::hull::Disc;
+use crate::hull::{Disc, Discs};
 use crate::scan::{BeamKind, Beams, Fan};
 use crate::se2::{Point, Se2};
 use crate::second::SecondView;
@@ -218,25 +218,27 @@ impl Memory {
 
     /// Takes in a scan of that stamp and the newest depth frame, both seen from where the robot is now, and who of the
     /// handler is in them: what ends on the handler is never remembered.
-    pub fn update(
+    pub fn update<'a>(
         &mut self,
         stamp_ns: u64,
         odom_from_robot: &Se2,
         beams: &Beams,
         depth: Option<&DepthView>,
-        handler: &HandlerBody,
+        handler: impl Into<Option<&'a HandlerBody>>,
     ) {
+        let handler = handler.into();
+        let masks = |place: Point| handler.is_some_and(|handler| handler.masks(place));
         self.stamp_ns = stamp_ns;
         self.count_way(odom_from_robot);
         self.look_again(odom_from_robot, beams, depth, handler);
         let frame = depth.map_or(0, DepthView::number);
         let sighting = Sighting { seen_ns: stamp_ns, seen_at: self.odometer, frame, odom_from_robot };
-        for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !handler.masks(beam.end)) {
+        for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !masks(beam.end)) {
             self.spots.see(&sighting, beam.end, f64::NEG_INFINITY, Source::Lidar, &self.config);
         }
         let (points, rises_m) = depth.map_or((&[][..], &[][..]), |depth| (depth.points(), depth.rises_m()));
         for (point, rise_m) in points.iter().zip(rises_m) {
-            if !handler.masks(*point) && !ends_at(beams, *point) {
+            if !masks(*point) && !ends_at(beams, *point) {
                 self.spots.see(&sighting, *point, *rise_m, Source::Camera, &self.config);
             }
         }
@@ -249,10 +251,13 @@ impl Memory {
         if let (Some(floor), Some(footing)) = (&mut self.floor, self.config.footing) {
             let here = Here { now_ns: stamp_ns, at: self.odometer, odom_from_robot };
             let robot = |ahead_m: f64| Disc { center: Point::new(ahead_m, 0.0), radius_m: footing.radius_m };
-            let radius_m = handler.radius_m.min(footing.handler_m);
-            let bodies = [robot(footing.nose_m), robot(-footing.nose_m), Disc { center: handler.center, radius_m }];
+            let mut bodies = Discs::from([robot(footing.nose_m), robot(-footing.nose_m)]);
+            if let Some(handler) = handler {
+                bodies.push(Disc { center: handler.center, radius_m: handler.radius_m.min(footing.handler_m) });
+            }
             // Where the handler was not seen they may stand elsewhere.
-            floor.update(&here, &bodies, if handler.seen.is_some() { 3 } else { 2 }, depth);
+            let is_seen = handler.is_some_and(|handler| handler.seen.is_some());
+            floor.update(&here, &bodies, if is_seen { 3 } else { 2 }, depth);
         }
         self.spots.keep(|spot| spot.sight != Sight::Due);
         self.edges.keep(|spot| spot.sight != Sight::Due);
@@ -264,7 +269,15 @@ impl Memory {
     /// Takes in a scan of the second lidar of that stamp, from where the robot was then, and where the handler was:
     /// what ends on them is never remembered. The second lidar alone lets go of an edge that it saw. What stands at the
     /// height of its plane is remembered where it looks down: nearer to the robot it is below that plane.
-    pub fn update_second(&mut self, stamp_ns: u64, odom_from_robot: &Se2, second: &SecondView, handler: &HandlerBody) {
+    pub fn update_second<'a>(
+        &mut self,
+        stamp_ns: u64,
+        odom_from_robot: &Se2,
+        second: &SecondView,
+        handler: impl Into<Option<&'a HandlerBody>>,
+    ) {
+        let handler = handler.into();
+        let masks = |place: Point| handler.is_some_and(|handler| handler.masks(place));
         let (robot_from_odom, odometer, number) = (odom_from_robot.inverse(), self.odometer, second.number());
         let kept_ns = self.config.kept_ns;
         self.second_edges.keep(|edge| {
@@ -278,13 +291,13 @@ impl Memory {
             let age_ns = stamp_ns.saturating_sub(thing.seen_ns);
             let walked_on = odometer.walked_m - thing.seen_at.walked_m > WALKED_MIN_M;
             let is_old = age_ns > kept_ns && (walked_on || thing.is_doubtful()) || age_ns > STANDING_MAX_NS;
-            !is_old && !handler.masks(place) && !second.showed_floor(place) && place.coords.norm() < REACH_M
+            !is_old && !masks(place) && !second.showed_floor(place) && place.coords.norm() < REACH_M
         });
         let sighting = Sighting { seen_ns: stamp_ns, seen_at: odometer, frame: number, odom_from_robot };
         for edge in second.edges() {
             self.second_edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
         }
-        for point in second.points().iter().filter(|point| second.looks_down() && !handler.masks(**point)) {
+        for point in second.points().iter().filter(|point| second.looks_down() && !masks(**point)) {
             self.second_things.see(&sighting, *point, f64::NEG_INFINITY, Source::Camera, &self.config);
         }
         let odom_from_robot = self.odom_from_robot;
@@ -305,12 +318,18 @@ impl Memory {
 
     /// What the new scan and frame say of each spot: each sensor sees that what it saw is gone, and nobody stands
     /// where the handler stands.
-    fn look_again(&mut self, odom_from_robot: &Se2, beams: &Beams, depth: Option<&DepthView>, handler: &HandlerBody) {
+    fn look_again(
+        &mut self,
+        odom_from_robot: &Se2,
+        beams: &Beams,
+        depth: Option<&DepthView>,
+        handler: Option<&HandlerBody>,
+    ) {
         let robot_from_odom = odom_from_robot.inverse();
         let (stamp_ns, odometer) = (self.stamp_ns, self.odometer);
         // The mask is wider than the handler by what the lidar is off: there something else may stand.
-        let body_m = handler.mask_radius_m.map(|mask_m| mask_m - 3.0 * beams.sigma_m());
-        let on_handler = |place: Point| body_m.is_some_and(|body_m| (place - handler.center).norm() <= body_m);
+        let body = handler.and_then(|body| Some((body.center, body.mask_radius_m? - 3.0 * beams.sigma_m())));
+        let on_handler = |place: Point| body.is_some_and(|(center, body_m)| (place - center).norm() <= body_m);
         let look = |spot: &mut Spot| {
             let place = robot_from_odom * spot.odom;
             let visible = match spot.source {
@@ -520,10 +539,10 @@ impl Memory {
 }
 
 /// Whether the beam towards a place shows what is there: it passes, or ends on it.
-fn sees_as_far_as(beams: &Beams, place: Point, handler: &HandlerBody) -> bool {
+fn sees_as_far_as(beams: &Beams, place: Point, handler: Option<&HandlerBody>) -> bool {
     let Some(beam) = beams.fan().nearest(place).map(|i| beams.beams()[i]) else { return false };
     let distance_m = (place - beams.origin()).norm();
-    let on_handler = beam.kind == BeamKind::Hit && handler.masks(beam.end);
+    let on_handler = beam.kind == BeamKind::Hit && handler.is_some_and(|handler| handler.masks(beam.end));
     // What the handler hides begins where the beam ends.
     let noise_m = if on_handler { 0.0 } else { CELL_M + 3.0 * beams.sigma_m() };
     beam.kind != BeamKind::Unknown && distance_m <= beam.reading_m + noise_m

@@ -69,7 +69,8 @@ pub struct Reach {
 impl Reach {
     /// Where a robot is carried that moves so when the next command comes. It begins that command as much later as it
     /// overruns the stop after it, so that it comes to rest where the command leads from there.
-    fn carries_to(&self, moves: &Twist2) -> Se2 {
+    #[must_use]
+    pub fn carries_to(&self, moves: &Twist2) -> Se2 {
         let [ahead_s, aside_s, turn_s] = self.carried_s;
         se2(Pose2::new(moves.vx_mps * ahead_s, moves.vy_mps * aside_s, moves.wz_radps * turn_s))
     }
@@ -111,15 +112,21 @@ impl<'a> Evidence<'a> {
 pub struct Motion {
     /// The robot at the end.
     pub robot: Se2,
-    /// The handler at the end.
-    pub handler: Se2,
+    /// The handler at the end; none: the robot is alone.
+    pub handler: Option<Se2>,
 }
 
 impl Motion {
     /// A motion to its end.
     #[must_use]
     pub fn new(robot: Se2, handler: Se2) -> Self {
-        Self { robot, handler }
+        Self { robot, handler: Some(handler) }
+    }
+
+    /// The motion of a robot that walks alone.
+    #[must_use]
+    pub fn alone(robot: Se2) -> Self {
+        Self { robot, handler: None }
     }
 }
 
@@ -244,26 +251,38 @@ impl Shield {
     ) -> u32 {
         let motions = table.actions().iter().map(|action| Self::predict(handler, &action.start_from_end()));
         self.judge_motions(motions, evidence, handler.body(evidence.beams.sigma_m()), judgements);
-        let bits = judgements.iter().enumerate().map(|(i, judgement)| u32::from(!judgement.safe) << i);
-        bits.fold(0, |mask, bit| mask | bit)
+        unsafe_mask(judgements)
     }
 
-    /// Judges motions that begin now, all on one scan: one row of `judgements` for each.
+    /// The same for a robot that walks alone.
+    pub fn judge_actions_alone(
+        &mut self,
+        table: &ActionTable,
+        evidence: Evidence<'_>,
+        judgements: &mut Vec<Judgement>,
+    ) -> u32 {
+        let motions = table.actions().iter().map(|action| Motion::alone(action.start_from_end()));
+        self.judge_motions(motions, evidence, None, judgements);
+        unsafe_mask(judgements)
+    }
+
+    /// Judges motions that begin now, all on one scan: one row of `judgements` for each. Without a handler the robot
+    /// walks alone.
     pub fn judge_motions(
         &mut self,
         motions: impl Iterator<Item = Motion>,
         evidence: Evidence<'_>,
-        handler: HandlerBody,
+        handler: impl Into<Option<HandlerBody>>,
         judgements: &mut Vec<Judgement>,
     ) {
         judgements.clear();
-        let mut present = Present::prepare(&self.config, evidence, handler, &mut self.sorted);
+        let mut present = Present::prepare(&self.config, evidence, handler.into(), &mut self.sorted);
         judgements.extend(motions.map(|motion| present.judge(&motion)));
     }
 
     /// Judges one motion on one scan.
     pub fn judge(&mut self, motion: &Motion, evidence: Evidence<'_>, handler: &HandlerEstimate) -> Judgement {
-        let body = handler.body(evidence.beams.sigma_m());
+        let body = Some(handler.body(evidence.beams.sigma_m()));
         Present::prepare(&self.config, evidence, body, &mut self.sorted).judge(motion)
     }
 
@@ -271,7 +290,7 @@ impl Shield {
     #[must_use]
     pub fn thresholds_m(&mut self, motion: &Motion, beams: &Beams, handler: HandlerBody) -> Vec<f64> {
         let thresholds_m =
-            Present::prepare(&self.config, Evidence::scan(beams), handler, &mut self.sorted).thresholds_m(motion);
+            Present::prepare(&self.config, Evidence::scan(beams), Some(handler), &mut self.sorted).thresholds_m(motion);
         let mut ordered = vec![0.0; thresholds_m.len()];
         for (beam, threshold_m) in thresholds_m.into_iter().enumerate() {
             ordered[beams.number_of(beam)] = threshold_m;
@@ -285,7 +304,7 @@ impl Shield {
     pub fn swept(&mut self, motion: &Motion, moves: Twist2, handler: HandlerBody) -> Discs {
         let nothing = Beams::default();
         let evidence = Evidence { moves, ..Evidence::scan(&nothing) };
-        Present::prepare(&self.config, evidence, handler, &mut self.sorted).discs(motion)
+        Present::prepare(&self.config, evidence, Some(handler), &mut self.sorted).discs(motion)
     }
 
     /// Where the running action leads to from now: what is left of it, and one scan period more at the same velocity.
@@ -295,6 +314,12 @@ impl Shield {
         let after = handler.ahead(odom_from_robot, &now_from_end, 1.0);
         Motion::new(now_from_end, now_from_end * after)
     }
+}
+
+/// Bit *i* is set where judgement *i* forbids.
+fn unsafe_mask(judgements: &[Judgement]) -> u32 {
+    let bits = judgements.iter().enumerate().map(|(i, judgement)| u32::from(!judgement.safe) << i);
+    bits.fold(0, |mask, bit| mask | bit)
 }
 
 /// Multiplies the probabilities of unsafe actions by `beta` and normalises (Kim et al. 2023, alg. 1 lines 8-12). Where

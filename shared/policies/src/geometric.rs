@@ -5,10 +5,10 @@
 //! delayed handler together (`rollout`). Same input, same output: no clock, no randomness, no I/O.
 
 mod backed;
-mod beams;
-mod field;
+pub(crate) mod beams;
+pub(crate) mod field;
 mod formation;
-mod grid;
+pub(crate) mod grid;
 mod openings;
 mod rollout;
 mod route;
@@ -229,7 +229,7 @@ impl GeometricEngine {
         self.take_pose(observation);
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
-        self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, handler);
+        self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, Some(handler));
         if let Some(remembered) = observation.shield.and_then(|(evidence, _)| evidence.memory) {
             let edges = remembered.edges().iter().map(|edge| edge.place);
             self.memory.block(&self.odom_from_robot, edges.chain(remembered.beyond_edges()));

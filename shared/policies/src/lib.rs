@@ -6,6 +6,7 @@ pub mod geometric;
 mod learnt;
 mod model;
 mod planned;
+mod solo;
 mod steps;
 
 use std::path::Path;
@@ -21,6 +22,7 @@ pub use inference::RuntimeError;
 pub use learnt::LearntEngine;
 pub use model::{Expected, GeometricTuning, Manifest, Model, ModelError, ModelKind, OBSERVATION, Trained};
 pub use planned::PlannedEngine;
+pub use solo::{SoloConfig, SoloEngine, SoloSituation};
 pub use steps::StepsEngine;
 
 /// Probabilities over the action table; those beyond it are 0.

@@ -36,6 +36,7 @@ pub mod recorded;
 mod redwood;
 pub mod scenario;
 pub mod scene;
+pub mod sdf;
 pub mod site;
 mod sweep;
 pub mod team;
@@ -62,4 +63,5 @@ pub use scenario::{CuePoint, CueSequence, CueTrigger, Disturbance, DisturbanceKi
 pub use scene::{HANDLER_SEEN_RADIUS_M, PERSON_HEIGHT_M, Scene};
 pub use site::{Behind, Course, DropKind, Mapped, Opening, Side, Site};
 pub use team::{Bodies, HandlerProfile, Stepped, Team};
+pub use tracks::Tracks;
 pub use world::World;

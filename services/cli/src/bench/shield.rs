@@ -181,7 +181,7 @@ fn pseudo_code(ends: &[Se2], handler: &Se2, harness: &DelayedHarness, beams: &Be
             let corners: Vec<Vector> = circle(Vector::new(0.0, 0.0), ROBOT_RADIUS_M)
                 .chain(circle(center(handler), HANDLER_RADIUS_M))
                 .chain(circle(center(&next.robot), ROBOT_RADIUS_M))
-                .chain(circle(center(&next.handler), HANDLER_RADIUS_M))
+                .chain(next.handler.iter().flat_map(|handler| circle(center(handler), HANDLER_RADIUS_M)))
                 .collect();
             let Some(hull) = ConvexPolygon::from_convex_hull(&corners) else { return f64::NAN };
             let origin = Vector::new(beams.origin().x, beams.origin().y);

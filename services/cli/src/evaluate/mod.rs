@@ -6,7 +6,7 @@ mod figures;
 mod floor;
 mod log;
 mod outcome;
-mod picture;
+pub mod picture;
 mod replay;
 mod words;
 
@@ -141,7 +141,10 @@ fn check(args: &EvaluateArgs) -> Result<(), Failure> {
 }
 
 /// The pictures come last; that they cannot be written is found out first.
-fn may_write(folder: &Path) -> Result<(), Failure> {
+///
+/// # Errors
+/// Where nothing can be written into that folder.
+pub fn may_write(folder: &Path) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", folder.display()));
     std::fs::create_dir_all(folder).map_err(failed)?;
     let probe = folder.join(format!(".guidedog-{}", std::process::id()));
@@ -188,7 +191,7 @@ fn hex(bytes: &[u8]) -> String {
 }
 
 /// The word of an argument's choice, as it is given.
-fn word(choice: &impl clap::ValueEnum) -> Option<String> {
+pub fn word(choice: &impl clap::ValueEnum) -> Option<String> {
     choice.to_possible_value().map(|value| value.get_name().to_owned())
 }
 
@@ -306,7 +309,7 @@ impl Evaluation {
         let cores = || std::thread::available_parallelism().map_or(1, usize::from);
         let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
         let pilots = (0..workers).map(|_| self.pilot(way.beta)).collect::<Result<Vec<_>, _>>()?;
-        let (next, bar) = (AtomicUsize::new(0), progress(count as u64));
+        let (next, bar) = (AtomicUsize::new(0), progress(count as u64, "episodes"));
         let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
             let mut episode = self.episode()?;
             let mut done = Vec::new();
@@ -370,9 +373,9 @@ fn old_pictures(folder: &Path, kind: &'static str) -> Vec<PathBuf> {
 }
 
 /// A bar for people, where there are any.
-fn progress(count: u64) -> ProgressBar {
+pub fn progress(count: u64, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(count);
-    let style = ProgressStyle::with_template("{bar:40} {pos}/{len} episodes, {eta} left");
+    let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}, {{eta}} left"));
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     bar.enable_steady_tick(Duration::from_millis(500));
     bar

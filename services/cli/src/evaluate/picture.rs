@@ -169,6 +169,29 @@ pub fn task(task: &Task, site: &Site, handler: &Se2, words: &str, bodies: &Bodie
     drawing.text(words)
 }
 
+/// The picture of a walk to a goal, in words: red is the robot, blue the handler, green the goal.
+#[must_use]
+pub fn walked(world: &World, robot: &[Point], handler: &[Point], goal: Point, bodies: &Bodies, words: &str) -> String {
+    let (mut min, mut max) = (goal, goal);
+    for place in robot.iter().chain(handler) {
+        (min, max) = (min.inf(place), max.sup(place));
+    }
+    let around = nalgebra::Vector2::repeat(AROUND_M);
+    let mut drawing = Drawing::new(min - around, max + around);
+    drawing.world(world);
+    let line = |color: &str, width: u32| format!("fill=\"none\" stroke=\"{color}\" stroke-width=\"{width}\"");
+    for (places, radius_m, color) in
+        [(robot, bodies.robot_radius_m, "#d33"), (handler, bodies.handler_radius_m, "#36c")]
+    {
+        drawing.lines("polyline", places.iter(), &line(color, 2));
+        for place in places.iter().step_by(40).chain(places.last()) {
+            drawing.disc(place, radius_m, &line(color, 1));
+        }
+    }
+    drawing.disc(&goal, 0.15, "fill=\"#2a2\"");
+    drawing.text(words)
+}
+
 fn place(pose: &Se2) -> Point {
     Point::from(pose.translation.vector)
 }

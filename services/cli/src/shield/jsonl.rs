@@ -219,7 +219,7 @@ impl Judge {
             is_unsafe,
             all_unsafe,
             margins_m: margins.map(|margin| (margin < NOTHING_M / 2.0).then_some(margin)).collect(),
-            next_handler: motions.iter().map(|motion| numbers(&motion.handler)).collect(),
+            next_handler: motions.iter().filter_map(|motion| motion.handler.as_ref().map(numbers)).collect(),
             thresholds_m,
         })
     }

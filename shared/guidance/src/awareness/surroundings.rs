@@ -170,7 +170,7 @@ impl Surroundings {
         header: &SecondScanHeader,
         ranges_m: &[f32],
         track: &PoseTrack,
-        handler: &HandlerBody,
+        handler: Option<&HandlerBody>,
     ) {
         let stamp_ns = header.header.stamp_ns;
         let held = track.held_at(stamp_ns);
@@ -239,7 +239,7 @@ impl Surroundings {
     }
 
     /// Remembers the newest scan, of that stamp, and frame.
-    pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: &HandlerBody) {
+    pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: Option<&HandlerBody>) {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         if let Some(memory) = &mut self.memory {
             memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);

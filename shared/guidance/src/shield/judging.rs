@@ -54,14 +54,14 @@ pub(super) struct Present<'a> {
     depth: Option<&'a DepthView>,
     second: Option<&'a SecondView>,
     memory: Option<&'a Memory>,
-    handler: HandlerBody,
+    /// None: the robot is alone.
+    handler: Option<HandlerBody>,
     /// The robot's discs and the handler's, now.
     now: Discs,
     /// Where the robot is carried by what it moved before.
     carried: Se2,
     /// Where the handler of a robot that stands comes to on their way to rest (robot frame).
     walks_on: Option<Point>,
-    handler_disc: Disc,
     /// The present hull, all at once: only few ask for it.
     hull: OnceCell<Hull>,
     sorted: &'a mut Sorted,
@@ -71,21 +71,18 @@ impl<'a> Present<'a> {
     pub fn prepare(
         config: &'a ShieldConfig,
         Evidence { beams, depth, second, memory, moves }: Evidence<'a>,
-        handler: HandlerBody,
+        handler: Option<HandlerBody>,
         sorted: &'a mut Sorted,
     ) -> Self {
-        let handler_disc = Disc { center: handler.center, radius_m: handler.radius_m + config.margin_m };
         let mut now = Discs::none();
         push_robot(&mut now, config, &Se2::identity());
-        now.push(handler_disc);
-        if let Some(center) = handler.elsewhere() {
-            now.push(Disc { center, ..handler_disc });
+        if let Some(handler) = &handler {
+            handler.mask_centers().for_each(|center| now.push(handler_disc(config, handler, center)));
         }
         let hull = OnceCell::new();
         let carried = config.reach.carries_to(&moves);
         let walks_on = config.reach.walks_on(&moves);
-        let mut present =
-            Self { config, beams, depth, second, memory, handler, now, carried, walks_on, handler_disc, hull, sorted };
+        let mut present = Self { config, beams, depth, second, memory, handler, now, carried, walks_on, hull, sorted };
         present.sort(&Boundary::of(&now));
         present
     }
@@ -126,12 +123,14 @@ impl<'a> Present<'a> {
     }
 
     fn find_masked(&self, sorted: &mut Sorted) {
-        let Some(mask_m) = self.handler.mask_radius_m else { return };
-        for center in self.handler.mask_centers() {
+        let Some((handler, mask_m)) = self.handler.and_then(|handler| Some((handler, handler.mask_radius_m?))) else {
+            return;
+        };
+        for center in handler.mask_centers() {
             for i in self.beams.fan().towards(center, mask_m).into_iter().flatten() {
                 let beam = &self.beams.beams()[i];
                 let is_new = sorted.readings.get(i).is_finite();
-                if is_new && beam.kind == BeamKind::Hit && self.handler.masks(beam.end) {
+                if is_new && beam.kind == BeamKind::Hit && handler.masks(beam.end) {
                     sorted.masked.push(i);
                     sorted.readings.leave_out(i);
                 }
@@ -156,27 +155,34 @@ impl<'a> Present<'a> {
     /// Robot and handler, now and at the end: where they stand after a stop there, and between.
     pub fn discs(&self, motion: &Motion) -> Discs {
         let mut discs = self.now;
-        let handler = |center: Point| Disc { center, radius_m: self.handler_disc.radius_m };
         let stands_at = self.carried * motion.robot;
         push_robot(&mut discs, self.config, &stands_at);
-        discs.push(handler(place(&(self.carried * motion.handler))));
-        if let Some(rest) = &self.config.reach.robot_from_rest {
-            discs.push(handler(place(&(stands_at * rest))));
-        }
-        if let Some(beyond_rest) = self.walks_on {
-            discs.push(handler(stands_at * beyond_rest));
+        let handler = self.handler.zip(motion.handler);
+        if let Some((body, ends_at)) = &handler {
+            let mut push = |center: Point| discs.push(handler_disc(self.config, body, center));
+            push(place(&(self.carried * ends_at)));
+            if let Some(rest) = &self.config.reach.robot_from_rest {
+                push(place(&(stands_at * rest)));
+            }
+            if let Some(beyond_rest) = self.walks_on {
+                push(stands_at * beyond_rest);
+            }
         }
         // Where it is carried another way than it is to go, the hull of beginning and end leaves out the corners.
         if !is_along(&self.carried, &motion.robot) {
             push_robot(&mut discs, self.config, &self.carried);
             push_robot(&mut discs, self.config, &motion.robot);
-            let follows = self.config.reach.robot_from_rest.map_or(self.handler.center, |rest| place(&rest));
-            discs.push(handler(self.carried * follows));
-            discs.push(handler(place(&motion.handler)));
+            if let Some((body, ends_at)) = &handler {
+                let follows = self.config.reach.robot_from_rest.map_or(body.center, |rest| place(&rest));
+                discs.push(handler_disc(self.config, body, self.carried * follows));
+                discs.push(handler_disc(self.config, body, place(ends_at)));
+            }
         }
         // They are not there yet: nothing there is excused as if they were.
-        if let Some(seen) = self.handler.seen.filter(|seen| seen.next != seen.at) {
-            discs.push(handler(seen.next));
+        if let Some((body, _)) = &handler
+            && let Some(seen) = body.seen.filter(|seen| seen.next != seen.at)
+        {
+            discs.push(handler_disc(self.config, body, seen.next));
         }
         discs
     }
@@ -321,7 +327,7 @@ impl<'a> Present<'a> {
             }
             let swept = swept.get_or_insert_with(|| Hull::new(*discs));
             let Some(away_m) = swept.nearer_m(point, uncertainty_m) else { continue };
-            if !cause.is_floor() && self.handler.masks(point) {
+            if !cause.is_floor() && self.handler.is_some_and(|handler| handler.masks(point)) {
                 continue;
             }
             let inside_m = away_m - uncertainty_m;
@@ -354,10 +360,12 @@ impl<'a> Present<'a> {
         } else {
             (point.coords.norm(), nearest_on_arc(&log(&motion.robot, 1.0), point))
         };
-        let handler = [Some(self.handler.center), self.handler.elsewhere()];
-        let goes_closer =
-            |from: Point| nearest_on_line(from, place(&motion.handler), point) < (point - from).norm() - CLOSER_M;
-        to_m < from_m - CLOSER_M || handler.into_iter().flatten().any(goes_closer)
+        let handler_comes_closer = self.handler.zip(motion.handler).is_some_and(|(body, ends_at)| {
+            let goes_closer =
+                |from: Point| nearest_on_line(from, place(&ends_at), point) < (point - from).norm() - CLOSER_M;
+            body.mask_centers().any(goes_closer)
+        });
+        to_m < from_m - CLOSER_M || handler_comes_closer
     }
 
     /// Whether the camera sees, or one of the last scans saw, that an unknown beam's way beyond the present hull is
@@ -392,6 +400,11 @@ fn is_along(carried: &Se2, goes: &Se2) -> bool {
     let turning = turn_rad.abs() < SLIGHT || turn_rad * turns_rad > 0.0 && goes_m < SLIGHT;
     // A stop adds nothing to where it is carried.
     straight && turning || goes_m < SLIGHT && turns_rad.abs() < SLIGHT
+}
+
+/// The handler's disc at a place.
+fn handler_disc(config: &ShieldConfig, handler: &HandlerBody, center: Point) -> Disc {
+    Disc { center, radius_m: handler.radius_m + config.margin_m }
 }
 
 /// The robot's discs at a pose.

@@ -242,7 +242,7 @@ fn thresholds_come_in_the_lidars_own_order() {
         disc(Point::origin(), 0.3),
         disc(here, radius_m),
         disc(place(&motion.robot), 0.3),
-        disc(place(&motion.handler), radius_m),
+        disc(place(&motion.handler.expect("a handler")), radius_m),
     ]);
     assert_eq!(thresholds.len(), 300);
     for (i, threshold) in thresholds.iter().enumerate() {
@@ -270,7 +270,7 @@ fn the_remainder_goes_on_with_robot_and_handler() {
     assert!((motion.robot.inverse() * robot).translation.vector.norm() < 1e-12);
     // The step's whole motion is what is left of it: the model's own step from where the handler is.
     let truth = robot * handler().model().step(handler().robot_from_handler(), &robot);
-    assert!((place(&motion.handler) - place(&truth)).norm() < 1e-12);
+    assert!((place(&motion.handler.expect("a handler")) - place(&truth)).norm() < 1e-12);
 }
 
 #[test]
@@ -488,4 +488,30 @@ fn the_hull_holds_the_way_that_a_handler_walks_on_after_the_robot_stops() {
     // Where the hull ends with the motion, nothing comes after it.
     let ends = Reach { robot_from_rest: None, ..slow };
     assert_eq!(depth_m(ends, forward, edge), depth_m(Reach { walks_on_s: 0.0, ..ends }, forward, edge));
+}
+
+#[test]
+fn a_robot_alone_needs_room_for_itself_and_for_no_handler() {
+    // Something stands where a handler would walk, and something beside the robot's way.
+    let beside = [Point::new(-0.75, -0.05), Point::new(0.2, 0.33)];
+    let beams = scan(&header(), 360, &beside);
+    let table = ActionTable::eight();
+    let judge = |escape: bool| {
+        let mut judgements = Vec::new();
+        let mut shield = Shield::new(config(escape));
+        (shield.judge_actions_alone(&table, Evidence::scan(&beams), &mut judgements), judgements)
+    };
+    let forbids = |mask: u32, name: &str| mask >> table.index_of(name).expect(name) & 1 == 1;
+    let (mask, judgements) = judge(true);
+    assert!(!forbids(mask, "forward") && !forbids(mask, "turn_left") && forbids(mask, "sidestep_left"), "{mask:b}");
+    // The same hull as that of a handler who is nowhere but within the robot's own disc.
+    let inside = HandlerBody { center: Point::origin(), radius_m: 0.3, mask_radius_m: None, seen: None };
+    let motions = table.actions().iter().map(|action| Motion::new(action.start_from_end(), action.start_from_end()));
+    let mut within = Vec::new();
+    Shield::new(config(true)).judge_motions(motions, Evidence::scan(&beams), inside, &mut within);
+    for (alone, within) in judgements.iter().zip(&within) {
+        assert_eq!((alone.safe, alone.cause), (within.safe, within.cause));
+        assert!((alone.margin_m - within.margin_m).abs() < 1e-9, "{alone:?} {within:?}");
+    }
+    assert!(judge(false).0.count_ones() >= mask.count_ones());
 }

@@ -46,6 +46,11 @@ impl Beams {
     /// Reads a scan. Beams that end within `mask_radius_m` of the `handler` (robot frame) are unknown. `None` where the
     /// header makes no sense or no beam says anything.
     pub fn read(header: &ScanHeader, ranges: &[f32], handler: Point, mask_radius_m: f64) -> Option<Self> {
+        Self::read_but(header, ranges, |hit| (hit - handler).norm() < mask_radius_m)
+    }
+
+    /// Reads a scan likewise; beams that end where `on_handler` says so (robot frame) are unknown.
+    pub fn read_but(header: &ScanHeader, ranges: &[f32], on_handler: impl Fn(Point) -> bool) -> Option<Self> {
         let increment = header.angle_increment_rad;
         let sane = header.robot_from_lidar.is_finite()
             && header.angle_min_rad.is_finite()
@@ -63,7 +68,7 @@ impl Beams {
         for (i, &range) in ranges.iter().enumerate() {
             let bearing = header.angle_min_rad + increment * i as f64;
             let (reading, hit) = read_one(header, f64::from(range), bearing, &robot_from_lidar);
-            let on_handler = hit.is_some_and(|hit| (hit - handler).norm() < mask_radius_m);
+            let on_handler = hit.is_some_and(&on_handler);
             readings.push(if on_handler { Reading::Unknown } else { reading });
             hits.push(if on_handler { None } else { hit });
         }

@@ -47,6 +47,16 @@ pub struct CostToGo {
 impl CostToGo {
     /// Spreads the cost from the seeds (cell, cost there) by fast marching, until a little beyond `to`.
     pub fn spread(window: &Window, seeds: &[(usize, f64)], to: Point) -> Self {
+        Self::spread_by(window, seeds, to, price)
+    }
+
+    /// The same by another price: what a metre through a cell costs, metres; infinite where there is no way.
+    pub fn spread_by(
+        window: &Window,
+        seeds: &[(usize, f64)],
+        to: Point,
+        price: impl Fn(&Window, usize) -> f64,
+    ) -> Self {
         let mut cost_m = vec![f64::INFINITY; window.known.len()];
         let mut done = vec![false; window.known.len()];
         let mut open = BinaryHeap::new();

@@ -47,6 +47,7 @@ pub struct Memory {
     cells: Vec<Cell>,
     now: u64,
     kept: u64,
+    camera_kept: u64,
 }
 
 fn key_of(place: Point) -> (i32, i32) {
@@ -71,7 +72,12 @@ fn first_key(centre: Point) -> (i32, i32) {
 impl Memory {
     /// Nothing known; what is seen is kept for that many updates.
     pub fn new(kept: u64) -> Self {
-        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept }
+        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept, camera_kept: kept }
+    }
+
+    /// The same; what the camera alone saw is kept for that many updates.
+    pub fn with_camera_kept(self, camera_kept: u64) -> Self {
+        Self { camera_kept, ..self }
     }
 
     /// Forgets everything: a new odometry frame.
@@ -79,8 +85,8 @@ impl Memory {
         self.cells.fill(Cell::default());
     }
 
-    /// Takes in one scan and the camera's obstacle points (robot frame).
-    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Point) {
+    /// Takes in one scan and the camera's obstacle points (robot frame); where the handler is, if there is one.
+    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Option<Point>) {
         self.now += 1;
         self.free_what_beams_pass(odom_from_robot, beams, handler);
         for hit in beams.hits.iter().flatten() {
@@ -101,7 +107,7 @@ impl Memory {
         }
     }
 
-    fn free_what_beams_pass(&mut self, odom_from_robot: &Se2, beams: &Beams, handler: Point) {
+    fn free_what_beams_pass(&mut self, odom_from_robot: &Se2, beams: &Beams, handler: Option<Point>) {
         let robot_from_odom = odom_from_robot.inverse();
         let first = first_key(Point::from(odom_from_robot.translation.vector));
         let pass_m = PASS_M + 2.0 * beams.sigma_m;
@@ -110,12 +116,13 @@ impl Memory {
             let cell = &mut self.cells[slot_of(key)];
             if cell.key != key {
                 *cell = Cell { key, ..Cell::default() };
-            } else if self.now > cell.seen + self.kept {
+            } else if self.now > cell.seen + if cell.camera_only { self.camera_kept } else { self.kept } {
                 *cell = Cell { key, glimpsed: cell.glimpsed, ..Cell::default() };
             }
             let occupied = cell.known == Known::Occupied;
             let place = robot_from_odom * if occupied { cell.hit } else { centre_of(key) };
-            let stood_on = place.coords.norm() < STANDING_M || (place - handler).norm() < STANDING_M;
+            let is_at = |body: Point| (place - body).norm() < STANDING_M;
+            let stood_on = is_at(Point::origin()) || handler.is_some_and(is_at);
             let free = if occupied {
                 !cell.camera_only && beams.passed_by_m(place) > pass_m
             } else {
@@ -169,7 +176,8 @@ impl Memory {
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &self.cells[slot_of(key)];
-            if cell.key != key || self.now > cell.seen + self.kept {
+            let kept = if cell.camera_only { self.camera_kept } else { self.kept };
+            if cell.key != key || self.now > cell.seen + kept {
                 continue;
             }
             window.known[slot] = cell.known;

@@ -22,9 +22,11 @@ impl Present<'_> {
         let stands_at = self.carried * motion.robot;
         let mut robot = Discs::none();
         push_robot(&mut robot, self.config, &stands_at);
-        let leaves_room = self.handler.seen.is_some_and(|seen| {
+        // A robot that is alone pushes no handle into anybody.
+        let leaves_room = self.handler.is_none_or(|handler| {
+            let Some(seen) = handler.seen else { return false };
             let is_far = |middle: Point| {
-                let touches = |disc: &Disc| (middle - disc.center).norm() < disc.radius_m + self.handler.radius_m;
+                let touches = |disc: &Disc| (middle - disc.center).norm() < disc.radius_m + handler.radius_m;
                 (middle - place(&stands_at)).norm() >= seen.by_default_m - GIVES_M && !robot.iter().any(touches)
             };
             is_far(seen.at) && is_far(seen.next)

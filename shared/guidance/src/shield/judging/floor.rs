@@ -81,8 +81,9 @@ impl Present<'_> {
 
     /// Whether a place lies within 60 degrees of a way, as seen from the one of robot and handler that is nearer to it.
     fn is_ahead(&self, place: Point, way: &Vector2<f64>) -> bool {
-        let from = [Point::origin(), self.handler.center].map(|body| place - body);
-        let to = if from[0].norm() < from[1].norm() { from[0] } else { from[1] };
+        let from_robot = place - Point::origin();
+        let from_handler = self.handler.map(|handler| place - handler.center);
+        let to = from_handler.filter(|from| from_robot.norm() >= from.norm()).unwrap_or(from_robot);
         2.0 * way.dot(&to) > way.norm() * to.norm()
     }
 
@@ -141,7 +142,8 @@ impl Present<'_> {
     /// on the spot goes where the handler goes.
     fn steps(&self, motion: &Motion) -> impl Iterator<Item = (&RememberedStep, f64, bool)> {
         let way = motion.robot.translation.vector;
-        let way = if way.norm() > SLIGHT { way } else { place(&motion.handler) - self.handler.center };
+        let handler_goes = || Some(place(&motion.handler?) - self.handler?.center);
+        let way = if way.norm() > SLIGHT { way } else { handler_goes().unwrap_or(way) };
         let max = self.memory.and_then(Memory::step_max);
         let all = self.memory.map_or(&[][..], Memory::steps).iter();
         all.map(move |step| {
@@ -152,12 +154,12 @@ impl Present<'_> {
 
     /// What a motion keeps from an edge at a place, metres.
     fn kept_from_edge_m(&self, motion: &Motion) -> impl Fn(Point) -> f64 {
-        let ends = [place(&motion.robot), place(&motion.handler)];
+        let ends = [Some(place(&motion.robot)), motion.handler.as_ref().map(place)];
         let way = motion.robot.translation.vector.try_normalize(SLIGHT);
         let needed = self.config.edges;
         move |edge| {
             // Of robot and handler, the one that is nearer to it.
-            let from = ends.map(|end| edge - end).into_iter().min_by(|a, b| a.norm().total_cmp(&b.norm()));
+            let from = ends.into_iter().flatten().map(|end| edge - end).min_by(|a, b| a.norm().total_cmp(&b.norm()));
             let to = from.and_then(|from| from.try_normalize(SLIGHT));
             let towards = way.zip(to).map_or(0.0, |(way, to)| (2.0 * way.dot(&to)).clamp(0.0, 1.0));
             needed.beside_m + (needed.ahead_m - needed.beside_m) * towards

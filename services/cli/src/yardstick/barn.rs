@@ -1,0 +1,102 @@
+//! `guidedog yardstick barn`.
+
+use serde_json::{Value, json};
+use yardsticks::Passage;
+use yardsticks::barn::{Score, Task, worlds};
+
+use super::{How, Outcome, check, write};
+use crate::args::yardstick::BarnArgs;
+use crate::evaluate::word;
+use crate::exit::Failure;
+use crate::out::{self, say, table};
+use crate::statistics::{mean, ratio};
+
+/// See [`super::yardstick`].
+pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
+    let files = worlds(&args.worlds).map_err(Failure::of_input)?;
+    let tasks = files.iter().map(|file| Task::load(file)).collect::<Result<Vec<_>, _>>().map_err(Failure::of_input)?;
+    let how = How::of(&args.how)?;
+    check(&args.how)?;
+    let passages: Vec<Passage> = tasks.iter().map(Task::passage).collect();
+    let repeats = args.how.repeats as usize;
+    let walked: Vec<&Passage> = passages.iter().flat_map(|passage| std::iter::repeat_n(passage, repeats)).collect();
+    let outcomes = how.run(&args.how, &walked, |number, trace| {
+        let task = &tasks[number / repeats];
+        let score = task.score(trace);
+        let words =
+            format!("world {}, {}, {:.1} s, score {:.3}", task.number, ending(&score), score.actual_s, score.score);
+        let picture = args.how.pictures.is_some().then(|| how.picture(walked[number], trace, &words));
+        Outcome { figures: figures(task, number % repeats, &score), picture }
+    })?;
+    write(&args.how, &outcomes, |figures| format!("world-{}-{}", figures["world"], figures["repeat"]))?;
+    let all: Vec<&Value> = outcomes.iter().map(|outcome| &outcome.figures).collect();
+    let is = |key: &'static str| ratio(all.iter().map(move |walk| walk[key] == json!(true)));
+    let number = |walk: &Value, key: &str| walk[key].as_f64().unwrap_or(0.0);
+    let report = json!({
+        "yardstick": "barn",
+        "body": word(&args.how.body),
+        "noise": word(&args.how.noise),
+        "seed": args.how.seed,
+        "score": mean(all.iter().map(|walk| number(walk, "score"))),
+        "success": is("success"),
+        "collision": is("collision"),
+        "timeout": is("timeout"),
+        "time_s": mean(all.iter().filter(|walk| walk["success"] == json!(true)).map(|walk| number(walk, "time_s"))),
+        "walks": all,
+    });
+    if as_json {
+        return out::json(&report);
+    }
+    tell(&report);
+    Ok(())
+}
+
+fn ending(score: &Score) -> &'static str {
+    match (score.success, score.collided) {
+        (true, _) => "success",
+        (_, true) => "collision",
+        _ => "timeout",
+    }
+}
+
+fn figures(task: &Task, repeat: usize, score: &Score) -> Value {
+    json!({
+        "world": task.number,
+        "repeat": repeat,
+        "success": score.success,
+        "collision": score.collided,
+        "timeout": score.timed_out,
+        "time_s": score.actual_s,
+        "optimal_s": score.optimal_s,
+        "score": score.score,
+    })
+}
+
+/// The report as lines for people.
+fn tell(report: &Value) {
+    let rows: Vec<Vec<String>> = out::elements(report, "/walks").iter().map(row).collect();
+    table(&["world", "ended", "time, s", "optimal, s", "score"], &rows).iter().for_each(say);
+    let summary = |name: &str, at: &str, digits: usize| {
+        let Some(of) = report.pointer(at).filter(|value| value.is_object()) else { return };
+        let value = |key| out::number(of, key);
+        let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
+        say(format!("{name:<16}{mean:>8.digits$}  [{lo:.digits$}, {hi:.digits$}]  n = {n}"));
+    };
+    summary("score", "/score", 4);
+    summary("success", "/success", 3);
+    summary("collision", "/collision", 3);
+    summary("timeout", "/timeout", 3);
+    summary("time, s", "/time_s", 2);
+}
+
+fn row(walk: &Value) -> Vec<String> {
+    let ended = ["success", "collision", "timeout"].into_iter().find(|key| walk[*key] == json!(true));
+    let number = |key: &str, digits: usize| format!("{:.digits$}", walk[key].as_f64().unwrap_or(0.0));
+    vec![
+        walk["world"].to_string(),
+        ended.unwrap_or_default().to_owned(),
+        number("time_s", 2),
+        number("optimal_s", 2),
+        number("score", 4),
+    ]
+}
