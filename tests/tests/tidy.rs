@@ -191,7 +191,7 @@ fn dependencies() -> BTreeMap<String, Vec<String>> {
     all
 }
 
-const OURS: [&str; 20] = [
+const OURS: [&str; 21] = [
     "control",
     "messages",
     "transport",
