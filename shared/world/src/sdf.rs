@@ -118,8 +118,8 @@ impl Sdf<'_> {
         moved: Option<Upright>,
         prisms: &mut Vec<Prism>,
     ) -> Result<(), WorldError> {
-        let own = moved.map_or_else(|| self.pose(model), Ok)?;
-        let at = at.then(&own);
+        let own = self.pose(model)?;
+        let at = at.then(&moved.unwrap_or(own));
         for child in children(model) {
             match child.tag_name().name() {
                 "link" => self.link(child, &at, prisms)?,
