@@ -6,11 +6,9 @@
 //!
 //! `FOLDER` has `hotel.csv.xz`, `eth.csv.xz` and `zara01.csv.xz`. With `fit`, the parameters are fitted to hotel.
 
-#![allow(clippy::print_stdout, reason = "the table is its output")]
-
 use std::error::Error;
 use std::fs::File;
-use std::io::Read;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use guidedog_world::people::social::SocialForce;
@@ -25,37 +23,39 @@ fn main() -> Result<(), Box<dyn Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let folder = Path::new(arguments.first().ok_or("usage: pedestrians FOLDER [fit]")?);
     let recordings: Vec<_> = RECORDINGS.iter().map(|(name, hz)| read(folder, name, *hz)).collect::<Result<_, _>>()?;
+    let mut out = std::io::stdout().lock();
     let mut laws = vec![("published", SocialForce::PUBLISHED), ("default", SocialForce::default())];
     if arguments.get(1).is_some_and(|word| word == "fit") {
         let fitted = fit(&recordings[0]);
-        println!("{fitted:#?}");
+        writeln!(out, "{fitted:#?}")?;
         laws.push(("fitted now", fitted));
     }
-    println!("{HEAD}");
+    writeln!(out, "{HEAD}")?;
     for ((name, _), recording) in RECORDINGS.iter().zip(&recordings) {
-        row(name, "recorded", &recording.walk(Again::Recorded));
-        row(name, "straight line", &recording.walk(Again::Straight));
+        writeln!(out, "{}", row(name, "recorded", &recording.walk(Again::Recorded)))?;
+        writeln!(out, "{}", row(name, "straight line", &recording.walk(Again::Straight)))?;
         for (law_name, law) in &laws {
-            row(name, law_name, &recording.walk(Again::Social(law)));
+            writeln!(out, "{}", row(name, law_name, &recording.walk(Again::Social(law))))?;
         }
         let alone = SocialForce { gaze_per_s: 0.0, attraction_mps2: 0.0, apart_mps2: 0.0, ..SocialForce::default() };
-        row(name, "default, no groups", &recording.walk(Again::Social(&alone)));
+        writeln!(out, "{}", row(name, "default, no groups", &recording.walk(Again::Social(&alone))))?;
     }
     Ok(())
 }
 
-const HEAD: &str = "| place | walks again | n | displacement m | speed m/s | strangers n | least m | error m | nearer | \
-                    under 0.5 m | companions n | least m | error m | nearer | under 0.5 m |\n\
-                    |---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
+const HEAD: &str = "\
+| place | walks again | n | displacement m | speed m/s | strangers n | least m | error m | nearer | under 0.5 m | \
+companions n | least m | error m | nearer | under 0.5 m |
+|---|---|---|---|---|---|---|---|---|---|---|---|---|---|---|";
 
-fn row(place: &str, how: &str, figures: &Figures) {
+fn row(place: &str, how: &str, figures: &Figures) -> String {
     let pairs = |pairs: &Pairs| {
         let Pairs { count, least_m, error_m, nearer, touching } = pairs;
         format!("{count} | {least_m:.2} | {error_m:.3} | {nearer:.3} | {touching:.3}")
     };
     let Figures { pedestrians, displacement_m, speed_mps, strangers, companions } = figures;
     let (strangers, companions) = (pairs(strangers), pairs(companions));
-    println!("| {place} | {how} | {pedestrians} | {displacement_m:.3} | {speed_mps:.2} | {strangers} | {companions} |");
+    format!("| {place} | {how} | {pedestrians} | {displacement_m:.3} | {speed_mps:.2} | {strangers} | {companions} |")
 }
 
 fn read(folder: &Path, name: &str, frames_hz: f64) -> Result<Recording, Box<dyn Error>> {

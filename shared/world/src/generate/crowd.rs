@@ -21,7 +21,7 @@ const CLEAR_M: f64 = 0.1;
 /// A path is looked at in steps of so much, metres.
 const CLEAR_STEP_M: f64 = 0.2;
 
-/// Speeds of single people, of groups (Moussaid et al. 2010, fig. 2: slower the larger they are), and of those who
+/// Speeds of single people, of groups (which walk slower, Moussaid et al. 2010), and of those who
 /// overtake, metres per second.
 const SINGLE_MPS: [f64; 2] = [0.8, 1.4];
 const GROUP_MPS: [f64; 2] = [0.8, 1.2];

@@ -44,18 +44,18 @@ pub struct SocialForce {
     pub apart_mps2: f64,
     /// between members who are nearer than this (d0), metres.
     pub apart_m: f64,
-    /// People walk at most so many times as fast as they wish (Helbing and Molnar 1995, section III).
+    /// People walk at most so many times as fast as they wish (Helbing and Molnar 1995).
     pub hurry: f64,
     /// Least time in which a body in the way is reached (the time gap T of Tordeux et al. 2016, "Collision-free speed
     /// model for pedestrian dynamics", half of theirs), seconds. Forces alone let people walk into each other.
     pub time_gap_s: f64,
-    /// People step back from a body that is nearer than this, metres. Chosen: a hand's breadth or two, so that a handler
-    /// who sways does not touch one who waits.
+    /// People step back from a body that is nearer than this, metres. Chosen so that a handler who sways touches no one
+    /// who waits.
     pub stand_off_m: f64,
 }
 
 impl SocialForce {
-    /// Moussaid et al. 2009, table 1 and section 3; groups: Moussaid et al. 2010, table 2.
+    /// Moussaid et al. 2009; groups: Moussaid et al. 2010.
     pub const PUBLISHED: Self = Self {
         relaxation_s: 0.54,
         strength_mps2: 4.5,
@@ -110,7 +110,7 @@ impl SocialForce {
         (desired - own.velocity) / self.relaxation_s
     }
 
-    /// Away from another body, m/s^2 (Moussaid et al. 2009, eq. 4 to 6).
+    /// Away from another body, m/s^2 (Moussaid et al. 2009).
     #[must_use]
     pub fn from_other(&self, own: &Mover, other: &Mover) -> Vector2<f64> {
         let to_other = other.at - own.at;
