@@ -55,8 +55,11 @@ fn value_of<'a>(header: &'a str, key: &str) -> Option<&'a str> {
     Some(rest[..end].trim())
 }
 
+/// Reads a number from its bytes.
+type Reader = fn(&[u8]) -> f64;
+
 /// Size of a number of that kind in bytes, and how it is read.
-fn reader(kind: &str) -> Option<(usize, fn(&[u8]) -> f64)> {
+fn reader(kind: &str) -> Option<(usize, Reader)> {
     fn of<const S: usize>(bytes: &[u8]) -> [u8; S] {
         let mut own = [0; S];
         own.copy_from_slice(bytes);
