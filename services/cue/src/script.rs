@@ -147,7 +147,7 @@ impl Script {
             self.wanted = Some(kind);
             return Some((kind, CueSource::Script));
         }
-        let is_asked = mode.class == ModeClass::Run && mode.formation_asked != mode.formation;
+        let is_asked = mode.class == ModeClass::Run && mode.cue.valid && mode.formation_asked != mode.formation;
         self.asked_since_ns = if is_asked { self.asked_since_ns.or(Some(now.now_ns)) } else { None };
         if self.asked_since_ns.is_some_and(|since_ns| now.now_ns >= since_ns + IN_PLACE_NS) {
             return Some((CueKind::Forward, CueSource::Script));

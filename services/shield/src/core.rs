@@ -321,6 +321,8 @@ impl Core {
             return running;
         }
         if let Some(asked) = self.asked(action) {
+            // The next *forward* answers this question, and none about a step.
+            self.waiting = None;
             running.drawn = asked;
             return running;
         }

@@ -153,6 +153,8 @@ pub struct Machine {
     begun: bool,
     policies: Policies,
     asking: Option<Asking>,
+    /// Run time at which the cue in force was accepted.
+    cue_accepted_ns: u64,
     /// What stopped the robot, and when.
     pub stops: StopLog,
 }
@@ -185,6 +187,7 @@ impl Machine {
             begun: false,
             policies: Policies::default(),
             asking: None,
+            cue_accepted_ns: 0,
             stops: StopLog::default(),
         };
         machine.enter(StopReason::of(StopKind::Boot), Now { run_ns: 0, wall_ns: 0 });

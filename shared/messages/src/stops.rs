@@ -296,7 +296,7 @@ stops! {
         class: Hold,
         holds_a_cue: true, latched_by_locomotion: false,
         meaning: "the way ahead is too narrow for robot and handler side by side",
-        advice: "come behind the robot and say forward; to one that does not speak, another cue",
+        advice: "come behind the robot and say forward; if it does not speak, give another cue",
     }
     Wide = 47, "wide" {
         class: Hold,

@@ -24,8 +24,8 @@ use formation::Forming;
 use grid::{Memory, Window};
 use guidance::se2::{Point, pose2};
 use guidance::{
-    ActionTable, DelayedHarness, Evidence, HandlerBody, HarnessError, InteractionModel, Judgement, Motion, Se2, Shield,
-    ShieldConfig,
+    ActionTable, DelayedHarness, Evidence, HandlerBody, HarnessError, Interaction, InteractionModel, Judgement, Motion,
+    Se2, Shield, ShieldConfig,
 };
 use messages::{CueKind, Formation, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
 use rollout::{Scene, SeenFloor};
@@ -51,6 +51,8 @@ const SAME_ROOM_M: f64 = 0.005;
 const AT_GOAL_M: f64 = 1.0;
 /// Motions looked back at for going to and fro: five seconds.
 const HISTORY: usize = 10;
+/// Beside and behind are places so far apart at least, metres: the shield takes a handler within 0.25 m for there.
+const PLACES_APART_M: f64 = 0.5;
 /// A team that came less far in that time gets nowhere, metres.
 const NOWHERE_M: f64 = 0.3;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -104,14 +106,18 @@ impl GeometricConfig {
     /// # Errors
     /// Where the handler's parameters are no handler's.
     pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
-        // A handler behind the robot has to be seen there.
+        let [beside, behind] = [Formation::Beside, Formation::Behind].map(|place| settings.interaction_in(place));
+        let (beside, behind) = (beside?, behind?);
+        // A handler behind the robot has to be seen there, and told from one beside it. At a rod they are behind it.
         let sees_behind = settings.lidar.field_of_view_deg.get() >= 360.0;
+        let [there, here] = [&beside, &behind].map(|model| model.robot_from_default().translation.vector);
+        let apart_m = (there - here).norm();
         Ok(Self {
             dt_s: settings.policy.dt.s(),
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
-            model: settings.interaction()?,
-            behind: sees_behind.then(|| settings.interaction_in(Formation::Behind)).transpose()?,
+            model: beside,
+            behind: (sees_behind && apart_m >= PLACES_APART_M).then_some(behind),
             speaks: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()
@@ -222,6 +228,9 @@ impl GeometricEngine {
     /// Infinite for an action that does not exist. `None`: stand.
     pub fn costs_m(&mut self, observation: &Observation) -> Option<[f64; MAX_ACTIONS]> {
         self.plan = Plan::Blind;
+        if observation.cue_is_new {
+            self.forming.rest();
+        }
         if !believable(&observation.odom_from_robot) || !believable(&observation.start_from_robot) {
             return None;
         }
@@ -249,13 +258,14 @@ impl GeometricEngine {
         let goal = route.goal(&window, &odom_from_robot, &beams.hits, self.cue, cue_place);
         self.plan = goal.plan;
         if goal.seeds.is_empty() {
+            self.consider_room_beside(&mut window, true);
             self.consider_single_file(&mut window, true);
             return None;
         }
         let cost = CostToGo::spread(&window, &goal.seeds, place);
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
-        self.consider_room_beside(&mut window);
+        self.consider_room_beside(&mut window, false);
         self.ask_shield(observation);
         let memory = observation.shield.and_then(|(evidence, _)| evidence.memory);
         let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams, memory);
@@ -295,6 +305,7 @@ impl GeometricEngine {
             self.robot_from_handler = self.team.robot_from_handler();
             self.unrest = 1.0;
             self.backed = Backed::default();
+            self.forming.lose_place();
         }
         if let Some(handler) = observation.handler {
             self.robot_from_handler.translation.vector = handler.coords;
@@ -311,7 +322,6 @@ impl GeometricEngine {
 
     fn take_cue(&mut self, observation: &Observation) {
         if observation.cue_is_new || observation.cue != self.cue {
-            self.forming.rest();
             let start_rad =
                 (self.odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse()).rotation.angle();
             let was_turn = matches!(self.cue, CueKind::Left | CueKind::Right);

@@ -77,6 +77,11 @@ pub trait Engine: Send {
     fn asks_for(&self) -> Option<Formation> {
         None
     }
+
+    /// Whether the engine knows how to walk with the handler behind the robot. No network was trained for it.
+    fn walks_in_single_file(&self) -> bool {
+        false
+    }
 }
 
 impl<'a> From<&Situation<'a>> for geometric::Observation<'a> {
@@ -104,6 +109,10 @@ impl Engine for GeometricEngine {
 
     fn asks_for(&self) -> Option<Formation> {
         Self::asks_for(self)
+    }
+
+    fn walks_in_single_file(&self) -> bool {
+        true
     }
 }
 
@@ -134,6 +143,10 @@ impl Pilot {
         let decided = self.engine.decide(situation)?;
         if self.track.must_stand(situation.cue) {
             self.formation = situation.formation;
+            return Ok(stand());
+        }
+        if situation.formation == Formation::Behind && !self.engine.walks_in_single_file() {
+            self.formation = Formation::Beside;
             return Ok(stand());
         }
         self.formation = self.engine.asks_for().unwrap_or(situation.formation);

@@ -128,6 +128,10 @@ impl Engine for PlannedEngine {
     fn asks_for(&self) -> Option<Formation> {
         self.planner.asks_for()
     }
+
+    fn walks_in_single_file(&self) -> bool {
+        true
+    }
 }
 
 fn least_m(costs_m: &[f64; MAX_ACTIONS]) -> f64 {

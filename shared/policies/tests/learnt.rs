@@ -8,7 +8,7 @@ use guidance::observation::{LENGTH, OBSERVATION};
 use guidance::se2::{Point, Se2};
 use guidance::{ActionTable, Beams, Evidence, HandlerBody};
 use guidedog_policies::{Expected, GeometricConfig, Model, ModelError, Pilot, Situation};
-use messages::{CueKind, ScanHeader};
+use messages::{CueKind, Formation, ScanHeader};
 use onnx::{Network, bias, counting};
 use settings::{PlannerUse, PolicyModel};
 use sha2::{Digest, Sha256};
@@ -53,6 +53,16 @@ fn pilot(path: &Path) -> Result<Pilot, ModelError> {
 
 /// Decides in an empty hall.
 fn decide(pilot: &mut Pilot, cue: CueKind, cue_is_new: bool, start_from_robot: Se2) -> Vec<f32> {
+    decide_in(Formation::Beside, pilot, cue, cue_is_new, start_from_robot)
+}
+
+fn decide_in(
+    formation: Formation,
+    pilot: &mut Pilot,
+    cue: CueKind,
+    cue_is_new: bool,
+    start_from_robot: Se2,
+) -> Vec<f32> {
     let header = ScanHeader {
         angle_min_rad: -3.0,
         angle_increment_rad: 0.02,
@@ -75,7 +85,7 @@ fn decide(pilot: &mut Pilot, cue: CueKind, cue_is_new: bool, start_from_robot: S
         start_from_robot,
         cue,
         cue_is_new,
-        formation: messages::Formation::Beside,
+        formation,
     };
     pilot.decide(&situation).expect("decides")[..8].to_vec()
 }
@@ -101,6 +111,17 @@ fn no_network_goes_on_against_a_stop_or_after_a_turn_that_was_nowhere() {
     let far = Se2::translation(15.5, 0.0);
     assert_eq!(decide(&mut pilot, CueKind::Left, false, far)[0], 1.0);
     assert!(decide(&mut pilot, CueKind::Forward, false, far)[1] > 0.9);
+}
+
+#[test]
+fn a_network_stands_with_the_handler_behind_and_asks_them_to_come_beside() {
+    let folder = Folder::new();
+    let eager = bias(LENGTH, &[0.0, 9.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let mut pilot = pilot(&folder.model("eager", &eager, "")).expect("loads");
+    for (formation, stop) in [(Formation::Beside, 0.0), (Formation::Behind, 1.0)] {
+        let decided = decide_in(formation, &mut pilot, CueKind::Forward, false, Se2::identity());
+        assert_eq!((decided[0].round(), pilot.formation()), (stop, Formation::Beside));
+    }
 }
 
 #[test]

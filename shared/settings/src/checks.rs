@@ -54,8 +54,12 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err("policy.dt is not a multiple of 10ms from 50ms".to_owned());
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
-    let single_file = settings.interaction_in(Formation::Behind);
-    single_file.map_err(|error| format!("[handler] behind_m: {error}"))?;
+    settings.interaction_in(Formation::Behind).map_err(|error| format!("[handler] behind_m: {error}"))?;
+    let (behind_m, needed_m) =
+        (settings.handler.behind_m.get(), settings.robot.radius_m.get() + settings.handler.radius_m.get());
+    if behind_m < needed_m {
+        return Err(format!("handler.behind_m = {behind_m}: robot and handler would touch under {needed_m} m"));
+    }
     crate::planned::check(settings)?;
     crate::sections::check_speak(&settings.speak)?;
     if settings.supervision.restart_budget == 0 {

@@ -39,6 +39,7 @@ impl Machine {
             self.stops.end_mode_stop(now.run_ns);
         }
         self.agree_on_formation(cue);
+        self.cue_accepted_ns = now.run_ns;
         self.mode.cue = CueInForce { valid: true, cue: *cue };
         self.mode_changed = true;
         self.answer(cue, None);

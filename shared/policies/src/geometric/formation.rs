@@ -11,13 +11,13 @@ use super::team::Team;
 /// The way goes on so much farther in single file, metres.
 const FARTHER_M: f64 = 1.0;
 /// Number of decisions that find it so before the engine asks: two seconds. Without a voice the team tries for ten
-/// seconds before it stands, and on after four decisions that find it otherwise.
+/// seconds before it stands. As many decisions, or four, that find it otherwise end the question.
 const SURE: u32 = 4;
 const SURE_SILENT: u32 = 20;
 /// Beside the robot there is room again where the team has come so far in single file, and so far ahead, metres.
 const CAME_M: f64 = 1.0;
 const AHEAD_M: f64 = 2.0;
-/// The handler comes from behind to the side over so many places.
+/// The handler comes from behind to the side through so many places.
 const PLACES: usize = 4;
 
 /// What the engine makes of the formation in force.
@@ -45,14 +45,20 @@ impl Forming {
         (self.found, self.asks) = (0, false);
     }
 
-    /// What a decision finds. A question that was spoken stands until the handler answers by a cue.
-    fn find(&mut self, other_is_better: bool, speaks: bool) {
+    /// What a decision finds. A question that `lasts` stands until the handler answers it by a cue.
+    fn find(&mut self, other_is_better: bool, speaks: bool, lasts: bool) {
         let sure = if speaks { SURE } else { SURE_SILENT };
         self.found = match other_is_better {
             true => (self.found + 1).min(sure),
-            false => self.found.saturating_sub(sure / 4),
+            false => self.found.saturating_sub(sure / SURE),
         };
-        self.asks = self.found == sure || self.asks && (speaks || self.found > 0);
+        self.asks = self.found == sure || self.asks && (lasts || self.found > 0);
+    }
+
+    /// Places of another odometry frame mean nothing in this one.
+    pub fn lose_place(&mut self) {
+        self.began = None;
+        self.rest();
     }
 }
 
@@ -88,11 +94,12 @@ impl GeometricEngine {
         let (beside_fits_m, file_fits_m) = (window.fits_m, Team::behind(&self.config, model).width().fits_m);
         let is_jammed =
             self.gets_nowhere() && window.clearance_at(self.team.middle(&self.odom_from_robot)) < beside_fits_m;
-        let is_narrow = (is_held || is_jammed) && {
+        // Once asked, the team no longer tries.
+        let is_narrow = (is_held || is_jammed || self.forming.asks) && {
             let beside_m = if is_jammed { 0.0 } else { self.ahead_m(window, beside_fits_m) };
             self.ahead_m(window, file_fits_m) > beside_m + FARTHER_M
         };
-        self.forming.find(is_narrow, self.config.speaks);
+        self.forming.find(is_narrow, self.config.speaks, false);
     }
 
     /// How far the way goes on for a team that fits where there is so much clearance, metres.
@@ -103,8 +110,9 @@ impl GeometricEngine {
         ahead_m
     }
 
-    /// Whether a team in single file has room for the handler beside the robot again.
-    pub(super) fn consider_room_beside(&mut self, window: &mut Window) {
+    /// Whether a team in single file has room for the handler beside the robot again, and ahead; where its way has ended,
+    /// beside it alone.
+    pub(super) fn consider_room_beside(&mut self, window: &mut Window, has_ended: bool) {
         let robot = self.odom_from_robot;
         let here = Point::from(robot.translation.vector);
         if self.forming.formation != Formation::Behind || self.cue != CueKind::Forward {
@@ -114,8 +122,9 @@ impl GeometricEngine {
         let beside = Team::beside(&self.config);
         let is_wide = came_m > CAME_M
             && self.handler_gets_beside(window, &beside)
-            && self.ahead_m(window, beside.width().fits_m) > AHEAD_M;
-        self.forming.find(is_wide, self.config.speaks);
+            && (has_ended || self.ahead_m(window, beside.width().fits_m) > AHEAD_M);
+        // A handler who comes beside the robot takes that room.
+        self.forming.find(is_wide, self.config.speaks, self.config.speaks);
     }
 
     fn handler_gets_beside(&self, window: &Window, beside: &Team) -> bool {

@@ -75,9 +75,10 @@ impl Physics {
 
     /// The handler was asked to walk there: they let the handle go, and take it again in their new place.
     pub fn form(&mut self, formation: Formation) {
-        if self.hand.formation != formation {
-            (self.hand.formation, self.hand.grip) = (formation, Grip::Returns);
+        if self.hand.formation != formation && self.hand.holds() {
+            self.hand.grip = Grip::Returns;
         }
+        self.hand.formation = formation;
     }
 
     /// Where the handler walks, robot frame.

@@ -3,7 +3,8 @@
 use super::{MS, action, depth_header, header, mode, odometry, open_scan, ready, scan_header};
 use crate::core::Core;
 use messages::{
-    Attitude, Cue, CueInForce, CueKind, Mode, ModeClass, Odometry, Outcome, Permit, PolicyAction, UnsafeCause,
+    Attitude, Cue, CueInForce, CueKind, Formation, Mode, ModeClass, Odometry, Outcome, Permit, PolicyAction,
+    UnsafeCause,
 };
 
 /// A frame of floor that falls by so much 0.75 m ahead, metres; in millimetres.
@@ -21,7 +22,18 @@ fn step_mm(drop_m: f64) -> Vec<u16> {
 
 /// The permits of these decisions before a step of that depth, metres, with that cue in force. It was given at the
 /// first of them.
-fn decides(core: &mut Core, decisions: std::ops::Range<u64>, (kind, seq): (CueKind, u64), drop_m: f64) -> Vec<Permit> {
+fn decides(core: &mut Core, decisions: std::ops::Range<u64>, cue: (CueKind, u64), drop_m: f64) -> Vec<Permit> {
+    decides_in(Formation::Beside, core, decisions, cue, drop_m)
+}
+
+/// The same of a policy that wants the handler there.
+fn decides_in(
+    formation: Formation,
+    core: &mut Core,
+    decisions: std::ops::Range<u64>,
+    (kind, seq): (CueKind, u64),
+    drop_m: f64,
+) -> Vec<Permit> {
     let given_ms = 500 * decisions.start - 10;
     let decide = |decision: u64| {
         let ms = 500 * decision;
@@ -31,7 +43,7 @@ fn decides(core: &mut Core, decisions: std::ops::Range<u64>, (kind, seq): (CueKi
         core.take_odometry(&Odometry { attitude, ..odometry(ms - 10, 0.0) });
         core.take_depth(&depth_header(ms - 10), &step_mm(drop_m));
         core.on_scan(ms * MS, &scan_header(ms - 10), &open_scan());
-        let forward = PolicyAction { cue_seq: seq, ..action(decision, 1) };
+        let forward = PolicyAction { cue_seq: seq, formation, ..action(decision, 1) };
         core.on_action(ms * MS, &forward).expect("the active policy's")
     };
     decisions.map(decide).collect()
@@ -94,6 +106,16 @@ fn any_other_cue_a_fault_and_a_lock_end_what_the_handler_allowed() {
     }
     let mut core = over_the_step();
     assert_eq!(last(&decides(&mut core, 9..10, (CueKind::Forward, 8), 0.09)), (Outcome::Granted, UnsafeCause::None));
+}
+
+/// The robot waits at the step, and then asks the handler to come behind it.
+#[test]
+fn a_forward_that_answers_another_question_takes_no_step() {
+    let mut core = ready();
+    assert_eq!(last(&decides(&mut core, 2..8, (CueKind::Forward, 7), 0.09)), WAITS);
+    let asked = decides_in(Formation::Behind, &mut core, 8..12, (CueKind::Forward, 7), 0.09);
+    assert_eq!(last(&asked).0, Outcome::Narrow);
+    assert_eq!(last(&decides(&mut core, 12..13, (CueKind::Forward, 8), 0.09)), WAITS);
 }
 
 #[test]

@@ -97,8 +97,47 @@ fn a_fault_keeps_the_formation_and_a_handler_who_is_missed_behind_says_forward_f
     stands(&mut bench, StopKind::HandlerNotSeen, 1000);
     bench.cue(CueKind::Forward, 0);
     assert_eq!(formations(&bench), BEHIND, "they may still be on their way");
-    stands(&mut bench, StopKind::HandlerNotSeen, 3000);
+    stands(&mut bench, StopKind::HandlerNotSeen, 11_000);
     assert_eq!(formations(&bench), BEHIND);
     bench.cue(CueKind::Forward, 0);
     assert_eq!(formations(&bench), BESIDE);
+}
+
+#[test]
+fn a_forward_that_answers_something_else_changes_no_formation() {
+    // After each change the handler is missed for a moment.
+    let mut bench = running(true);
+    stands(&mut bench, StopKind::Narrow, 3000);
+    bench.cue(CueKind::Forward, 0);
+    stands(&mut bench, StopKind::HandlerNotSeen, 2000);
+    stands(&mut bench, StopKind::AllUnsafe, 20_000);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(formations(&bench), BEHIND);
+    // The voice told of something else meanwhile, and tells the question anew.
+    let mut bench = running(true);
+    stands(&mut bench, StopKind::Narrow, 500);
+    stands(&mut bench, StopKind::NoFloor, 3000);
+    assert_eq!(formations(&bench), BESIDE);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(formations(&bench), BESIDE);
+    let mut bench = running(true);
+    stands(&mut bench, StopKind::Narrow, 3000);
+    stands(&mut bench, StopKind::NoFloor, 1000);
+    assert_eq!(formations(&bench), BESIDE, "it is over");
+}
+
+#[test]
+fn a_state_of_before_a_cue_brings_no_question_back() {
+    for cue in [CueKind::Left, CueKind::Stop, CueKind::Forward] {
+        let mut bench = running(true);
+        stands(&mut bench, StopKind::Narrow, 1500);
+        bench.cue(cue, 0);
+        let header = Header { stamp_ns: (bench.now_ms + 10) * MS, ..Header::default() };
+        let limited_by = StopReason::of(StopKind::Narrow);
+        let epoch = bench.machine.mode().epoch;
+        bench.handle(Event::Locomotion(&LocomotionState { header, epoch, limited_by, ..LocomotionState::default() }));
+        stands(&mut bench, StopKind::AllUnsafe, 5000);
+        bench.cue(CueKind::Forward, 0);
+        assert_eq!(formations(&bench), BESIDE, "{cue:?}");
+    }
 }
