@@ -94,7 +94,7 @@ pub fn episodes(path: &Path) -> Result<Vec<Episode>, YardstickError> {
 /// The datasets of a file by name.
 ///
 /// # Errors
-/// As [`episodes`].
+/// As [`episodes()`].
 pub fn datasets(path: &Path) -> Result<BTreeMap<String, Dataset>, YardstickError> {
     let name = path.display().to_string();
     let of = |(section, keys): (String, BTreeMap<String, String>)| {

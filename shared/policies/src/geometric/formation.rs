@@ -110,8 +110,8 @@ impl GeometricEngine {
         ahead_m
     }
 
-    /// Whether a team in single file has room for the handler beside the robot again, and ahead; where its way has ended,
-    /// beside it alone.
+    /// Whether a team in single file has room for the handler beside the robot again, and ahead. Where its way has
+    /// ended, beside the robot is enough.
     pub(super) fn consider_room_beside(&mut self, window: &mut Window, has_ended: bool) {
         let robot = self.odom_from_robot;
         let here = Point::from(robot.translation.vector);
