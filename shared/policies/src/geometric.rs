@@ -108,16 +108,18 @@ impl GeometricConfig {
     pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
         let [beside, behind] = [Formation::Beside, Formation::Behind].map(|place| settings.interaction_in(place));
         let (beside, behind) = (beside?, behind?);
-        // A handler behind the robot has to be seen there, and told from one beside it. At a rod they are behind it.
-        let sees_behind = settings.lidar.field_of_view_deg.get() >= 360.0;
         let [there, here] = [&beside, &behind].map(|model| model.robot_from_default().translation.vector);
-        let apart_m = (there - here).norm();
+        // A handler behind the robot has to be seen there, told from one beside it, and have room. At a rod they walk
+        // behind it already.
+        let sees_behind = settings.lidar.field_of_view_deg.get() >= 360.0;
+        let has_room = here.norm() >= settings.robot.radius_m.get() + settings.handler.radius_m.get();
+        let walks_in_single_file = sees_behind && has_room && (there - here).norm() >= PLACES_APART_M;
         Ok(Self {
             dt_s: settings.policy.dt.s(),
             robot_radius_m: settings.robot.radius_m.get() + settings.shield.margin_m,
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: beside,
-            behind: (sees_behind && apart_m >= PLACES_APART_M).then_some(behind),
+            behind: walks_in_single_file.then_some(behind),
             speaks: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()

@@ -55,10 +55,9 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     }
     settings.interaction().map_err(|error| format!("[handler]: {error}"))?;
     settings.interaction_in(Formation::Behind).map_err(|error| format!("[handler] behind_m: {error}"))?;
-    let (behind_m, needed_m) =
-        (settings.handler.behind_m.get(), settings.robot.radius_m.get() + settings.handler.radius_m.get());
-    if behind_m < needed_m {
-        return Err(format!("handler.behind_m = {behind_m}: robot and handler would touch under {needed_m} m"));
+    let (behind_m, radius_m) = (settings.handler.behind_m.get(), settings.robot.radius_m.get());
+    if behind_m < radius_m {
+        return Err(format!("handler.behind_m = {behind_m} is within the robot, whose radius is {radius_m} m"));
     }
     crate::planned::check(settings)?;
     crate::sections::check_speak(&settings.speak)?;

@@ -73,8 +73,10 @@ fn every_scenario_starts_free_and_its_goal_can_be_reached() {
             continue;
         };
         let way = way_m(&world, start, goal.at, 0.35).unwrap_or_else(|| panic!("{}: no way", file.display()));
-        assert!(way - goal.within_m > 30.0, "{}: {way} m", file.display());
-        assert!(way_m(&world, start, goal.at, 0.7).is_some(), "{}: no way for two", file.display());
+        let is_in_single_file = file.ends_with("narrow-door.toml");
+        assert!(is_in_single_file || way - goal.within_m > 30.0, "{}: {way} m", file.display());
+        let is_for_two = way_m(&world, start, goal.at, 0.7).is_some();
+        assert_eq!(is_for_two, !is_in_single_file, "{}: a way for two", file.display());
         let first = scenario.route.cues.first().unwrap();
         assert_eq!((first.kind, first.trigger), (CueKind::Forward, CueTrigger::Time(1.0)));
         for person in world.people() {
