@@ -24,6 +24,8 @@ pub const STILL_M: f64 = 0.3;
 pub const STILL_DECISIONS: usize = 10;
 /// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
 const BESIDE_M: f64 = 1.0;
+/// An opening so soon after a corner of the corridor to the same side may be meant, too, metres.
+const AFTER_CORNER_M: f64 = 4.0;
 /// A pair within this distance of an opening on a map may be beside it, metres.
 const PASSED_M: f64 = 0.4;
 /// A cue to turn is due so far before the opening's middle, metres.
@@ -156,7 +158,12 @@ impl Task {
         if meant.line.length_m() < course.width_m / 2.0 + INSIDE_M + BEFORE_M {
             return None;
         }
-        let allowed = [Some(meant), beside].into_iter().flatten().cloned().collect();
+        // Shortly before an opening, the corridor itself turns to that side: either may be meant.
+        let is_soon = |next: &&Opening| {
+            next.side == side && next.way_m > meant.way_m && next.way_m < meant.way_m + AFTER_CORNER_M
+        };
+        let soon = course.openings.iter().find(is_soon).filter(|_| course.is_corner(meant));
+        let allowed = [Some(meant), beside, soon].into_iter().flatten().cloned().collect();
         task(course.line_into(meant)?, Goal::Into(allowed))
     }
 

@@ -23,7 +23,7 @@ use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-use crate::generate::{GeneratorConfig, Kinds, furnish_course, populate_course};
+use crate::generate::{GeneratorConfig, Kinds, furnish_course, populate_course, room_beside_m};
 use crate::grid_map::GridMap;
 use crate::site::{Course, DropKind, Mapped, Opening, Side, Site};
 use crate::world::DEFAULT_CEILING_M;
@@ -65,6 +65,8 @@ const NEAR_M: f64 = 1.5;
 const AHEAD_M: f64 = 1.0;
 /// Length of the way behind a pose that belongs to its course, metres.
 const BEHIND_M: f64 = 6.0;
+/// What stands in a corridor has room beside it up to so far from the corridor's middle, metres.
+const ASIDE_M: f64 = 4.0;
 /// Draws of a start until a course of use is found.
 const TRIES: usize = 400;
 /// Courses that are drawn, of which the longest is taken: it has more to ask for.
@@ -144,14 +146,7 @@ impl FloorPlan {
         let course = self.course(&mut random)?;
         let world = || World::new(DEFAULT_CEILING_M, Vec::new()).with_shared_map(self.map.clone());
         let bare = world();
-        let free = |way_m: f64| {
-            let at = course.line.at(way_m);
-            let to = |side: f64| {
-                let direction = at.rotation * Vector2::new(0.0, side);
-                bare.cast(place(&at), direction, 1.0, 4.0).unwrap_or(4.0)
-            };
-            [to(1.0), to(-1.0)]
-        };
+        let free = |way_m: f64| room_beside_m(&bare, &course, way_m, ASIDE_M);
         let things = furnish_course(config, &course, free, Kinds::Usual, &mut random);
         let furnished = world().with_prisms(things.iter().cloned());
         let people = populate_course(config, &course, &furnished, &mut random);
@@ -202,7 +197,14 @@ impl FloorPlan {
             line.length_m() > whole.length_m() - 0.1 && walk.end == End::Wall && !self.leads_on(&line, width_m);
         let openings = self.openings(&line, width_m, walk, ends_there);
         let mapped = Some(Mapped { has_end: ends_there });
-        Some(Course { mapped, ..Course::new(line, width_m, openings) })
+        let mut course = Course { mapped, ..Course::new(line, width_m, openings) };
+        let corners: Vec<usize> =
+            (0..course.openings.len()).filter(|i| course.is_corner(&course.openings[*i])).collect();
+        for i in corners {
+            let behind = self.behind_corner(&course.line, width_m, course.openings[i].way_m);
+            course.openings[i].behind = behind.map(Arc::new);
+        }
+        Some(course)
     }
 
     /// How far a line is a corridor, metres: to where it is wider than one for longer than a junction.
@@ -317,9 +319,11 @@ fn place(pose: &Se2) -> Point {
 pub(crate) mod tests {
     use super::FloorPlan;
     use super::ways::Along;
-    use crate::generate::GeneratorConfig;
+    use crate::World;
+    use crate::generate::{GeneratorConfig, room_beside_m};
     use crate::grid_map::{Cell, GridMap};
     use crate::site::{Course, Side};
+    use crate::world::DEFAULT_CEILING_M;
     use guidance::se2::Point;
     use messages::Pose2;
 
@@ -344,7 +348,7 @@ pub(crate) mod tests {
         let courses = alongs.filter_map(|along| plan.course_from(along, 0));
         let is_along_x = |course: &Course| {
             let corners = course.line.corners();
-            corners[0].x < 2.5 && corners.iter().all(|corner| corner.y < 3.0)
+            corners[0].x < 2.5 && corners.iter().all(|corner| corner.x > 10.0 || corner.y < 3.0)
         };
         courses.filter(is_along_x).max_by(|a, b| a.line.length_m().total_cmp(&b.line.length_m())).expect("a course")
     }
@@ -377,16 +381,45 @@ pub(crate) mod tests {
         assert!(gaps[0].side == Side::Left && (at_x - 12.0).abs() < 0.4, "{gaps:?}");
     }
 
-    #[test]
-    fn a_corridor_ends_where_a_hall_begins() {
+    /// A plan of 30 m by 10 m, of which these places are free (x and y, from and to, metres).
+    fn plan_of(free: &[[f64; 4]]) -> FloorPlan {
         let (width, resolution_m) = (600, 0.05);
         let cells = (0..width * 200).map(|i| {
             let (x, y) = ((i % width) as f64 * resolution_m, (i / width) as f64 * resolution_m);
-            let corridor = (1.0..14.0).contains(&x) && (4.0..6.0).contains(&y);
-            let hall = (14.0..29.0).contains(&x) && (0.5..9.5).contains(&y);
-            if corridor || hall { Cell::Free } else { Cell::Occupied }
+            let is_in = |[x0, x1, y0, y1]: &[f64; 4]| (*x0..*x1).contains(&x) && (*y0..*y1).contains(&y);
+            if free.iter().any(is_in) { Cell::Free } else { Cell::Occupied }
         });
-        let plan = FloorPlan::new(GridMap::new(width, resolution_m, Pose2::default(), cells.collect()));
+        FloorPlan::new(GridMap::new(width, resolution_m, Pose2::default(), cells.collect()))
+    }
+
+    #[test]
+    fn whoever_is_round_a_corner_is_inside_wherever_they_go_there() {
+        // The corridor turns to the left; behind the corner a door leads into a room on its right.
+        let corridor = [1.0, 13.0, 1.0, 3.0];
+        let plan = plan_of(&[corridor, [11.0, 13.0, 1.0, 9.0], [13.0, 14.0, 5.0, 7.0], [14.0, 20.0, 3.0, 9.0]]);
+        let course = along_x(&plan);
+        let corner = course.openings.iter().find(|opening| course.is_corner(opening)).expect("a corner");
+        assert!(corner.side == Side::Left);
+        let behind = corner.behind.as_ref().expect("what is behind it");
+        let depth_m = |x: f64, y: f64| behind.depth_m(Point::new(x, y));
+        assert!(depth_m(9.0, 2.0).is_none() && depth_m(12.0, 2.0).is_none(), "in the corridor before it");
+        assert!((depth_m(12.0, 5.0).expect("inside") - 2.0).abs() < 0.4, "{:?}", depth_m(12.0, 5.0));
+        assert!(depth_m(14.2, 6.0).is_some_and(|depth_m| depth_m > 3.0), "{:?}", depth_m(14.2, 6.0));
+    }
+
+    #[test]
+    fn beside_a_doorway_there_is_as_much_room_as_at_its_jambs() {
+        let plan = plan_of(&[[1.0, 25.0, 1.0, 3.0], [12.0, 12.8, 3.0, 8.0]]);
+        let course = along_x(&plan);
+        let world = World::new(DEFAULT_CEILING_M, Vec::new()).with_shared_map(plan.map.clone());
+        let way_m = course.line.foot(Point::new(12.4, 2.0)).way_m;
+        let [left_m, right_m] = room_beside_m(&world, &course, way_m, 4.0);
+        assert!((left_m - 1.0).abs() < 0.15 && (right_m - 1.0).abs() < 0.15, "{left_m} {right_m}");
+    }
+
+    #[test]
+    fn a_corridor_ends_where_a_hall_begins() {
+        let plan = plan_of(&[[1.0, 14.0, 4.0, 6.0], [14.0, 29.0, 0.5, 9.5]]);
         for seed in 0..8 {
             let course = plan.site(&GeneratorConfig::default(), seed).expect("a site").course;
             assert!(course.line.corners().iter().all(|corner| corner.x < 18.8), "{:?}", course.line);

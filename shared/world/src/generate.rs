@@ -23,7 +23,7 @@ pub use drops::generate_drops;
 
 pub use crowd::Crowd;
 pub(crate) use crowd::populate_course;
-pub(crate) use furnish::{Kinds, furnish_course};
+pub(crate) use furnish::{Kinds, furnish_course, room_beside_m};
 
 /// What a generated world is like. Shares are probabilities, 0 to 1.
 #[derive(Debug, Clone, PartialEq)]

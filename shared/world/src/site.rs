@@ -177,15 +177,20 @@ impl Course {
         ahead.find(|opening| opening.far_edge_m() > from_m && opening.way_m <= from_m + reach_m)
     }
 
+    /// Whether an opening is a corner of the corridor itself.
+    #[must_use]
+    pub fn is_corner(&self, opening: &Opening) -> bool {
+        wrap_angle(opening.axis_rad() - self.line.at(opening.way_m).rotation.angle()).abs() < ALONG_RAD
+    }
+
     /// The line of who turns into an opening: along the corridor, round the corner, and on to the branch's end; the
     /// corridor's own where it is one of its corners.
     #[must_use]
     pub fn line_into(&self, opening: &Opening) -> Option<TravelLine> {
-        let corner = self.line.at(opening.way_m);
-        let turn_rad = wrap_angle(opening.axis_rad() - corner.rotation.angle()).abs();
-        if turn_rad < ALONG_RAD {
+        if self.is_corner(opening) {
             return Some(self.line.clone());
         }
+        let corner = self.line.at(opening.way_m);
         // As round as both ways have room for.
         let cut_m = (0.5 * self.width_m.min(opening.width_m)).min(opening.way_m).max(0.1);
         let mut places: Vec<Point> = self.line.part(0.0, opening.way_m - cut_m)?.corners().to_vec();

@@ -227,7 +227,8 @@ m ahead of them, and turn round after 8 s; 15 % walk on until they touch. Interv
 Success: forward, the handler is 10 m on along the corridor, or within 2 m of its end; left and right, the
 handler is 2 m inside the opening asked for (in generated worlds within 20 degrees of its axis), or stands still
 in the corridor where there is none within 15 m of way (in generated worlds, who gives the cue within 1 m of an
-opening's farther edge may mean it or what comes next); stop, the robot does not move any more (on legs: half a
+opening's farther edge may mean it or what comes next; where the corridor itself turns less than 4 m before an
+opening to the same side, either is meant); stop, the robot does not move any more (on legs: half a
 second later). An error of orientation is corrected where the handler's third metre of way leads within 10
 degrees of the corridor; orientation_faced counts who faces so at its end. Judged where the corridor goes on for
 5 m; who never comes so far has corrected nothing.

@@ -105,6 +105,21 @@ impl FloorPlan {
     pub(super) fn behind(&self, line: &TravelLine, width_m: f64, mouth: &Mouth, branch: &TravelLine) -> Option<Behind> {
         let from_m = (mouth.way_m - BESIDE_M).max(0.0);
         let near = line.part(from_m, mouth.way_m + BESIDE_M)?;
+        self.beyond(&near, width_m, &Mouth { way_m: mouth.way_m - from_m, ..*mouth }, branch)
+    }
+
+    /// What is behind a corner of the corridor itself, whose middle is at `way_m`: all that is beyond the wall of the
+    /// corridor before it. None as above.
+    pub(super) fn behind_corner(&self, line: &TravelLine, width_m: f64, way_m: f64) -> Option<Behind> {
+        let from_m = (way_m - BESIDE_M).max(0.0);
+        let before = line.part(from_m, (way_m - width_m / 2.0).max(from_m))?;
+        let mouth = Mouth { way_m: way_m - from_m, width_m };
+        self.beyond(&before, width_m, &mouth, &line.part(way_m, line.length_m())?)
+    }
+
+    /// What is beyond the walls of the corridor `near`, from the middle of `branch` on. The way of `mouth` is along
+    /// `near`.
+    fn beyond(&self, near: &TravelLine, width_m: f64, mouth: &Mouth, branch: &TravelLine) -> Option<Behind> {
         // The corridor goes on before the part that is looked at, and beyond it.
         let ends = [(near.at(0.0), -1.0), (near.at(near.length_m()), 1.0)];
         let in_corridor = |place: Point| {
@@ -123,7 +138,7 @@ impl FloorPlan {
         let reached = flood(&self.map, seeds.next(), DEPTH_M, goes);
         let is_back = |place: Point| {
             let foot = near.foot(place);
-            let beside_m = (foot.way_m + from_m - mouth.way_m).abs();
+            let beside_m = (foot.way_m - mouth.way_m).abs();
             beside_m > mouth.width_m / 2.0 + BACK_BESIDE_M
                 && foot.way_m > 0.0
                 && foot.way_m < near.length_m()

@@ -12,9 +12,9 @@ use nalgebra::Vector2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
-use super::furnish::{Kinds, furnish_course};
+use super::furnish::{Kinds, furnish_course, room_beside_m};
 use super::layout::{Branch, FULL, Leads, Plan};
-use super::{GeneratorConfig, beside, between};
+use super::{GeneratorConfig, between};
 use crate::World;
 use crate::prism::{Prism, SeenBy};
 use crate::site::{Behind, Side};
@@ -63,8 +63,6 @@ const GATE_M: [[f64; 2]; 2] = [[1.25, 1.7], [0.08, 0.25]];
 const GATE_FREE_M: f64 = 1.3;
 /// A pillar at the corner of a branch is so thick, metres.
 const PILLAR_M: [f64; 2] = [0.15, 0.4];
-/// The room beside the middle is looked at so far before and behind a thing, metres.
-const BESIDE_M: [f64; 5] = [-0.7, -0.35, 0.0, 0.35, 0.7];
 
 /// A room behind a doorway.
 #[derive(Debug, Clone, Copy)]
@@ -234,14 +232,7 @@ impl Plan {
             if self.gate.is_some_and(|gate| (gate.way_m - at_m).abs() < GATE_FREE_M) {
                 return [0.0; 2];
             }
-            [1.0, -1.0].map(|side| {
-                let to_wall_m = |off_m: &f64| {
-                    let at = course.line.at(way_m + off_m);
-                    let direction = at.rotation * Vector2::new(0.0, side);
-                    world.cast(beside(&course, way_m + off_m, 0.0), direction, 1.0, half_m).unwrap_or(half_m)
-                };
-                BESIDE_M.iter().map(to_wall_m).fold(half_m, f64::min)
-            })
+            room_beside_m(&world, &course, way_m, half_m)
         };
         furnish_course(config, &course, free_m, Kinds::OfBuildings, random)
     }

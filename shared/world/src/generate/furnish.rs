@@ -1,11 +1,13 @@
 //! What stands and hangs in a generated corridor. Beside each thing there is a passage.
 
 use guidance::se2::Point;
+use nalgebra::Vector2;
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::layout::{FULL, Plan};
 use super::{GeneratorConfig, beside, between};
+use crate::World;
 use crate::prism::Prism;
 use crate::site::{Course, Opening};
 
@@ -15,6 +17,9 @@ const APART_M: f64 = 2.2;
 const MOUTH_M: f64 = 0.7;
 /// What protrudes by less is no thing, metres.
 const LEAST_M: f64 = 0.12;
+/// The room beside the middle is looked at so far before and behind a thing, and so high above the floor, metres.
+const BESIDE_M: [f64; 5] = [-0.7, -0.35, 0.0, 0.35, 0.7];
+const WALL_Z_M: f64 = 1.0;
 
 /// Thickness of a curtain's folds; a door's leaf, and its thickness, metres.
 const CLOTH_M: f64 = 0.06;
@@ -48,6 +53,19 @@ pub(super) fn things(config: &GeneratorConfig, plan: &Plan, random: &mut ChaCha8
         }
     }
     things
+}
+
+/// The least room to the left and to the right of a corridor's middle, near a way along it, metres, up to `most_m`: a
+/// doorway beside a thing gives no room, because its jamb is nearer than the thing is long.
+pub(crate) fn room_beside_m(world: &World, course: &Course, way_m: f64, most_m: f64) -> [f64; 2] {
+    [1.0, -1.0].map(|side| {
+        let to_wall_m = |off_m: &f64| {
+            let at = course.line.at(way_m + off_m);
+            let direction = at.rotation * Vector2::new(0.0, side);
+            world.cast(beside(course, way_m + off_m, 0.0), direction, WALL_Z_M, most_m).unwrap_or(most_m)
+        };
+        BESIDE_M.iter().map(to_wall_m).fold(most_m, f64::min)
+    })
 }
 
 /// What stands along a course; `free_m` tells how much room there is to the left and to the right of its middle at a
