@@ -13,6 +13,7 @@ mod openings;
 mod rollout;
 mod route;
 mod team;
+mod trail;
 mod travel;
 
 pub use route::Plan;
@@ -22,17 +23,18 @@ use beams::Beams;
 use field::CostToGo;
 use formation::Forming;
 use grid::{Memory, Window};
-use guidance::se2::{Point, pose2};
+use guidance::se2::{Point, pose2, wrap_angle};
 use guidance::{
     ActionTable, DelayedHarness, Evidence, HandlerBody, HarnessError, Interaction, InteractionModel, Judgement, Motion,
     Se2, Shield, ShieldConfig,
 };
 use messages::{CueKind, Formation, MAX_ACTIONS, Pose2, ScanHeader, UnsafeCause};
 use rollout::{Scene, SeenFloor};
-use route::Route;
+use route::{Route, Seen};
 use settings::Settings;
 use std::collections::VecDeque;
 use team::Team;
+use trail::Trail;
 
 /// Share of the probability that goes to the actions that are not the best.
 const REST_SHARE: f64 = 0.05;
@@ -53,6 +55,10 @@ const AT_GOAL_M: f64 = 1.0;
 const HISTORY: usize = 10;
 /// Beside and behind are places so far apart at least, metres: the shield takes a handler within 0.25 m for there.
 const PLACES_APART_M: f64 = 0.5;
+/// A cue that is given with the robot's heading so far off the way that it came asks to go back, radians.
+const BACK_RAD: f64 = 2.1;
+/// An action leads on that brings the robot so far ahead, metres.
+const ONWARD_M: f64 = 0.1;
 /// A team that came less far in that time gets nowhere, metres.
 const NOWHERE_M: f64 = 0.3;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -75,6 +81,8 @@ pub struct GeometricConfig {
     pub handler_mask_m: f64,
     /// What was seen is remembered for so long, seconds.
     pub memory_s: f64,
+    /// What only the camera saw, but often, is remembered for so long, seconds: glass, for example.
+    pub memory_often_s: f64,
     /// Room that is kept beyond what the shield demands, metres; two sigma of the lidar come on top.
     pub reserve_m: f64,
     /// Whether the robot speaks. It says so before it steps back, and asks the handler to walk elsewhere.
@@ -93,6 +101,7 @@ impl Default for GeometricConfig {
             behind: None,
             handler_mask_m: 0.40,
             memory_s: 10.0,
+            memory_often_s: 60.0,
             reserve_m: 0.04,
             speaks: false,
             shield: None,
@@ -167,6 +176,7 @@ pub struct GeometricEngine {
     robot_from_handler: Se2,
     last_motion: Se2,
     history: VecDeque<Se2>,
+    trail: Trail,
     unrest: f64,
     backed: Backed,
     route: Option<Route>,
@@ -182,18 +192,21 @@ impl GeometricEngine {
     pub fn new(config: GeometricConfig, table: ActionTable) -> Self {
         let team = Team::beside(&config);
         let shield = config.shield.clone().map(Shield::new);
-        let kept = (config.memory_s / config.dt_s).clamp(1.0, 1000.0) as u64;
+        let decisions = |time_s: f64| (time_s / config.dt_s).clamp(1.0, 1000.0) as u64;
+        let memory = Memory::new(decisions(config.memory_s));
+        let memory = memory.with_camera_kept(decisions(config.memory_s), decisions(config.memory_often_s));
         Self {
             robot_from_handler: team.robot_from_handler(),
             team,
             forming: Forming::default(),
-            memory: Memory::new(kept),
+            memory,
             config,
             table,
             odometry_incarnation: None,
             odom_from_robot: Se2::identity(),
             last_motion: Se2::identity(),
             history: VecDeque::new(),
+            trail: Trail::default(),
             unrest: 1.0,
             backed: Backed::default(),
             route: None,
@@ -225,6 +238,18 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
+    /// Of the probabilities that are proposed those that lead on ahead; the others go to stop.
+    pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
+        let mut onward = one_hot_stop();
+        for (i, action) in self.table.actions().iter().enumerate() {
+            if action.start_from_end().translation.x > ONWARD_M {
+                onward[i] = proposed[i];
+                onward[ActionTable::STOP] -= proposed[i];
+            }
+        }
+        onward
+    }
+
     /// The cost of each action, metres: to the goal, by the best way that begins with it. An action without such a way
     /// costs more than to stop, and what the shield forbids costs more than that; a wedged team's way out costs less.
     /// Infinite for an action that does not exist. `None`: stand.
@@ -253,11 +278,15 @@ impl GeometricEngine {
         }
         let odom_from_robot = self.odom_from_robot;
         let place = Point::from(odom_from_robot.translation.vector);
-        let mut window = self.memory.window(place, self.team.width().fits_m);
+        let hidden =
+            observation.shield.and_then(|(evidence, _)| evidence.memory).map_or(&[][..], guidance::Memory::hidden);
+        let hidden = hidden.iter().map(|hidden| odom_from_robot * hidden.place);
+        let mut window = self.memory.window(place, self.team.width().fits_m, hidden);
         let odom_from_start = odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse();
         let route = self.route.get_or_insert_with(|| Route::new(odom_from_start.rotation.angle()));
         let cue_place = Point::from(odom_from_start.translation.vector);
-        let goal = route.goal(&window, &odom_from_robot, &beams.hits, self.cue, cue_place);
+        let seen = Seen { window: &window, odom_from_robot: &odom_from_robot, trail: &self.trail };
+        let goal = route.goal(&seen, &beams.hits, self.cue, cue_place);
         self.plan = goal.plan;
         if goal.seeds.is_empty() {
             self.consider_room_beside(&mut window, true);
@@ -302,6 +331,7 @@ impl GeometricEngine {
             self.odometry_incarnation = Some(observation.odometry_incarnation);
             self.memory.clear();
             self.history.clear();
+            self.trail.clear();
             self.route = None;
             self.last_motion = Se2::identity();
             self.robot_from_handler = self.team.robot_from_handler();
@@ -314,6 +344,7 @@ impl GeometricEngine {
         }
         self.odom_from_robot = odom_from_robot;
         self.backed.take(&odom_from_robot, &self.last_motion);
+        self.trail.take(Point::from(odom_from_robot.translation.vector));
         self.history.push_back(odom_from_robot);
         if self.history.len() > HISTORY {
             self.history.pop_front();
@@ -329,6 +360,9 @@ impl GeometricEngine {
             let was_turn = matches!(self.cue, CueKind::Left | CueKind::Right);
             let goes_on = was_turn && observation.cue == CueKind::Forward;
             self.route = self.route.take().filter(|route| goes_on && route.turns_to(start_rad));
+            if self.trail.heading_rad().is_some_and(|came_rad| wrap_angle(start_rad - came_rad).abs() > BACK_RAD) {
+                self.trail.clear();
+            }
             self.history.clear();
         }
         self.cue = observation.cue;

@@ -9,10 +9,10 @@
 use std::collections::VecDeque;
 
 use guidance::{ActionTable, Se2};
-use messages::{CueKind, Formation, MAX_ACTIONS};
+use messages::{Formation, MAX_ACTIONS};
 use settings::PlannerUse;
 
-use crate::geometric::{self, GeometricEngine};
+use crate::geometric::{self, GeometricEngine, Plan};
 use crate::{Engine, EngineError, Probabilities, Situation, stand};
 
 /// An action that costs so much more than the best one has its probability divided by e, metres.
@@ -28,8 +28,7 @@ const PROGRESS_RAD: f64 = 0.5;
 const PROGRESS_DECISIONS: usize = 6;
 /// Number of decisions that the planner then makes alone.
 const TAKEN_OVER: usize = 12;
-/// A network that is to go on along the way and chooses so much dearer than the planner would, metres, is overruled as
-/// well. What it chose at a decision counts for this share of it at the next one.
+/// A network that chooses so much dearer than the planner would, metres, is overruled as well. What it chose at a decision counts for this share of it at the next one.
 const DEARER_M: f64 = 2.0;
 const KEPT: f64 = 0.9;
 
@@ -107,9 +106,13 @@ impl Engine for PlannedEngine {
         if self.planner.asks_for().is_some() {
             return Ok(stand());
         }
-        // Where it sees no way, whether the way has ended is the network's to say.
         let Some(costs_m) = costs_m else {
-            return Ok(if situation.formation == Formation::Behind { stand() } else { proposed });
+            return Ok(match (situation.formation, self.planner.plan()) {
+                (Formation::Behind, _) => stand(),
+                // The network may see a way on. A robot that turns here goes back where it came from.
+                (Formation::Beside, Plan::End) => self.planner.onward(&proposed),
+                _ => proposed,
+            });
         };
         let decided = if is_taken_over {
             geometric::probabilities(&costs_m)
@@ -118,10 +121,7 @@ impl Engine for PlannedEngine {
         } else {
             judged(&proposed, &costs_m)
         };
-        // Whether an opening is one, the network knows better.
-        if situation.cue == CueKind::Forward {
-            self.progress.chosen(&decided, &costs_m);
-        }
+        self.progress.chosen(&decided, &costs_m);
         Ok(decided)
     }
 

@@ -122,7 +122,7 @@ impl SoloEngine {
         let speeds = table.actions().iter().map(|action| action.velocity(config.dt_s).vx_mps);
         Self {
             speed_max_mps: speeds.fold(1e-3, f64::max),
-            memory: Memory::new(decisions(MEMORY_S)).with_camera_kept(decisions(CAMERA_S)),
+            memory: Memory::new(decisions(MEMORY_S)).with_camera_kept(decisions(CAMERA_S), decisions(CAMERA_S)),
             config,
             table,
             motions,
@@ -144,7 +144,7 @@ impl SoloEngine {
             situation.obstacles.iter().copied().filter(|place| place.coords.norm() < CAMERA_M).collect();
         self.memory.update(&situation.odom_from_robot, &beams, &near, None);
         let place = Point::from(situation.odom_from_robot.translation.vector);
-        let window = self.memory.window(place, self.config.radius_m);
+        let window = self.memory.window(place, self.config.radius_m, []);
         let cost = CostToGo::spread_by(&window, &seeds(&window, situation.goal), place, |window, cell| {
             self.price(window, cell)
         });

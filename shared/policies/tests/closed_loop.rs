@@ -467,6 +467,48 @@ fn forward_goes_straight_on_at_a_crossing_and_stands_at_an_end() {
         .check();
 }
 
+/// A corridor of 2 m that bends to the left by that angle at (9, 0) and ends there after `on_m`; and its end.
+fn bent_dead_end(bend_deg: f64, on_m: f64) -> (World, Point) {
+    let bend_rad = bend_deg.to_radians();
+    let (along, across) = (Vector2::new(bend_rad.cos(), bend_rad.sin()), Vector2::new(-bend_rad.sin(), bend_rad.cos()));
+    let end = Point::new(9.0, 0.0) + along * on_m;
+    let [left, right] = [end + across, end - across];
+    let cut_m = (bend_rad / 2.0).tan();
+    let world = World::default().line(&[
+        (-3.0, 1.0),
+        (9.0 - cut_m, 1.0),
+        (left.x, left.y),
+        (right.x, right.y),
+        (9.0 + cut_m, -1.0),
+        (-3.0, -1.0),
+        (-3.0, 1.0),
+    ]);
+    (world, end - along)
+}
+
+#[test]
+fn behind_a_bend_the_way_back_is_no_opening() {
+    for bend_deg in [50.0, -50.0] {
+        for cue in [CueKind::Left, CueKind::Right] {
+            let (world, end) = bent_dead_end(bend_deg, 5.0);
+            let is_its_turn = (cue == CueKind::Left) == (bend_deg > 0.0);
+            // Who has to turn at the bend itself has turned.
+            let at = if is_its_turn { end - (end - Point::new(9.0, 0.0)) * 0.4 } else { Point::new(7.0, 0.0) };
+            let walk = Walk::new("dead end behind a bend", world, (0.0, 0.0, 0.0), 120.0).cue(cue, (at.x, at.y));
+            walk.stands(end.x, end.y, Plan::End).check();
+        }
+    }
+}
+
+#[test]
+fn a_person_across_the_corridor_is_not_its_end() {
+    // Beside an opening, somebody crosses the corridor and fills it for a moment.
+    let mut world = junction([true, true, true, false]);
+    world.walkers.push((Point::new(10.8, 30.0), Vector2::new(0.0, -1.6), 0.35));
+    world.walkers.push((Point::new(10.8, 30.8), Vector2::new(0.0, -1.6), 0.35));
+    Walk::new("somebody crosses", world, (0.0, 0.0, 0.0), 110.0).to(18.0, 0.0).check();
+}
+
 #[test]
 fn turns_into_openings_with_timing_errors() {
     let (left, right) = (CueKind::Left, CueKind::Right);

@@ -6,6 +6,7 @@ use messages::{CueKind, Formation};
 
 use super::GeometricEngine;
 use super::grid::Window;
+use super::route::Seen;
 use super::team::Team;
 
 /// The way goes on so much farther in single file, metres.
@@ -105,7 +106,8 @@ impl GeometricEngine {
     /// How far the way goes on for a team that fits where there is so much clearance, metres.
     fn ahead_m(&mut self, window: &mut Window, fits_m: f64) -> f64 {
         let fitted_m = std::mem::replace(&mut window.fits_m, fits_m);
-        let ahead_m = self.route.as_mut().map_or(0.0, |route| route.ahead_m(window, &self.odom_from_robot));
+        let seen = Seen { window, odom_from_robot: &self.odom_from_robot, trail: &self.trail };
+        let ahead_m = self.route.as_mut().map_or(0.0, |route| route.ahead_m(&seen));
         window.fits_m = fitted_m;
         ahead_m
     }

@@ -16,6 +16,8 @@ const PASS_M: f64 = 0.12;
 const STANDING_M: f64 = 0.25;
 /// What the camera sees is there if it saw it in one of this many updates before as well: a single frame may be noise.
 const GLIMPSED: u64 = 3;
+/// What it saw in so many updates is no noise.
+const OFTEN: u64 = 4;
 
 /// What is known of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,6 +41,8 @@ struct Cell {
     camera_only: bool,
     /// The update at which the camera saw something there; 0: none.
     glimpsed: u64,
+    /// Number of updates in which the camera saw something there since the cell was last known to be free.
+    glimpses: u64,
 }
 
 /// The rolling memory, in the odometry frame.
@@ -48,6 +52,7 @@ pub struct Memory {
     now: u64,
     kept: u64,
     camera_kept: u64,
+    often_kept: u64,
 }
 
 fn key_of(place: Point) -> (i32, i32) {
@@ -72,12 +77,21 @@ fn first_key(centre: Point) -> (i32, i32) {
 impl Memory {
     /// Nothing known; what is seen is kept for that many updates.
     pub fn new(kept: u64) -> Self {
-        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept, camera_kept: kept }
+        Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept, camera_kept: kept, often_kept: kept }
     }
 
-    /// The same; what the camera alone saw is kept for that many updates.
-    pub fn with_camera_kept(self, camera_kept: u64) -> Self {
-        Self { camera_kept, ..self }
+    /// The same; what the camera alone saw is kept for so many updates, and for so many where it saw it often.
+    pub fn with_camera_kept(self, camera_kept: u64, often_kept: u64) -> Self {
+        Self { camera_kept, often_kept, ..self }
+    }
+
+    /// Number of updates that what is in a cell is kept for.
+    fn kept(&self, cell: &Cell) -> u64 {
+        match cell.camera_only {
+            true if cell.glimpses >= OFTEN => self.often_kept,
+            true => self.camera_kept,
+            false => self.kept,
+        }
     }
 
     /// Forgets everything: a new odometry frame.
@@ -113,10 +127,11 @@ impl Memory {
         let pass_m = PASS_M + 2.0 * beams.sigma_m;
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
+            let kept = self.kept(&self.cells[slot_of(key)]);
             let cell = &mut self.cells[slot_of(key)];
             if cell.key != key {
                 *cell = Cell { key, ..Cell::default() };
-            } else if self.now > cell.seen + if cell.camera_only { self.camera_kept } else { self.kept } {
+            } else if self.now > cell.seen + kept {
                 *cell = Cell { key, glimpsed: cell.glimpsed, ..Cell::default() };
             }
             let occupied = cell.known == Known::Occupied;
@@ -138,7 +153,7 @@ impl Memory {
         let key = key_of(at);
         let cell = &mut self.cells[slot_of(key)];
         if cell.key == key {
-            *cell = Cell { key, known: Known::Occupied, hit: at, seen: self.now, camera_only, glimpsed: cell.glimpsed };
+            *cell = Cell { known: Known::Occupied, hit: at, seen: self.now, camera_only, ..*cell };
         }
     }
 
@@ -151,7 +166,7 @@ impl Memory {
         let key = key_of(at);
         let cell = &mut self.cells[slot_of(key)];
         if cell.key == key && cell.glimpsed != self.now {
-            cell.glimpsed = self.now;
+            (cell.glimpsed, cell.glimpses) = (self.now, cell.glimpses + 1);
         }
     }
 
@@ -169,20 +184,25 @@ impl Memory {
     }
 
     /// The surroundings of a place (odometry frame), with the clearance of every cell, for a team that fits where it
-    /// has so much of it, metres.
-    pub fn window(&self, centre: Point, fits_m: f64) -> Window {
+    /// has so much of it, metres. What else is known to stand there (odometry frame) is added to it.
+    pub fn window(&self, centre: Point, fits_m: f64, others: impl IntoIterator<Item = Point>) -> Window {
         let (first, known) = (first_key(centre), vec![Known::Unknown; SIDE * SIDE]);
         let mut window = Window { first, known, clearance_m: Vec::new(), hits: Vec::new(), fits_m };
         for slot in 0..SIDE * SIDE {
             let key = (first.0 + (slot % SIDE) as i32, first.1 + (slot / SIDE) as i32);
             let cell = &self.cells[slot_of(key)];
-            let kept = if cell.camera_only { self.camera_kept } else { self.kept };
-            if cell.key != key || self.now > cell.seen + kept {
+            if cell.key != key || self.now > cell.seen + self.kept(cell) {
                 continue;
             }
             window.known[slot] = cell.known;
             if cell.known == Known::Occupied {
                 window.hits.push(cell.hit);
+            }
+        }
+        for other in others {
+            if let Some(cell) = window.cell_at(other) {
+                window.known[cell] = Known::Occupied;
+                window.hits.push(other);
             }
         }
         window.measure_clearance();

@@ -3,6 +3,7 @@
 use super::field::reachable;
 use super::grid::Window;
 use super::openings::{Opening, Profile, Side};
+use super::trail::Trail;
 use super::travel::TravelLine;
 use guidance::Se2;
 use guidance::se2::{Point, wrap_angle};
@@ -15,6 +16,8 @@ const GOAL_M: f64 = 7.0;
 const NEAR_END_M: f64 = 2.5;
 /// The corridor goes on round a bend where an opening ends within this of its end, metres.
 const AT_END_M: f64 = 1.0;
+/// Number of decisions that find a bend before the team takes it: who walks across the corridor is not its end.
+const BEND_SURE: u32 = 4;
 /// Way ahead under which the corridor is at its end, metres.
 const END_M: f64 = 0.4;
 /// Way ahead over which an end was none after all, metres.
@@ -29,6 +32,9 @@ const LATE_MIDDLE_M: f64 = 1.6;
 const INTO_M: (f64, f64) = (0.8, 3.0);
 /// An opening may lead away at a slant: its goal widens by this much each metre beyond the wall.
 const SLANT: f64 = 0.5;
+/// The team goes back by so much at most, metres; on the way into an opening by more.
+const BEHIND_M: f64 = 1.8;
+const TURN_BEHIND_M: f64 = 3.0;
 /// Decisions without a way after which a chosen opening is given up.
 const LOST_COUNT: u32 = 6;
 
@@ -89,8 +95,21 @@ pub struct Route {
     branch: Option<Branch>,
     wall_m: [f64; 2],
     ended: bool,
+    /// Number of decisions that found a bend to that side.
+    bends: (u32, Side),
     /// Where the way led at the last decision, radians, odometry frame.
     pub way_rad: Option<f64>,
+}
+
+/// What a decision goes by.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// What is known of the surroundings.
+    pub window: &'a Window,
+    /// Where the robot is.
+    pub odom_from_robot: &'a Se2,
+    /// Where it came from.
+    pub trail: &'a Trail,
 }
 
 /// What is seen from the robot at one decision.
@@ -107,7 +126,8 @@ struct View<'a> {
 impl Route {
     /// A route that begins with a cue given in that direction (odometry frame).
     pub fn new(yaw_rad: f64) -> Self {
-        Self { line: TravelLine::new(yaw_rad), branch: None, wall_m: [1.0; 2], ended: false, way_rad: None }
+        let line = TravelLine::new(yaw_rad);
+        Self { line, branch: None, wall_m: [1.0; 2], ended: false, bends: (0, Side::Left), way_rad: None }
     }
 
     /// Whether an opening was chosen that leads in that direction (odometry frame): half-way round, a turn counts as
@@ -120,18 +140,11 @@ impl Route {
 
     /// Where to go now. `cue_place` is where the robot was when the cue was given (odometry frame), `hits` are those of
     /// the scan, in the order of its beams (robot frame).
-    pub fn goal(
-        &mut self,
-        window: &Window,
-        odom_from_robot: &Se2,
-        hits: &[Option<Point>],
-        cue: CueKind,
-        cue_place: Point,
-    ) -> Goal {
+    pub fn goal(&mut self, seen: &Seen, hits: &[Option<Point>], cue: CueKind, cue_place: Point) -> Goal {
         if self.branch.is_none() {
-            self.line.follow(odom_from_robot, hits, self.way_rad);
+            self.line.follow(seen.odom_from_robot, hits, self.way_rad);
         }
-        let view = self.view(window, odom_from_robot);
+        let view = self.view(seen);
         let goal = match cue {
             CueKind::Stop => None,
             CueKind::Forward => self.bend(&view),
@@ -142,16 +155,18 @@ impl Route {
     }
 
     /// How far the way goes on ahead from the robot, along the travel line, metres.
-    pub fn ahead_m(&mut self, window: &Window, odom_from_robot: &Se2) -> f64 {
-        self.view(window, odom_from_robot).ahead_m
+    pub fn ahead_m(&mut self, seen: &Seen) -> f64 {
+        self.view(seen).ahead_m
     }
 
-    fn view<'a>(&mut self, window: &'a Window, robot: &'a Se2) -> View<'a> {
+    fn view<'a>(&mut self, seen: &Seen<'a>) -> View<'a> {
+        let Seen { window, odom_from_robot: robot, trail } = *seen;
         let odom_from_line = Se2::new(robot.translation.vector, self.line.yaw_rad);
         let line_from_odom = odom_from_line.inverse();
-        let behind_m = if self.branch.is_some() { -3.0 } else { -1.8 };
-        let reached =
-            reachable(window, Point::from(robot.translation.vector), |place| (line_from_odom * place).x > behind_m);
+        let behind_m = if self.branch.is_some() { TURN_BEHIND_M } else { BEHIND_M };
+        let back = trail.behind(behind_m);
+        let is_ahead = |place: Point| (line_from_odom * place).x > -behind_m && !back.contains(place);
+        let reached = reachable(window, Point::from(robot.translation.vector), is_ahead);
         let profiles = [Side::Left, Side::Right].map(|side| Profile::look(window, &odom_from_line, side));
         for (wall_m, profile) in self.wall_m.iter_mut().zip(&profiles) {
             *wall_m = profile.wall_m().unwrap_or(*wall_m);
@@ -187,22 +202,33 @@ impl Route {
                 *self = Self::new(branch_rad);
             }
             return goal;
-        } else if view.ahead_m < NEAR_END_M {
-            let find = |slack_m| [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, slack_m));
-            let (side, opening) = match (find(AT_END_M), find(NEAR_END_M)) {
-                ([Some(opening), None], [_, None]) => (Side::Left, opening),
-                ([None, Some(opening)], [None, _]) => (Side::Right, opening),
-                _ => return None,
-            };
-            let other = side.other();
-            let wall_m = self.wall_m[other as usize];
-            let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + view.window.fits_m, wall_m);
-            if !shut && view.ahead_m >= END_M {
-                return None;
-            }
-            self.branch = Some(branch(view, side, &opening, Plan::Bend));
         }
+        let seen = self.bend_ahead(view);
+        self.bends = match &seen {
+            Some((side, _)) if self.bends.1 == *side => (self.bends.0 + 1, *side),
+            Some((side, _)) => (1, *side),
+            None => (0, self.bends.1),
+        };
+        let (side, opening) = seen.filter(|_| self.bends.0 >= BEND_SURE)?;
+        self.branch = Some(branch(view, side, &opening, Plan::Bend));
         self.seek_branch(view)
+    }
+
+    /// The opening that is the corridor's only way on, where the corridor is about to end.
+    fn bend_ahead(&self, view: &View) -> Option<(Side, Opening)> {
+        if view.ahead_m >= NEAR_END_M {
+            return None;
+        }
+        let find = |slack_m| [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, slack_m));
+        let (side, opening) = match (find(AT_END_M), find(NEAR_END_M)) {
+            ([Some(opening), None], [_, None]) => (Side::Left, opening),
+            ([None, Some(opening)], [None, _]) => (Side::Right, opening),
+            _ => return None,
+        };
+        let other = side.other();
+        let wall_m = self.wall_m[other as usize];
+        let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + view.window.fits_m, wall_m);
+        (shut || view.ahead_m < END_M).then_some((side, opening))
     }
 
     /// Into the next opening of that side, once it is near.

@@ -17,6 +17,9 @@ const EVIDENCE_M: f64 = 1.2;
 /// Decisions after which a way that keeps leading elsewhere is the direction of travel.
 const DEVIATION_COUNT: u32 = 5;
 const DEVIATION_RAD: f64 = 0.52;
+/// What the team has walked tells the direction over so much way, metres. A team that goes back does not.
+const WALKED_M: f64 = 1.5;
+const BACK_RAD: f64 = 2.0;
 const BIN_RAD: f64 = PI / 90.0;
 const BINS: usize = 90;
 
@@ -28,12 +31,14 @@ pub struct TravelLine {
     reference_rad: f64,
     settled: u32,
     deviating: u32,
+    /// Where the team began the part of the way that it walks (odometry frame).
+    walked_from: Option<Point>,
 }
 
 impl TravelLine {
     /// Along this direction, to be corrected by the walls.
     pub fn new(yaw_rad: f64) -> Self {
-        Self { yaw_rad, reference_rad: yaw_rad, settled: 0, deviating: 0 }
+        Self { yaw_rad, reference_rad: yaw_rad, settled: 0, deviating: 0, walked_from: None }
     }
 
     /// Follows the walls seen (robot frame, in the order of the beams) and, where it keeps leading elsewhere, the way
@@ -59,6 +64,18 @@ impl TravelLine {
         if let Some(way) = elsewhere.filter(|_| self.deviating >= DEVIATION_COUNT) {
             *self = Self::new(way);
         }
+        self.follow_walked(Point::from(odom_from_robot.translation.vector));
+    }
+
+    /// Where the team has walked elsewhere for a while, round a bend, that is the direction of travel.
+    fn follow_walked(&mut self, here: Point) {
+        let walked = here - *self.walked_from.get_or_insert(here);
+        if walked.norm() < WALKED_M {
+            return;
+        }
+        let walked_rad = walked.y.atan2(walked.x);
+        let is_elsewhere = (DEVIATION_RAD..BACK_RAD).contains(&wrap_angle(walked_rad - self.yaw_rad).abs());
+        *self = if is_elsewhere { Self::new(walked_rad) } else { Self { walked_from: Some(here), ..*self } };
     }
 }
 
