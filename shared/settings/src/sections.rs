@@ -336,8 +336,8 @@ pub struct Handler {
     pub robot_from_handler: Pose2,
     /// In single file the handler's middle is so far behind the robot's, metres.
     pub behind_m: Positive,
-    /// In single file the robot makes its motions at this share of their speed: a person walks on by 0.6 s of way after
-    /// it stops, and it stands before them.
+    /// In single file the robot makes its motions at this share of their speed. A handler right behind it walks on for
+    /// some 0.6 s when it stops.
     pub behind_speed: Share,
     /// Delayed harness: remembered share of the offset per decision; 0 = rigid.
     pub alpha: Share,
