@@ -38,29 +38,16 @@ fn a_robot_on_legs_waits_for_a_handler_who_lets_go() {
     }
 }
 
-/// A walk through a doorway of 0.9 m by a robot that speaks, or does not; the report.
-fn through_the_narrow_door(speaks: bool) -> Value {
+/// A walk through a doorway of 0.9 m by a robot that speaks: it asks the handler to come behind it, and beside it again.
+fn assert_passes_the_narrow_door(more: &[&str]) {
     let place = Place::new();
     let config = place.path().join("speak.toml");
-    std::fs::write(&config, format!("[speak]\non = {speaks}\nfile = \"said.wav\"\n")).expect("written");
+    std::fs::write(&config, "[speak]\non = true\nfile = \"said.wav\"\n").expect("written");
     let scenario = project().join("config/scenarios/narrow-door.toml");
-    let (report, _) = place.json(&[
-        "walk",
-        "--scenario",
-        &scenario.to_string_lossy(),
-        "--speed",
-        "0",
-        "--config",
-        &config.to_string_lossy(),
-        "--json",
-    ]);
+    let (scenario, config) = (scenario.to_string_lossy(), config.to_string_lossy());
+    let args = ["walk", "--scenario", &scenario, "--speed", "0", "--config", &config, "--json"];
+    let (report, _) = place.json(&[&args[..], more].concat());
     place.assert_empty();
-    report
-}
-
-#[test]
-fn the_handler_comes_behind_through_a_narrow_door_and_beside_again_after_it() {
-    let report = through_the_narrow_door(true);
     assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
     let stops = report["stops"].as_array().expect("stops");
     let asked: Vec<_> = stops.iter().map(|stop| &stop["reason"]).filter(|r| **r == "narrow" || **r == "wide").collect();
@@ -69,6 +56,19 @@ fn the_handler_comes_behind_through_a_narrow_door_and_beside_again_after_it() {
     for reason in ["narrow", "wide"] {
         let asked_s = report["stopped_s_by_reason"][reason].as_f64().expect("a time");
         assert!((4.5..10.0).contains(&asked_s), "{reason}: {asked_s}");
+    }
+}
+
+#[test]
+fn the_handler_comes_behind_through_a_narrow_door_and_beside_again_after_it() {
+    assert_passes_the_narrow_door(&[]);
+}
+
+/// A handler right behind the robot walks on when it stops, and does not reach it.
+#[test]
+fn a_robot_on_legs_passes_a_narrow_door_untouched_by_the_handler_behind_it() {
+    if has_legs() {
+        assert_passes_the_narrow_door(&["--physics", "mujoco"]);
     }
 }
 

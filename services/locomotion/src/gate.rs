@@ -2,8 +2,8 @@
 
 use guidance::accord::{Accord, Response};
 use messages::{
-    Cue, EmergencyStop, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopClass, StopInput, StopKind,
-    StopReason, TopicId, Twist2, UnsafeCause, age_ns,
+    Cue, EmergencyStop, Formation, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId, StopClass, StopInput,
+    StopKind, StopReason, TopicId, Twist2, UnsafeCause, age_ns,
 };
 use settings::{EstopSource, Settings};
 
@@ -24,8 +24,8 @@ pub struct GateLimits {
     pub speed_mps: f64,
     /// Largest turn, radians per second.
     pub turn_radps: f64,
-    /// The velocity of each action of the run's table, by its index: no other is ever permitted.
-    pub actions: Vec<Twist2>,
+    /// The velocity of each action of the run's table, by formation and index: no other is ever permitted.
+    pub actions: [Vec<Twist2>; Formation::ALL.len()],
     /// Whether the robot whose odometry comes is the one that is commanded; a recorded one is not.
     pub obeyed: bool,
     /// How a healthy robot answers a command.
@@ -41,9 +41,13 @@ impl GateLimits {
     #[must_use]
     pub fn of(settings: &Settings) -> Self {
         let limits = &settings.locomotion.limits;
-        let table = settings.policy.actions.table();
+        let (table, dt_s) = (settings.policy.actions.table(), settings.policy.dt.s());
+        let velocities = |formation| {
+            let table = table.slowed(settings.speed_in(formation));
+            table.actions().iter().map(|action| action.velocity(dt_s)).collect()
+        };
         Self {
-            actions: table.actions().iter().map(|action| action.velocity(settings.policy.dt.s())).collect(),
+            actions: Formation::ALL.map(velocities),
             obeyed: settings.locomotion.link.is_obeyed(),
             response: settings.robot.response.accord(),
             permit_life_ns: settings.locomotion.permit_life.ns(),
@@ -410,7 +414,7 @@ impl Gate {
             || !velocity.is_finite()
             || velocity.speed_mps() > self.limits.speed_mps
             || velocity.wz_radps.abs() > self.limits.turn_radps
-            || self.limits.actions.get(permit.action as usize) != Some(&velocity)
+            || self.limits.actions[mode.formation as usize].get(permit.action as usize) != Some(&velocity)
         {
             return sudden(StopKind::PermitInvalid);
         }

@@ -7,7 +7,7 @@ mod waiting;
 
 use backing::Backing;
 use explain::explain;
-use forming::Places;
+use forming::Place;
 use guidance::contact;
 use guidance::se2::pose2;
 use guidance::shield::{choose, leaves_only_stop, masked_at_edge, most_wanted_motion, suppress};
@@ -16,8 +16,8 @@ use guidance::{
     ShieldConfig, TiltWatch,
 };
 use messages::{
-    CueKind, DepthHeader, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause, PolicyAction,
-    ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
+    CueKind, DepthHeader, Formation, Health, Mode, ModeClass, NS_PER_S, Odometry, Outcome, Permit, PermitCause,
+    PolicyAction, ScanHeader, SecondScanHeader, StopKind, TopicId, Twist2, age_ns, s_from_ns,
 };
 use settings::{Settings, Source};
 use waiting::Waiting;
@@ -31,8 +31,9 @@ const SAID_NS: u64 = NS_PER_S / 2;
 /// What the core needs to know.
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
-    table: ActionTable,
-    places: Places,
+    /// By formation.
+    places: [Place; Formation::ALL.len()],
+    action_table_id: u64,
     awareness: AwarenessConfig,
     shield: ShieldConfig,
     draw: Draw,
@@ -56,10 +57,11 @@ impl CoreConfig {
     /// # Errors
     /// Where the handler's parameters are no handler's.
     pub fn of(settings: &Settings, table: ActionTable) -> Result<Self, HarnessError> {
+        let [beside, behind] = Formation::ALL.map(|formation| Place::of(settings, &table, formation));
         let absent = if settings.depth.source == Source::Absent { 1 << TopicId::DepthFrame as u32 } else { 0 };
         Ok(Self {
-            places: Places::of(settings)?,
-            table,
+            places: [beside?, behind?],
+            action_table_id: table.id(),
             awareness: AwarenessConfig {
                 second_max_age_ns: settings.lidar.second.is_some().then(|| settings.max_age_ns(TopicId::SecondScan)),
                 ..settings.awareness_config()
@@ -101,6 +103,8 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     awareness: Awareness,
+    /// The actions as they are made in the formation in force.
+    table: ActionTable,
     floor: FloorWatch,
     tilt: TiltWatch,
     jumps: u64,
@@ -122,9 +126,11 @@ impl Core {
     /// A core that has seen nothing.
     #[must_use]
     pub fn new(config: CoreConfig) -> Self {
+        let beside = &config.places[Formation::Beside as usize];
         Self {
             shield: Shield::new(config.shield.clone()),
-            awareness: Awareness::new(config.places.beside.clone(), config.awareness.clone()),
+            awareness: Awareness::new(beside.model.clone(), config.awareness.clone()),
+            table: beside.table.clone(),
             floor: FloorWatch::default(),
             tilt: TiltWatch::default(),
             jumps: 0,
@@ -159,7 +165,7 @@ impl Core {
                 .is_some_and(|odometry| contact::falls_short(&running.velocity, &odometry.twist))
         {
             // Whatever held the robot is met again where this action leads, whoever gives the next cue.
-            let action = self.config.table.actions()[running.index].start_from_end();
+            let action = self.table.actions()[running.index].start_from_end();
             self.awareness.feel(&running.odom_from_begin, &action);
         }
         let was_told = |old: Mode| old.class != ModeClass::Run && old.reason.kind == StopKind::NoFloor;
@@ -308,8 +314,8 @@ impl Core {
             odom_from_begin: *self.awareness.odom_from_robot(),
             end_ns: (action.decision + 1) * self.config.dt_ns,
         };
-        let count = self.config.table.len();
-        if action.action_table_id != self.config.table.id()
+        let count = self.table.len();
+        if action.action_table_id != self.config.action_table_id
             || action.action_count as usize != count
             || !are_probabilities(&action.probabilities[..count])
         {
@@ -327,7 +333,7 @@ impl Core {
             return running;
         }
         let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
-        running.unsafe_mask = self.shield.judge_actions(&self.config.table, evidence, handler, &mut self.judgements);
+        running.unsafe_mask = self.shield.judge_actions(&self.table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         let mut wanted = choose(&probabilities, Draw::ArgMax, action.decision);
         if self.is_cued_forward() {
@@ -335,14 +341,14 @@ impl Core {
             if let Some(waiting) = self.waiting.filter(|_| wanted == ActionTable::STOP) {
                 wanted = waiting.action;
             }
-            let (table, mask) = (&self.config.table, running.unsafe_mask);
+            let (table, mask) = (&self.table, running.unsafe_mask);
             running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, wanted);
         }
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
         running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
         // Where only stop is left, it is the shield that stops.
-        let is_held = running.index == ActionTable::STOP && leaves_only_stop(running.unsafe_mask, &self.config.table);
+        let is_held = running.index == ActionTable::STOP && leaves_only_stop(running.unsafe_mask, &self.table);
         running.drawn = if is_held {
             Outcome::AllUnsafe
         } else if running.index == ActionTable::STOP {
@@ -350,14 +356,14 @@ impl Core {
         } else {
             Outcome::Granted
         };
-        let told = if is_held { most_wanted_motion(&self.config.table, &probabilities, wanted) } else { running.index };
+        let told = if is_held { most_wanted_motion(&self.table, &probabilities, wanted) } else { running.index };
         running.judgement = self.judgements[told];
-        let (is_back, gap_ns) = (self.config.table.actions()[running.index].leads_back(), self.wait_gap_ns());
+        let (is_back, gap_ns) = (self.table.actions()[running.index].leads_back(), self.wait_gap_ns());
         if self.backing.waits(now_ns, is_back, self.mode.as_ref(), self.config.back_told_ns, gap_ns) {
             (running.index, running.drawn) = (ActionTable::STOP, Outcome::StepsBack);
         }
         self.wait_at_edge(now_ns, told, &running);
-        running.velocity = self.config.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
+        running.velocity = self.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
     }
 

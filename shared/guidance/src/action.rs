@@ -162,6 +162,16 @@ impl ActionTable {
         Self::parse(text).expect("a shipped table is right")
     }
 
+    /// The same actions, made at that share of their speed: in one decision each leads that share as far.
+    #[must_use]
+    pub fn slowed(&self, share: f64) -> Self {
+        let slowed = |Action { name, motion: Pose2 { x_m, y_m, yaw_rad } }: &Action| Action {
+            name: name.clone(),
+            motion: Pose2::new(x_m * share, y_m * share, yaw_rad * share),
+        };
+        Self { actions: self.actions.iter().map(slowed).collect() }
+    }
+
     /// The actions, stop first.
     #[must_use]
     pub fn actions(&self) -> &[Action] {
@@ -236,6 +246,17 @@ mod tests {
         assert_eq!(motion("diagonal_left"), Pose2::new(diagonal_m, diagonal_m, 0.0));
         assert_eq!(motion("arc_left"), Pose2::new(0.25, 0.0, turn_rad));
         assert!((eight.actions()[1].velocity(0.5).vx_mps - 0.5).abs() < 1e-12);
+    }
+
+    #[test]
+    fn slowed_actions_are_the_same_at_a_share_of_their_speed() {
+        let table = ActionTable::ten();
+        assert_eq!(table.slowed(1.0), table);
+        for (action, slowed) in table.actions().iter().zip(table.slowed(0.5).actions()) {
+            let (fast, slow) = (action.velocity(0.5), slowed.velocity(0.5));
+            let off = [fast.vx_mps / 2.0 - slow.vx_mps, fast.wz_radps / 2.0 - slow.wz_radps];
+            assert!(action.name == slowed.name && off.iter().all(|off| off.abs() < 1e-3), "{slowed:?}");
+        }
     }
 
     #[test]

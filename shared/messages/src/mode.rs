@@ -205,6 +205,11 @@ pub enum Formation {
     Behind,
 }
 
+impl Formation {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 2] = [Self::Beside, Self::Behind];
+}
+
 named!(Formation);
 
 mirrored! {

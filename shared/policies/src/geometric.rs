@@ -77,6 +77,8 @@ pub struct GeometricConfig {
     pub model: InteractionModel,
     /// How they follow behind it, in single file; none: no passage is too narrow to be told.
     pub behind: Option<InteractionModel>,
+    /// The share of its speed at which the robot makes its motions in single file.
+    pub behind_speed: f64,
     /// Beams that end this near to the predicted handler are taken to end on the handler, metres.
     pub handler_mask_m: f64,
     /// What was seen is remembered for so long, seconds.
@@ -99,6 +101,7 @@ impl Default for GeometricConfig {
             handler_radius_m: 0.25,
             model: DelayedHarness::default().into(),
             behind: None,
+            behind_speed: 1.0,
             handler_mask_m: 0.40,
             memory_s: 10.0,
             memory_often_s: 60.0,
@@ -115,7 +118,7 @@ impl GeometricConfig {
     /// # Errors
     /// Where the handler's parameters are no handler's.
     pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
-        let [beside, behind] = [Formation::Beside, Formation::Behind].map(|place| settings.interaction_in(place));
+        let [beside, behind] = Formation::ALL.map(|place| settings.interaction_in(place));
         let (beside, behind) = (beside?, behind?);
         let [there, here] = [&beside, &behind].map(|model| model.robot_from_default().translation.vector);
         // A handler behind the robot has to be seen there, told from one beside it, and have room. At a rod they walk
@@ -129,6 +132,7 @@ impl GeometricConfig {
             handler_radius_m: settings.handler.radius_m.get() + settings.shield.margin_m,
             model: beside,
             behind: walks_in_single_file.then_some(behind),
+            behind_speed: settings.speed_in(Formation::Behind),
             speaks: settings.speak.on,
             shield: Some(settings.shield_config()),
             ..Self::default()
@@ -167,6 +171,8 @@ pub struct Observation<'a> {
 #[derive(Debug)]
 pub struct GeometricEngine {
     config: GeometricConfig,
+    /// The actions as they are made beside the handler, and as they are made in the formation in force.
+    table_beside: ActionTable,
     table: ActionTable,
     team: Team,
     forming: Forming,
@@ -201,6 +207,7 @@ impl GeometricEngine {
             forming: Forming::default(),
             memory,
             config,
+            table_beside: table.clone(),
             table,
             odometry_incarnation: None,
             odom_from_robot: Se2::identity(),

@@ -59,6 +59,9 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if behind_m < radius_m {
         return Err(format!("handler.behind_m = {behind_m} is within the robot, whose radius is {radius_m} m"));
     }
+    if settings.handler.behind_speed.get() == 0.0 {
+        return Err("handler.behind_speed = 0: a robot in single file would stand".to_owned());
+    }
     crate::planned::check(settings)?;
     crate::sections::check_speak(&settings.speak)?;
     if settings.supervision.restart_budget == 0 {
@@ -407,6 +410,7 @@ mod tests {
             ("[supervision]\nbeat_limit = \"1ms\"\n", "supervision.beat_limit"),
             ("[shield]\nmargin_m = -0.1\n", "shield.margin_m"),
             ("[handler]\nalpha = 1.0\n", "[handler]"),
+            ("[handler]\nbehind_speed = 0.0\n", "handler.behind_speed"),
         ] {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");

@@ -281,6 +281,15 @@ impl Settings {
         }
     }
 
+    /// The share of its speed at which the robot makes its motions in a formation.
+    #[must_use]
+    pub fn speed_in(&self, formation: Formation) -> f64 {
+        match formation {
+            Formation::Beside => 1.0,
+            Formation::Behind => self.handler.behind_speed.get(),
+        }
+    }
+
     /// How the handler follows beside the robot.
     ///
     /// # Errors
@@ -327,6 +336,9 @@ pub struct Handler {
     pub robot_from_handler: Pose2,
     /// In single file the handler's middle is so far behind the robot's, metres.
     pub behind_m: Positive,
+    /// In single file the robot makes its motions at this share of their speed. A handler right behind it walks on for
+    /// some 0.6 s when it stops.
+    pub behind_speed: Share,
     /// Delayed harness: remembered share of the offset per decision; 0 = rigid.
     pub alpha: Share,
     /// Rod: where the robot holds it, x and y in the robot frame, metres.
@@ -346,6 +358,7 @@ impl Default for Handler {
             seen_radius_m: Positive::of(0.20),
             robot_from_handler: Pose2::new(-0.75, -0.35, 0.0),
             behind_m: Positive::of(1.2),
+            behind_speed: Share::of(0.5),
             alpha: Share::of(0.4),
             rod_grip_m: [-0.3, 0.0],
             rod_length_m: Positive::of(0.8),

@@ -1,7 +1,7 @@
 use super::{Gate, GateLimits};
 use messages::{
-    Attitude, Cue, CueInForce, CueKind, EmergencyStop, Header, Mode, ModeClass, Odometry, Outcome, Permit, ServiceId,
-    StopInput, StopKind, StopReason, Twist2, UnsafeCause,
+    Attitude, Cue, CueInForce, CueKind, EmergencyStop, Formation, Header, Mode, ModeClass, Odometry, Outcome, Permit,
+    ServiceId, StopInput, StopKind, StopReason, Twist2, UnsafeCause,
 };
 use settings::Settings;
 
@@ -34,7 +34,7 @@ fn permit(stamp_ms: u64, expiry_ms: u64) -> Permit {
         cue_incarnation: 1,
         cue_seq: 4,
         action: 1,
-        velocity: GateLimits::of(&Settings::default()).actions[1],
+        velocity: GateLimits::of(&Settings::default()).actions[0][1],
         expiry_ns: expiry_ms * MS,
         ..Permit::default()
     }
@@ -444,5 +444,20 @@ fn where_there_is_an_emergency_stop_its_fresh_word_is_needed_and_a_press_latches
         gate.take_mode(&mode(ModeClass::Run, 3, 1000));
         gate.take_permit(&Permit { epoch: 3, ..permit(1000, 1100) });
         assert_eq!(kind(&mut gate, 1000), StopKind::None);
+    }
+}
+
+#[test]
+fn in_single_file_the_actions_are_slower_and_no_others_are_permitted() {
+    let mut gate = moving();
+    let [fast, slow] = [0, 1].map(|formation| gate.limits.actions[formation][1]);
+    assert_eq!((fast.vx_mps, slow.vx_mps), (0.5, 0.25));
+    for (formation, allowed) in [(Formation::Beside, fast), (Formation::Behind, slow)] {
+        gate.take_mode(&Mode { formation, ..mode(ModeClass::Run, 2, 960) });
+        for velocity in [fast, slow] {
+            gate.take_permit(&Permit { velocity, ..permit(980, 1100) });
+            let wanted = if velocity == allowed { StopKind::None } else { StopKind::PermitInvalid };
+            assert_eq!(kind(&mut gate, 1000), wanted, "{formation:?}, {velocity:?}");
+        }
     }
 }

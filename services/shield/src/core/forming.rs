@@ -1,29 +1,21 @@
 //! Where the handler walks: beside the robot, or behind it through a narrow passage.
 
-use guidance::{HarnessError, InteractionModel};
+use guidance::{ActionTable, HarnessError, InteractionModel};
 use messages::{Formation, Mode, Outcome, PolicyAction};
 use settings::Settings;
 
 use super::Core;
 
-/// How the handler follows in each formation.
+/// How the handler follows in a formation, and the actions as the robot makes them there.
 #[derive(Debug, Clone)]
-pub(super) struct Places {
-    pub beside: InteractionModel,
-    behind: InteractionModel,
+pub(super) struct Place {
+    pub model: InteractionModel,
+    pub table: ActionTable,
 }
 
-impl Places {
-    pub fn of(settings: &Settings) -> Result<Self, HarnessError> {
-        let [beside, behind] = [Formation::Beside, Formation::Behind].map(|place| settings.interaction_in(place));
-        Ok(Self { beside: beside?, behind: behind? })
-    }
-
-    fn model(&self, formation: Formation) -> &InteractionModel {
-        match formation {
-            Formation::Beside => &self.beside,
-            Formation::Behind => &self.behind,
-        }
+impl Place {
+    pub fn of(settings: &Settings, table: &ActionTable, formation: Formation) -> Result<Self, HarnessError> {
+        Ok(Self { model: settings.interaction_in(formation)?, table: table.slowed(settings.speed_in(formation)) })
     }
 }
 
@@ -32,9 +24,10 @@ impl Core {
     pub(super) fn take_formation(&mut self, mode: &Mode) {
         let before = self.mode.map_or(Formation::Beside, |mode| mode.formation);
         if before != mode.formation {
-            let model = self.config.places.model(mode.formation);
-            self.awareness.take_place(model);
-            self.shield.take_place(model);
+            let place = &self.config.places[mode.formation as usize];
+            self.awareness.take_place(&place.model);
+            self.shield.take_place(&place.model);
+            self.table = place.table.clone();
         }
     }
 

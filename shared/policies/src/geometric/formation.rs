@@ -74,9 +74,11 @@ impl GeometricEngine {
         if self.forming.formation == formation {
             return;
         }
-        self.team = match (&self.config.behind, formation) {
-            (Some(model), Formation::Behind) => Team::behind(&self.config, model),
-            _ => Team::beside(&self.config),
+        (self.team, self.table) = match (&self.config.behind, formation) {
+            (Some(model), Formation::Behind) => {
+                (Team::behind(&self.config, model), self.table_beside.slowed(self.config.behind_speed))
+            }
+            _ => (Team::beside(&self.config), self.table_beside.clone()),
         };
         if let Some(shield) = &mut self.shield {
             shield.take_place(self.team.model());

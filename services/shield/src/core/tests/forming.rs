@@ -2,7 +2,7 @@
 
 use super::{MS, action, depth_header, header, mode, odometry, ready, scan_header, scan_of, wall_mm};
 use crate::core::Core;
-use messages::{Cue, CueInForce, CueKind, Formation, Mode, ModeClass, Outcome, PolicyAction};
+use messages::{Cue, CueInForce, CueKind, Formation, Mode, ModeClass, Outcome, Permit, PolicyAction};
 
 /// Where the handler walks behind the robot (robot frame).
 const BEHIND: (f64, f64) = (-1.2, 0.0);
@@ -14,6 +14,10 @@ fn wants(decision: u64, formation: Formation) -> PolicyAction {
 
 /// Half a second passes in that formation, with a handler there; then the policy decides.
 fn decides(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handler: (f64, f64)) -> Outcome {
+    permit(core, decision, mode, wanted, handler).outcome
+}
+
+fn permit(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handler: (f64, f64)) -> Permit {
     let ms = 500 * decision;
     for stamp in [410, 310, 210, 110, 10].map(|before_ms| ms - before_ms) {
         core.take_mode(&Mode { header: header(stamp, 1), ..mode });
@@ -21,7 +25,7 @@ fn decides(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handle
         core.take_depth(&depth_header(stamp), &wall_mm(5000 - (stamp / 100 % 7) as u16));
         core.on_scan((stamp + 10) * MS, &scan_header(stamp), &scan_of(handler));
     }
-    core.on_action(ms * MS, &wants(decision, wanted)).expect("the active policy's").outcome
+    core.on_action(ms * MS, &wants(decision, wanted)).expect("the active policy's")
 }
 
 fn in_formation(formation: Formation) -> Mode {
@@ -64,4 +68,16 @@ fn a_turn_asks_for_nothing() {
     let left = Mode { cue: CueInForce { valid: true, cue }, ..in_formation(Formation::Beside) };
     let outcome = decides(&mut core, 3, left, Formation::Behind, super::handler_place());
     assert_eq!(outcome, Outcome::Granted);
+}
+
+#[test]
+fn in_single_file_the_robot_walks_slower_and_beside_the_handler_as_before() {
+    let mut core = ready();
+    for (formation, from, handler, vx_mps) in
+        [(Formation::Behind, 3, BEHIND, 0.25), (Formation::Beside, 20, super::handler_place(), 0.5)]
+    {
+        let permits = (from..from + 8).map(|n| permit(&mut core, n, in_formation(formation), formation, handler));
+        let last = permits.last().expect("eight");
+        assert_eq!((last.outcome, last.velocity.vx_mps), (Outcome::Granted, vx_mps), "{formation:?}");
+    }
 }
