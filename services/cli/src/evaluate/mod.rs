@@ -33,7 +33,7 @@ const TIMING_M: f64 = 5.0;
 /// What `--worlds` calls those that are no maps: corridors, and corridors like those of buildings.
 const GENERATED: &str = "generated";
 const BUILDINGS: &str = "buildings";
-/// Pictures of the first episodes, and of so many that went wrong.
+/// Number of first episodes, and of those that went wrong, that have a picture.
 const PICTURES: usize = 12;
 
 /// `guidedog evaluate`.
