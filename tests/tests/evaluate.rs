@@ -49,6 +49,27 @@ fn the_same_seed_gives_the_same_figures_on_any_number_of_cores() {
     assert_ne!(figures("guide", "3", "2")["walked_m"], figures("guide", "4", "2")["walked_m"]);
 }
 
+/// The digest of a few episodes, in some of which people are in the way.
+fn outcomes_among(place: &Place, people: &[&str]) -> Value {
+    let episodes = ["--policy", "guide", "--planner", "off", "--noise", "ideal", "--camera", "16x8"];
+    let found = report(place, &[&episodes[..], &["--episodes", "3", "--seed", "4"], people].concat());
+    assert!(found["outcomes_sha256"].is_string(), "{found:#}");
+    found["outcomes_sha256"].clone()
+}
+
+#[test]
+fn each_kind_of_people_gives_other_outcomes_and_the_same_ones_again() {
+    let place = Place::new();
+    let kinds = ["social", "paths", "none"];
+    let digests = kinds.map(|people| outcomes_among(&place, &["--people", people]));
+    for (people, digest) in kinds.iter().zip(&digests) {
+        assert_eq!(outcomes_among(&place, &["--people", people]), *digest, "{people}");
+    }
+    let [social, paths, none] = &digests;
+    assert!(social != paths && social != none && paths != none, "{digests:?}");
+    assert_eq!(outcomes_among(&place, &[]), *paths, "people on paths are the default");
+}
+
 #[test]
 fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
     let place = Place::new();
@@ -82,6 +103,9 @@ fn pictures_are_drawn_and_what_cannot_be_evaluated_is_named() {
         (&["--worlds", "buildings", "--tasks", "drops"], "is of --worlds generated"),
         (&["--worlds", "nowhere.yaml", "--tasks", "orientation"], "empty corridors: --worlds generated"),
         (&["--paired", "--beta-test", "1"], "--paired compares with episodes without the shield"),
+        (&["--people", "crowd"], "invalid value 'crowd' for '--people"),
+        (&["--people", "crowd"], "[possible values: paths, social, none]"),
+        (&["--people", "social", "--tasks", "orientation"], "empty corridors: --people none"),
         (&["--pictures", "/dev/null/pictures"], "/dev/null/pictures: Not a directory"),
     ] {
         let output = evaluate(&place, args);

@@ -1,6 +1,6 @@
 //! Walks with a handler who lets the handle go.
 
-use guidedog_tests::{Place, has_legs, project, touches};
+use guidedog_tests::{Place, has_legs, programs, project, touches};
 use serde_json::{Value, json};
 
 /// A walk along the corridor whose handler lets go at 6 s for 5 s; the report.
@@ -38,25 +38,64 @@ fn a_robot_on_legs_waits_for_a_handler_who_lets_go() {
     }
 }
 
-/// A walk through a doorway of 0.9 m by a robot that speaks: it asks the handler to come behind it, and beside it again.
-fn assert_passes_the_narrow_door(more: &[&str]) {
+/// A walk through a doorway of 0.9 m by a robot that speaks, with these lines in its configuration and these arguments;
+/// the report.
+fn through_the_narrow_door(lines: &str, more: &[&str]) -> Value {
     let place = Place::new();
     let config = place.path().join("speak.toml");
-    std::fs::write(&config, "[speak]\non = true\nfile = \"said.wav\"\n").expect("written");
+    std::fs::write(&config, format!("[speak]\non = true\nfile = \"said.wav\"\n{lines}")).expect("written");
     let scenario = project().join("config/scenarios/narrow-door.toml");
     let (scenario, config) = (scenario.to_string_lossy(), config.to_string_lossy());
     let args = ["walk", "--scenario", &scenario, "--speed", "0", "--config", &config, "--json"];
     let (report, _) = place.json(&[&args[..], more].concat());
     place.assert_empty();
+    report
+}
+
+/// It asks the handler to come behind it, and beside it again.
+fn assert_passes_the_narrow_door(more: &[&str]) {
+    let report = through_the_narrow_door("", more);
     assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
-    let stops = report["stops"].as_array().expect("stops");
-    let asked: Vec<_> = stops.iter().map(|stop| &stop["reason"]).filter(|r| **r == "narrow" || **r == "wide").collect();
-    assert_eq!(asked, ["narrow", "wide"], "{report:#}");
+    assert_eq!(stops(&report, &["narrow", "wide"]), ["narrow", "wide"], "{report:#}");
     // The robot waits for its voice, and the handler takes three seconds.
     for reason in ["narrow", "wide"] {
         let asked_s = report["stopped_s_by_reason"][reason].as_f64().expect("a time");
         assert!((4.5..10.0).contains(&asked_s), "{reason}: {asked_s}");
     }
+}
+
+/// The stops of a walk for one of these reasons, in order.
+fn stops(report: &Value, reasons: &[&str]) -> Vec<String> {
+    let all = report["stops"].as_array().expect("stops").iter();
+    let named = all.filter_map(|stop| stop["reason"].as_str()).filter(|reason| reasons.contains(reason));
+    named.map(str::to_owned).collect()
+}
+
+#[test]
+fn a_policy_swapped_in_while_the_robot_asks_for_single_file_asks_anew() {
+    let swap = format!("verb = \"policy_swap\", exe = {:?}", programs().join("guidedog-policy"));
+    // The robot asks from 18 s on, and the handler is behind at 23 s.
+    let report = through_the_narrow_door(
+        &format!("[policy.swap]\ndecisions = 2\nprobation = \"1s\"\n[[planned]]\nat = \"19.5s\"\nask = {{ {swap} }}\n"),
+        &[],
+    );
+    assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
+    assert_eq!(report["policy_swaps"][0]["state"], "done", "{report:#}");
+    let asked = stops(&report, &["narrow", "wide"]);
+    assert!(asked.len() > 2 && asked.last().is_some_and(|last| last == "wide"), "{asked:?}, {report:#}");
+}
+
+#[test]
+fn a_shield_that_is_killed_while_the_handler_is_behind_goes_on_in_single_file() {
+    // The handler is behind from 23 to 30 s.
+    let report = through_the_narrow_door(
+        "[faults]\nallowed = true\n[[planned]]\nat = \"27s\"\n\
+         ask = { verb = \"inject\", target = \"shield\", fault = \"kill\" }\n",
+        &[],
+    );
+    assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
+    let found = stops(&report, &["narrow", "service_died", "wide"]);
+    assert_eq!(found, ["narrow", "service_died", "wide"], "the handler is not asked again: {report:#}");
 }
 
 #[test]

@@ -38,4 +38,5 @@ mod swaps;
 mod systemd;
 mod voice;
 mod walks;
+mod yardsticks;
 mod zero;

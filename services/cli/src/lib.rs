@@ -32,6 +32,7 @@ mod runs;
 mod shield;
 mod statistics;
 mod summary;
+mod workers;
 mod yardstick;
 
 use std::io::Write;

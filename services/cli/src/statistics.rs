@@ -2,6 +2,8 @@
 
 use serde_json::{Value, json};
 
+use crate::out::number;
+
 /// Of the normal distribution, for 95 %.
 const Z: f64 = 1.959_964;
 
@@ -31,6 +33,13 @@ pub fn ratio(hits: impl Iterator<Item = bool>) -> Value {
     let scale = 1.0 + z2 / n;
     let (lo, hi) = ((center - half) / scale, (center + half) / scale);
     json!({ "mean": p, "lo": lo.clamp(0.0, p), "hi": hi.clamp(p, 1.0), "n": hits.len() })
+}
+
+/// A mean or a ratio with its interval, as a line for people: the name to a width, then the mean to a width.
+pub fn line(name: &str, of: &Value, [name_width, mean_width]: [usize; 2], digits: usize) -> String {
+    let value = |key| number(of, key);
+    let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
+    format!("{name:<name_width$}{mean:>mean_width$.digits$}  [{lo:.digits$}, {hi:.digits$}]  n = {n}")
 }
 
 /// How much more often the first of each pair is true, with its interval (Agresti and Min 2005).
@@ -73,12 +82,18 @@ fn rate(count: usize, all: f64, unit: &str) -> Value {
 
 #[cfg(test)]
 mod tests {
-    use super::{an_hour, difference, mean, ratio};
+    use super::{an_hour, difference, line, mean, ratio};
     use serde_json::Value;
 
     fn near(report: &Value, key: &str, expected: f64) {
         let found = report[key].as_f64().expect("a number");
         assert!((found - expected).abs() < 0.02 * expected.max(0.05), "{key} of {report}, not {expected}");
+    }
+
+    #[test]
+    fn a_line_has_columns() {
+        let half = ratio([true, false].into_iter());
+        assert_eq!(line("success", &half, [9, 7], 2), "success     0.50  [0.09, 0.91]  n = 2");
     }
 
     #[test]

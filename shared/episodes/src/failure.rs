@@ -50,23 +50,23 @@ pub enum Class {
     StoodFarFromEdge,
     /// For 10 s the robot turned to and fro and came no farther than 0.25 m.
     StuckTurning,
-    /// It stood for 10 s, the policy stood although the shield allowed more.
+    /// It stood for 10 s: the policy chose to, although the shield allowed more.
     StoodByPolicy,
-    /// It stood for 10 s because of the floor, an edge is within 1 m.
+    /// It stood for 10 s because of the floor, and an edge is within 1 m.
     StuckAtEdge,
-    /// It stood for 10 s because of what the sensors see, a person is within 1.5 m of robot or handler.
+    /// It stood for 10 s because of what the sensors see, and a person is within 1.5 m of robot or handler.
     StuckAtPerson,
     /// The same, and robot or handler is within 0.8 m of the side of an opening.
     StuckAtJamb,
     /// The same, and something stands within half a metre of robot or handler.
     StuckAtObstacle,
-    /// The shield held the robot for 10 s, and there is nothing of all that.
+    /// The shield held the robot for 10 s, and no edge, person, jamb or obstacle is near.
     StuckAtNothing,
     /// It stood for 10 s because the way of a turn was used up, or no measurement could be used.
     StoodByRule,
     /// The handler is as deep inside the opening as is asked, and faces more than 20 degrees off its axis.
     InsideAskew,
-    /// None of these: the time was over.
+    /// The time was over, and no other class fits.
     OutOfTime,
     /// The cue was followed, and the robot still moved after *stop*.
     DidNotStop,
@@ -187,8 +187,8 @@ impl Class {
             Self::StuckAtPerson => "stuck near a person",
             Self::StuckAtJamb => "stuck beside a jamb",
             Self::StuckAtObstacle => "stuck at an obstacle",
-            Self::StuckAtNothing => "stuck, with nothing near",
-            Self::StoodByRule => "stood because it had to",
+            Self::StuckAtNothing => "stuck in the open",
+            Self::StoodByRule => "stood by a rule",
             Self::InsideAskew => "inside the opening, but askew",
             Self::OutOfTime => "ran out of time",
             Self::DidNotStop => "did not stop",
@@ -216,7 +216,9 @@ impl Class {
             Self::StuckAtPerson => "For 10 s the shield held the robot. A person is within 1.5 m.",
             Self::StuckAtJamb => "For 10 s the shield held the robot. The side of an opening is within 0.8 m.",
             Self::StuckAtObstacle => "For 10 s the shield held the robot. Something stands within 0.5 m.",
-            Self::StuckAtNothing => "For 10 s the shield held the robot, though nothing stands near.",
+            Self::StuckAtNothing => {
+                "For 10 s the shield held the robot, though no edge, person, jamb or obstacle was near."
+            }
             Self::StoodByRule => {
                 "For 10 s the robot stood because the way of a turn was used up, or no measurement could be used."
             }

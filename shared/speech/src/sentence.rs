@@ -23,6 +23,8 @@ pub enum News {
     PolicyChanged,
     /// The way has been blocked for long: the handler may choose another one.
     StillBlocked,
+    /// The handler was asked to come behind the robot, which does not see them there.
+    NotBehind,
     /// The robot no longer waits.
     GoingOn,
     /// The robot walks over floor that it has not seen.
@@ -33,7 +35,7 @@ pub enum News {
 
 impl News {
     /// Every one.
-    pub const ALL: [Self; 11] = [
+    pub const ALL: [Self; 12] = [
         Self::Ready,
         Self::NoLeftTurn,
         Self::NoRightTurn,
@@ -42,6 +44,7 @@ impl News {
         Self::BatteryLow,
         Self::PolicyChanged,
         Self::StillBlocked,
+        Self::NotBehind,
         Self::GoingOn,
         Self::FloorAssumed,
         Self::FloorNotWatched,
@@ -59,6 +62,7 @@ impl News {
             Self::BatteryLow => "battery_low",
             Self::PolicyChanged => "policy_changed",
             Self::StillBlocked => "still_blocked",
+            Self::NotBehind => "not_behind",
             Self::GoingOn => "going_on",
             Self::FloorAssumed => "floor_assumed",
             Self::FloorNotWatched => "floor_not_watched",

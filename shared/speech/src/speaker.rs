@@ -9,8 +9,8 @@ use std::collections::VecDeque;
 use guidance::cue::CueTrack;
 use guidance::se2::se2;
 use messages::{
-    CueAnswer, CueHeard, CueKind, CueRefusal, CueSource, LocomotionState, Mode, ModeClass, NS_PER_S, Odometry, Outcome,
-    Permit, StopKind, StopReason, Urgency,
+    CueAnswer, CueHeard, CueKind, CueRefusal, CueSource, Formation, LocomotionState, Mode, ModeClass, NS_PER_S,
+    Odometry, Outcome, Permit, StopKind, StopReason, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -342,7 +342,8 @@ impl Speaker {
         }
     }
 
-    /// A policy that stands where it was to turn has found nothing to turn into, or must not.
+    /// A policy that stands where it was to turn has found nothing to turn into, or must not. A handler who is missed
+    /// behind the robot is told to come there.
     fn hold_sentence(&self, mode: &Mode, state: &LocomotionState) -> Sentence {
         let cue = &mode.cue.cue;
         let (actions, blocked, missed) = match cue.kind {
@@ -355,6 +356,8 @@ impl Speaker {
             StopKind::PolicyStop | StopKind::AllUnsafe if is_its_track && self.track.1.turn_missed(cue.kind) => {
                 Sentence::news(missed)
             }
+            // A handler beside the robot holds the handle: it has to tell them where it looks.
+            StopKind::HandlerNotSeen if mode.formation == Formation::Behind => Sentence::news(News::NotBehind),
             StopKind::PolicyStop if actions != 0 && self.unsafe_mask & actions == actions => Sentence::news(blocked),
             _ => Sentence::stop(&state.limited_by),
         }

@@ -13,12 +13,12 @@ use social::Mover;
 use stroll::Strolls;
 use way::Way;
 
-/// Who yields stops while robot or handler is nearer than this and ahead, metres, centre to centre.
+/// A person who yields stops while robot or handler is ahead and nearer than this, metres, centre to centre.
 pub const YIELD_M: f64 = 1.2;
-/// Who has waited this long turns round, if the path has a way back, so that nobody waits for ever.
+/// A person who has waited this long turns round, if the path leads back, and so does not wait for ever.
 pub const PATIENCE_S: f64 = 8.0;
 
-/// What somebody does at the end of the path.
+/// What a person does at the end of the path.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Walk {
@@ -31,7 +31,7 @@ pub enum Walk {
     Once,
 }
 
-/// How somebody walks along the path.
+/// How a person walks along the path.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Moves {
     /// On the path itself, at a constant speed.
@@ -59,10 +59,10 @@ pub struct Pause {
     pub for_s: f64,
 }
 
-/// Somebody who walks.
+/// A person who walks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Person {
-    /// The way walked, world frame; one point for somebody who stands.
+    /// The way walked, world frame; one point for a person who stands.
     pub path: Vec<Point>,
     /// Speed, metres per second.
     pub speed_mps: f64,
@@ -134,8 +134,8 @@ impl People {
         self.states.is_empty()
     }
 
-    /// Lets everybody walk for `dt_s` in their world. Nobody steps into an agent: who would is held, and
-    /// `touched(person, agent)` is called, once for each of both. Agents keep their order from step to step.
+    /// All people walk for `dt_s` in their world. A person who would step into an agent is held, and
+    /// `touched(person, agent)` is called once for the two. Agents keep their order from step to step.
     pub fn step(
         &mut self,
         world: &World,

@@ -27,7 +27,7 @@ const RADIUS_M: f64 = 0.25;
 /// The longest step, seconds.
 const STEP_S: f64 = 0.05;
 
-/// How somebody walks again.
+/// How a pedestrian walks again.
 #[derive(Debug, Clone, Copy)]
 pub enum Again<'a> {
     /// As recorded.
@@ -98,7 +98,7 @@ impl Pairs {
 }
 
 impl Recording {
-    /// A recording of so many frames a second.
+    /// A recording at this frame rate.
     #[must_use]
     pub fn new(tracks: Vec<Track>, frames_hz: f64) -> Self {
         let mut recording = Self { companions: vec![Vec::new(); tracks.len()], tracks, frame_s: 1.0 / frames_hz };
@@ -152,7 +152,7 @@ impl Recording {
         }
     }
 
-    /// Where somebody is in each frame of their track, who walks so.
+    /// Where a pedestrian who walks again is in each frame of their track.
     fn again(&self, number: usize, again: Again<'_>) -> Vec<Point> {
         let places = &self.tracks[number].places;
         let (first, last) = (places[0], places[places.len() - 1]);
@@ -178,7 +178,7 @@ impl Recording {
             let (group, others) = self.around(number, frame);
             for _ in 0..parts as usize {
                 let to_goal = goal - own.at;
-                // Who is there stays there.
+                // At the goal they stay.
                 if to_goal.norm() <= speed_mps * part_s {
                     own = Mover { at: goal, velocity: Vector2::zeros(), ..own };
                     break;
@@ -216,7 +216,8 @@ impl Recording {
         }
     }
 
-    /// The least distance between somebody who walks so and another one on their track; none where they never meet.
+    /// The least distance between a pedestrian who walks again and another one on their track; none where they are
+    /// never in view together.
     fn least_m(&self, number: usize, walked: &[Point], other: usize) -> Option<f64> {
         let (first, other) = (self.tracks[number].first_frame, &self.tracks[other]);
         let apart = walked.iter().zip(first..).filter_map(|(at, frame)| Some((other.at(frame)? - at).norm()));

@@ -84,7 +84,7 @@ pub struct EvaluateArgs {
     #[arg(long, value_name = "FILE", num_args = 1..)]
     #[arg(conflicts_with_all = ["resume", "shard", "paired", "pictures"])]
     pub merge: Vec<PathBuf>,
-    /// On so many threads; on all cores without it. The figures are the same
+    /// Number of threads; without it, one for each core. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
     /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view

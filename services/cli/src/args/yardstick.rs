@@ -72,7 +72,7 @@ pub struct HowArgs {
     /// The action table of the robot alone, for decisions of 0.2 s; without it, `config/actions/solo.toml`
     #[arg(long, value_name = "FILE")]
     pub actions: Option<PathBuf>,
-    /// Each world or episode so often, with other noise each time
+    /// Walks through each world or episode, each with other noise
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub repeats: u32,
     /// Noise follows from it
@@ -84,7 +84,7 @@ pub struct HowArgs {
     /// Write what became of each walk into this file, a line of JSON for each
     #[arg(long, value_name = "FILE")]
     pub outcomes: Option<PathBuf>,
-    /// On so many threads; on all cores without it. The figures are the same
+    /// Number of threads; without it, one for each core. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
     /// Robot, sensors, handler and shield, laid over the profile of a Go2
@@ -92,8 +92,8 @@ pub struct HowArgs {
     pub config: Option<PathBuf>,
 }
 
-/// How exact the sensors are. Exact ones are none of these: in the open all their depth frames are the same, and a
-/// camera that always says the same stops the robot.
+/// How exact the sensors are. Exact sensors are left out: in the open all their depth frames are equal, and a camera
+/// that repeats its frame stops the robot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum YardstickNoise {
     /// Gaussian lidar noise with drop-outs, Redwood depth noise at 1.0, drifting odometry

@@ -19,7 +19,7 @@ use crate::statistics::ratio;
 
 /// The version of the files.
 const FORMAT: u32 = 1;
-/// Pictures of so many episodes of each class.
+/// Number of episodes of each class that have a picture.
 const PICTURES: usize = 3;
 const INDEX: &str = "index.html";
 const LIST: &str = "failures.json";

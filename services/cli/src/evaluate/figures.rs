@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::failures;
 use super::outcome::Outcome;
 use crate::out::number;
-use crate::statistics::{mean, ratio};
+use crate::statistics::{line, mean, ratio};
 
 /// Adds the figures of these episodes to a report.
 pub fn add(report: &mut Value, outcomes: &[Outcome]) {
@@ -82,9 +82,7 @@ pub fn text(report: &Value) -> String {
     let mut lines: Vec<String> = missing.into_iter().chain([failures::line(&report["failures"])]).collect();
     let row = |name: &str, at: &str, digits: usize| {
         let interval = report.pointer(at).filter(|value| value.is_object())?;
-        let value = |key| number(interval, key);
-        let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
-        Some(format!("{name:<34}{mean:>9.digits$}  [{lo:.digits$}, {hi:.digits$}]  n = {n}"))
+        Some(line(name, interval, [34, 9], digits))
     };
     let rows = [
         ("collision-free episodes", "/collision_free", 3),

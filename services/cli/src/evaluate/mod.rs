@@ -12,11 +12,8 @@ mod words;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::time::Duration;
 
 use episodes::{Arrival, Config, Episode, Handlers, Harness, Noise, Places, part_seed};
-use indicatif::{ProgressBar, ProgressStyle};
 use messages::CueKind;
 use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Map, Value, json};
@@ -27,6 +24,7 @@ use world::{Crowd, FloorPlan, GeneratorConfig};
 use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, PeopleArg, TasksArg};
 use crate::exit::Failure;
 use crate::out::{self, say};
+use crate::workers::Work;
 use log::{Log, Outcomes};
 use outcome::{Outcome, Way, walk};
 
@@ -35,7 +33,7 @@ const TIMING_M: f64 = 5.0;
 /// What `--worlds` calls those that are no maps: corridors, and corridors like those of buildings.
 const GENERATED: &str = "generated";
 const BUILDINGS: &str = "buildings";
-/// Pictures of the first episodes, and of so many that went wrong.
+/// Number of first episodes, and of those that went wrong, that have a picture.
 const PICTURES: usize = 12;
 
 /// `guidedog evaluate`.
@@ -297,7 +295,7 @@ impl Evaluation {
         Ok(outcomes)
     }
 
-    /// Runs the episodes of these numbers, on all workers.
+    /// Runs the episodes of these numbers; each comes with its number.
     fn run(
         &self,
         args: &EvaluateArgs,
@@ -305,35 +303,17 @@ impl Evaluation {
         numbers: &[usize],
         log: Option<&Log>,
     ) -> Result<Vec<(usize, Outcome)>, Failure> {
-        let count = numbers.len();
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(count.max(1));
-        let pilots = (0..workers).map(|_| self.pilot(way.beta)).collect::<Result<Vec<_>, _>>()?;
-        let (next, bar) = (AtomicUsize::new(0), progress(count as u64, "episodes"));
-        let work = |mut pilot: Pilot| -> Result<Vec<(usize, Outcome)>, Failure> {
-            let mut episode = self.episode()?;
-            let mut done = Vec::new();
-            loop {
-                let Some(number) = numbers.get(next.fetch_add(1, Ordering::Relaxed)).copied() else { return Ok(done) };
+        let work = Work { threads: args.workers, count: numbers.len(), pieces: "episodes" };
+        work.run(
+            || Ok((self.pilot(way.beta)?, self.episode()?)),
+            |(pilot, episode), index| {
+                let number = numbers[index];
                 let seed = part_seed(args.seed, number as u64);
-                let walked = walk(&mut episode, &mut pilot, &self.config, seed, way);
-                let written = walked.and_then(|one| log.map_or(Ok(()), |log| log.add(number, &one)).map(|()| one));
-                // What one cannot walk, or write, ends the work of all.
-                done.push((number, written.inspect_err(|_| next.store(count, Ordering::Relaxed))?));
-                bar.inc(1);
-            }
-        };
-        let mut outcomes = std::thread::scope(|scope| {
-            let handles: Vec<_> = pilots.into_iter().map(|pilot| scope.spawn(move || work(pilot))).collect();
-            let joined = handles
-                .into_iter()
-                .map(|handle| handle.join().unwrap_or_else(|_| Err(Failure::run("an episode panicked"))));
-            joined.collect::<Result<Vec<_>, _>>()
-        })?
-        .concat();
-        bar.finish_and_clear();
-        outcomes.sort_by_key(|(number, _)| *number);
-        Ok(outcomes)
+                let outcome = walk(episode, pilot, &self.config, seed, way)?;
+                log.map_or(Ok(()), |log| log.add(number, &outcome))?;
+                Ok((number, outcome))
+            },
+        )
     }
 
     /// Walks the first episodes again, and those that went wrong, and draws where they went, in place of what an
@@ -370,15 +350,6 @@ fn old_pictures(folder: &Path, kind: &'static str) -> Vec<PathBuf> {
     };
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries.map(|entry| entry.path()).filter(is_ours).collect()
-}
-
-/// A bar for people, where there are any.
-pub fn progress(count: u64, what: &str) -> ProgressBar {
-    let bar = ProgressBar::new(count);
-    let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {what}, {{eta}} left"));
-    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
-    bar.enable_steady_tick(Duration::from_millis(500));
-    bar
 }
 
 fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {

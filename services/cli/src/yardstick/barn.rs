@@ -9,7 +9,7 @@ use crate::args::yardstick::BarnArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
 use crate::out::{self, say, table};
-use crate::statistics::{mean, ratio};
+use crate::statistics::{line, mean, ratio};
 
 /// See [`super::yardstick`].
 pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
@@ -78,9 +78,7 @@ fn tell(report: &Value) {
     table(&["world", "ended", "time, s", "optimal, s", "score"], &rows).iter().for_each(say);
     let summary = |name: &str, at: &str, digits: usize| {
         let Some(of) = report.pointer(at).filter(|value| value.is_object()) else { return };
-        let value = |key| out::number(of, key);
-        let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
-        say(format!("{name:<16}{mean:>8.digits$}  [{lo:.digits$}, {hi:.digits$}]  n = {n}"));
+        say(line(name, of, [16, 8], digits));
     };
     summary("score", "/score", 4);
     summary("success", "/success", 3);

@@ -5,7 +5,6 @@ mod socnavbench;
 
 use std::io::Write as _;
 use std::path::Path;
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 use guidance::se2::Point;
 use guidance::{ActionTable, InteractionModel};
@@ -17,6 +16,7 @@ use yardsticks::{Body, Config, Noise, Passage, Trace, Walk};
 use crate::args::yardstick::{BodyArg, HowArgs, Yardstick, YardstickArgs, YardstickNoise};
 use crate::evaluate::{may_write, picture};
 use crate::exit::Failure;
+use crate::workers::Work;
 
 /// Decision period of a robot that walks alone, seconds.
 const ALONE_S: f64 = 0.2;
@@ -87,43 +87,22 @@ impl How {
         Ok(Walk::new(self.config.clone(), body))
     }
 
-    /// Walks each passage, on all workers; `report` says what becomes of one, by its number.
+    /// Walks each passage; `report` says what becomes of one, by its number.
     fn run<T: Send>(
         &self,
         args: &HowArgs,
         passages: &[&Passage],
         report: impl Fn(usize, &Trace) -> T + Sync,
     ) -> Result<Vec<T>, Failure> {
-        let cores = || std::thread::available_parallelism().map_or(1, usize::from);
-        let workers = args.workers.map_or_else(cores, |workers| workers as usize).min(passages.len().max(1));
-        let next = AtomicUsize::new(0);
-        let bar = crate::evaluate::progress(passages.len() as u64, "walks");
-        let work = |mut walk: Walk| -> Result<Vec<(usize, T)>, Failure> {
-            let mut done = Vec::new();
-            loop {
-                let number = next.fetch_add(1, Ordering::Relaxed);
-                let Some(passage) = passages.get(number) else { return Ok(done) };
+        let work = Work { threads: args.workers, count: passages.len(), pieces: "walks" };
+        work.run(
+            || self.walk(),
+            |walk, number| {
                 let seed = episodes::part_seed(self.seed, number as u64);
-                let walked = walk.walk(passage, seed).map_err(Failure::of_run);
-                let trace = walked.inspect_err(|_| next.store(passages.len(), Ordering::Relaxed))?;
-                done.push((number, report(number, &trace)));
-                bar.inc(1);
-            }
-        };
-        let walks = (0..workers).map(|_| self.walk()).collect::<Result<Vec<_>, _>>()?;
-        let mut all = std::thread::scope(|scope| {
-            let handles: Vec<_> = walks.into_iter().map(|walk| scope.spawn(|| work(walk))).collect();
-            let joined = handles
-                .into_iter()
-                .map(|handle| handle.join().unwrap_or_else(|_| Err(Failure::run("a walk panicked"))));
-            joined.collect::<Result<Vec<_>, _>>()
-        })?
-        .into_iter()
-        .flatten()
-        .collect::<Vec<_>>();
-        bar.finish_and_clear();
-        all.sort_by_key(|(number, _)| *number);
-        Ok(all.into_iter().map(|(_, report)| report).collect())
+                let trace = walk.walk(passages[number], seed).map_err(Failure::of_run)?;
+                Ok(report(number, &trace))
+            },
+        )
     }
 
     /// The picture of a walk.

@@ -13,7 +13,7 @@ use crate::args::yardstick::SocnavbenchArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
 use crate::out::{self, say, table};
-use crate::statistics::{mean, ratio};
+use crate::statistics::{line, mean, ratio};
 
 /// The file of datasets beside the episodes.
 const DATASETS: &str = "dataset_params.ini";
@@ -122,11 +122,7 @@ fn tell(report: &Value) {
         say(format!("{}: not walked: {}", out::text(left_out, "/episode"), out::text(left_out, "/why")));
     }
     let keys = report.as_object().into_iter().flatten().filter(|(_, value)| value.get("mean").is_some());
-    for (key, of) in keys {
-        let value = |key| out::number(of, key);
-        let (mean, lo, hi, n) = (value("/mean"), value("/lo"), value("/hi"), value("/n"));
-        say(format!("{key:<30}{mean:>9.3}  [{lo:.3}, {hi:.3}]  n = {n}"));
-    }
+    keys.for_each(|(key, of)| say(line(key, of, [30, 9], 3)));
 }
 
 fn row(walk: &Value) -> Vec<String> {

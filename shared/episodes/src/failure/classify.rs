@@ -8,20 +8,20 @@ use super::{Asked, Class, Failure, Thing, apart_m};
 use crate::score::Report;
 use crate::task::{Goal, INSIDE_M, Task};
 
-/// A robot that comes no farther than this is stuck, metres,
+/// A robot is stuck when it comes no farther than this, metres,
 const STUCK_M: f64 = 0.25;
-/// after so many decisions: 10 s. One that arrives all the same was stuck after [`LONG`], 20 s.
+/// for this number of decisions: 10 s. Where it arrives later, it takes [`LONG`], 20 s.
 const STUCK: usize = 20;
 const LONG: usize = 40;
-/// Who is so deep inside an opening has turned into it, metres.
+/// The handler has turned into an opening at this depth, metres.
 const ENTERED_M: f64 = 1.0;
-/// Who is so far beyond an opening's far edge has passed it, metres.
+/// The handler has passed an opening at this distance beyond its far edge, metres.
 const PASSED_M: f64 = 1.0;
-/// Who is so far outside the corridor has left it, metres.
+/// The handler has left the corridor at this distance outside, metres.
 const OUTSIDE_M: f64 = 0.5;
-/// Who ends so far behind where they began has turned back, metres.
+/// The handler has turned back where the walk ends this far behind its start, metres.
 const BACK_M: f64 = 1.5;
-/// What is this near may be what holds the pair, metres.
+/// A person, a jamb, an obstacle or an edge at this distance may be what holds the pair, metres.
 const PERSON_M: f64 = 1.5;
 const JAMB_M: f64 = 0.8;
 const OBSTACLE_M: f64 = 0.5;
@@ -139,7 +139,7 @@ impl Case<'_> {
     }
 
     /// The decision in which the handler had come into an opening that is not meant. A corner of the corridor itself
-    /// is none.
+    /// does not count.
     fn wrong_opening(&self) -> Option<usize> {
         let others = || self.course.openings.iter().filter(|other| !self.meant().contains(other));
         let is_wrong = |at: Point| {

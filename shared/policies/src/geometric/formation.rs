@@ -95,10 +95,13 @@ impl GeometricEngine {
         }
         let Some(model) = self.config.behind.as_ref().filter(|_| self.cue == CueKind::Forward) else { return };
         let (beside_fits_m, file_fits_m) = (window.fits_m, Team::behind(&self.config, model).width().fits_m);
+        // The robot may face off the way, so that a wall is behind it. Once asked, the handler is there.
+        let behind = Point::from((self.odom_from_robot * model.robot_from_default()).translation.vector);
+        let has_room_behind = self.forming.asks || window.clearance_at(behind) >= self.config.handler_radius_m;
         let is_jammed =
             self.gets_nowhere() && window.clearance_at(self.team.middle(&self.odom_from_robot)) < beside_fits_m;
         // Once asked, the team no longer tries.
-        let is_narrow = (is_held || is_jammed || self.forming.asks) && {
+        let is_narrow = has_room_behind && (is_held || is_jammed || self.forming.asks) && {
             let beside_m = if is_jammed { 0.0 } else { self.ahead_m(window, beside_fits_m) };
             self.ahead_m(window, file_fits_m) > beside_m + FARTHER_M
         };

@@ -1,6 +1,6 @@
 use messages::{
-    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueSource, Header, LocomotionState, Mode, ModeClass,
-    Odometry, Outcome, Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
+    Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueSource, Formation, Header, LocomotionState, Mode,
+    ModeClass, Odometry, Outcome, Permit, Pose2, ServiceId, StopKind, StopReason, Twist2, Urgency,
 };
 use settings::{Settings, Verbosity};
 
@@ -325,6 +325,25 @@ fn a_handler_is_asked_to_come_behind_whatever_was_told_before() {
     bench.pass(3000, &[]);
     bench.pass(2100, &[StopKind::Wide]);
     assert_eq!(bench.texts().last(), Some(&"Wide again. Beside me."), "{:?}", bench.heard);
+}
+
+#[test]
+fn a_handler_who_is_missed_behind_the_robot_is_told_where_it_looks() {
+    let mut bench = Bench::running();
+    bench.mode.formation = Formation::Behind;
+    bench.tell_mode();
+    bench.pass(1500, &[StopKind::HandlerNotSeen]);
+    assert_eq!(bench.texts(), ["Waiting: behind me."]);
+    // They stand beside it and say forward, which is too early to change anything.
+    bench.run(CueKind::Forward);
+    bench.pass(21_000, &[StopKind::HandlerNotSeen]);
+    let told = bench.texts().iter().filter(|text| **text == "Waiting: behind me.").count();
+    assert!(told >= 3, "{:?}", bench.heard);
+    // After 10 s it changes the formation.
+    bench.mode.formation = Formation::Beside;
+    bench.run(CueKind::Forward);
+    bench.pass(9000, &[StopKind::HandlerNotSeen]);
+    assert_eq!(bench.texts().last(), Some(&"Waiting: take the handle."), "{:?}", bench.heard);
 }
 
 #[test]

@@ -44,7 +44,7 @@ pub struct SocialForce {
     pub apart_mps2: f64,
     /// between members who are nearer than this (d0), metres.
     pub apart_m: f64,
-    /// People walk at most so many times as fast as they wish (Helbing and Molnar 1995).
+    /// The greatest speed, as a multiple of the desired one (Helbing and Molnar 1995).
     pub hurry: f64,
     /// Least time in which a body in the way is reached (the time gap T of Tordeux et al. 2016, "Collision-free speed
     /// model for pedestrian dynamics", half of theirs), seconds. Forces alone let people walk into each other.
@@ -132,7 +132,7 @@ impl SocialForce {
         -towards_wall * (self.wall_mps2 * (-room_m.max(0.0) / self.wall_reach_m).exp())
     }
 
-    /// What keeps somebody with the `others` of the group, m/s^2. They look where they wish to go.
+    /// What keeps a person with the `others` of the group, m/s^2. The person looks where they wish to go.
     #[must_use]
     pub fn in_group(&self, own: &Mover, desired: Vector2<f64>, others: &[Mover]) -> Vector2<f64> {
         if others.is_empty() {
@@ -159,7 +159,7 @@ impl SocialForce {
         force
     }
 
-    /// The velocity after `dt_s` of an acceleration, no faster than the hurry of somebody who wishes `desired_mps`.
+    /// The velocity after `dt_s` of an acceleration, no faster than [`hurry`](Self::hurry) allows at `desired_mps`.
     #[must_use]
     pub fn next_velocity(&self, own: &Mover, acceleration: Vector2<f64>, desired_mps: f64, dt_s: f64) -> Vector2<f64> {
         (own.velocity + acceleration * dt_s).cap_magnitude(self.hurry * desired_mps)

@@ -1,5 +1,5 @@
-//! Those who walk by the social force model: along their path, round whoever and whatever is in the way, with their
-//! group, with stops.
+//! People who walk by the social force model: along their path, round people and things in the way, with their group,
+//! and with stops.
 
 use guidance::se2::Point;
 use nalgebra::Vector2;
@@ -19,15 +19,15 @@ const AHEAD_M: [f64; 4] = [6.0, 4.0, 2.5, 1.2];
 const LOOK_S: f64 = 0.25;
 /// The path's end is reached within this, metres.
 const REACHED_M: f64 = 0.3;
-/// How far back on the path, and how far on, somebody may have got in a step, metres.
+/// How far back on the path, and how far on, a person may get in a step, metres.
 const FOOT_M: [f64; 2] = [0.5, 1.0];
 /// Walls within this of the body are felt, metres.
 const FEEL_M: f64 = 0.6;
-/// Who has not come on by this waits, metres.
+/// A person who has not come this far waits, metres.
 const CAME_ON_M: f64 = 0.25;
 /// The velocities of robot and handler are means over this time, seconds: legs sway.
 const SMOOTH_S: f64 = 0.3;
-/// Nothing walks faster, metres per second: who comes farther in a step was put elsewhere.
+/// An agent that comes farther in a step was put elsewhere, metres per second.
 const FASTEST_MPS: f64 = 4.0;
 /// The heights in which things are in a person's way, metres.
 const HEIGHTS_M: [f64; 2] = [STEP_M, PERSON_HEIGHT_M];

@@ -1,4 +1,4 @@
-//! The way somebody walks: a polyline, closed where it is walked as a loop.
+//! The way of a person: a polyline, closed where it is walked as a loop.
 
 use guidance::se2::Point;
 

@@ -142,7 +142,7 @@ impl Physics {
         share == 1.0
     }
 
-    /// Back to the handle: straight, or else along the way that the robot went.
+    /// Back to the handle: straight, or else along the way that the robot went, up to the robot.
     fn walk_back(&mut self) {
         let at = self.place(HANDLER);
         let handle = self.world_from_robot * se2(self.robot_from_place());
@@ -150,7 +150,10 @@ impl Physics {
         let body = &self.bodies[HANDLER];
         let (radius_m, z) = (body.radius_m, body.z);
         let is_free = |to: &Point| self.world.free_share(at, *to, radius_m, z).is_none();
-        let newest_first = || self.hand.trail.iter().rev().copied();
+        let robot = self.place(super::ROBOT);
+        let clear_m = self.bodies[super::ROBOT].radius_m + self.config.robot.nose_m + radius_m;
+        let is_clear = move |place: &Point| (place - robot).norm() >= clear_m;
+        let newest_first = || self.hand.trail.iter().rev().copied().filter(is_clear);
         let Some(aim) = std::iter::once(to_handle).chain(newest_first()).find(is_free) else { return };
         let way: Vector2<f64> = aim - at;
         let next = at + way.cap_magnitude(RETURNING_MPS * TICK_S);

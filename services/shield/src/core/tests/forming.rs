@@ -1,8 +1,10 @@
 //! Where the handler walks: a policy asks for it, a cue agrees, and the shield waits until they are seen there.
 
 use super::{MS, action, depth_header, header, mode, odometry, ready, scan_header, scan_of, wall_mm};
-use crate::core::Core;
-use messages::{Cue, CueInForce, CueKind, Formation, Mode, ModeClass, Outcome, Permit, PolicyAction};
+use crate::core::{Core, CoreConfig};
+use guidance::ActionTable;
+use messages::{Cue, CueInForce, CueKind, Formation, Header, Mode, ModeClass, Outcome, Permit, PolicyAction};
+use settings::Settings;
 
 /// Where the handler walks behind the robot (robot frame).
 const BEHIND: (f64, f64) = (-1.2, 0.0);
@@ -14,18 +16,19 @@ fn wants(decision: u64, formation: Formation) -> PolicyAction {
 
 /// Half a second passes in that formation, with a handler there; then the policy decides.
 fn decides(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handler: (f64, f64)) -> Outcome {
-    permit(core, decision, mode, wanted, handler).outcome
+    permit(core, mode, &wants(decision, wanted), handler).outcome
 }
 
-fn permit(core: &mut Core, decision: u64, mode: Mode, wanted: Formation, handler: (f64, f64)) -> Permit {
-    let ms = 500 * decision;
+/// The same for a decision that is given: the permit.
+fn permit(core: &mut Core, mode: Mode, action: &PolicyAction, handler: (f64, f64)) -> Permit {
+    let ms = 500 * action.decision;
     for stamp in [410, 310, 210, 110, 10].map(|before_ms| ms - before_ms) {
         core.take_mode(&Mode { header: header(stamp, 1), ..mode });
         core.take_odometry(&odometry(stamp, 0.0));
         core.take_depth(&depth_header(stamp), &wall_mm(5000 - (stamp / 100 % 7) as u16));
         core.on_scan((stamp + 10) * MS, &scan_header(stamp), &scan_of(handler));
     }
-    core.on_action(ms * MS, &wants(decision, wanted)).expect("the active policy's")
+    core.on_action(ms * MS, action).expect("the active policy's")
 }
 
 fn in_formation(formation: Formation) -> Mode {
@@ -76,8 +79,48 @@ fn in_single_file_the_robot_walks_slower_and_beside_the_handler_as_before() {
     for (formation, from, handler, vx_mps) in
         [(Formation::Behind, 3, BEHIND, 0.25), (Formation::Beside, 20, super::handler_place(), 0.5)]
     {
-        let permits = (from..from + 8).map(|n| permit(&mut core, n, in_formation(formation), formation, handler));
+        let permits =
+            (from..from + 8).map(|n| permit(&mut core, in_formation(formation), &wants(n, formation), handler));
         let last = permits.last().expect("eight");
         assert_eq!((last.outcome, last.velocity.vx_mps), (Outcome::Granted, vx_mps), "{formation:?}");
     }
+}
+
+/// A shield that has just started, and knows nothing.
+fn started() -> Core {
+    Core::new(CoreConfig::of(&Settings::default(), ActionTable::eight()).expect("a harness"))
+}
+
+#[test]
+fn a_shield_that_restarts_while_the_handler_is_behind_lets_nothing_move_until_it_has_seen_them_there() {
+    let (behind, wanted) = (in_formation(Formation::Behind), Formation::Behind);
+    // They are there all the time. Half a second is not enough.
+    let mut core = started();
+    let outcomes: Vec<_> = (3..8).map(|decision| decides(&mut core, decision, behind, wanted, BEHIND)).collect();
+    assert_eq!(outcomes[0], Outcome::HandlerNotSeen, "{outcomes:?}");
+    assert_eq!(outcomes[3..], [Outcome::Granted; 2], "{outcomes:?}");
+    // They have come beside it meanwhile: that is not where the supervisor says that they walk.
+    let mut core = started();
+    for decision in 3..12 {
+        let outcome = decides(&mut core, decision, behind, wanted, super::handler_place());
+        assert_eq!(outcome, Outcome::HandlerNotSeen, "{decision}");
+    }
+}
+
+#[test]
+fn where_the_policy_that_asked_is_swapped_nothing_moves_without_the_handler_in_their_place() {
+    let beside = in_formation(Formation::Beside);
+    let mut core = ready();
+    assert_eq!(decides(&mut core, 3, beside, Formation::Behind, super::handler_place()), Outcome::Narrow);
+    // The handler is on the way behind, and the new policy asks for nothing.
+    let swapped = Mode { active_policy: 2, ..beside };
+    let of_new = |decision: u64| {
+        let action = wants(decision, Formation::Beside);
+        PolicyAction { header: Header { incarnation: 2, ..action.header }, ..action }
+    };
+    let outcomes: Vec<_> =
+        (4..10).map(|decision| permit(&mut core, swapped, &of_new(decision), BEHIND).outcome).collect();
+    assert_eq!(outcomes[3..], [Outcome::HandlerNotSeen; 3], "{outcomes:?}");
+    let back = (10..15).map(|decision| permit(&mut core, swapped, &of_new(decision), super::handler_place()).outcome);
+    assert_eq!(back.last(), Some(Outcome::Granted));
 }

@@ -2,7 +2,7 @@
 
 use super::{Bench, MS};
 use crate::plan::Plan;
-use messages::{CueKind, Formation, Header, LocomotionState, StopKind, StopReason, Twist2};
+use messages::{CueKind, Formation, Header, LocomotionState, ModeClass, ServiceId, StopKind, StopReason, Twist2};
 use settings::Settings;
 use transport::ClockKind;
 
@@ -89,7 +89,7 @@ fn a_fault_keeps_the_formation_and_a_handler_who_is_missed_behind_says_forward_f
     let mut bench = running(true);
     stands(&mut bench, StopKind::Narrow, 3000);
     bench.cue(CueKind::Forward, 0);
-    bench.die(messages::ServiceId::Policy);
+    bench.die(ServiceId::Policy);
     assert_eq!(formations(&bench), BEHIND);
     bench.pass(2000);
     bench.cue(CueKind::Forward, 0);
@@ -140,4 +140,38 @@ fn a_state_of_before_a_cue_brings_no_question_back() {
         bench.cue(CueKind::Forward, 0);
         assert_eq!(formations(&bench), BESIDE, "{cue:?}");
     }
+}
+
+#[test]
+fn a_shield_that_dies_while_the_handler_is_behind_leaves_them_there() {
+    let mut bench = running(true);
+    stands(&mut bench, StopKind::Narrow, 3000);
+    bench.cue(CueKind::Forward, 0);
+    bench.die(ServiceId::Shield);
+    assert_eq!((bench.class(), formations(&bench)), (ModeClass::Fault, BEHIND));
+    bench.pass(2000);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!((bench.class(), formations(&bench)), (ModeClass::Run, BEHIND), "its next life finds it so");
+    // Until it has seen the handler there it says so, which is no question.
+    stands(&mut bench, StopKind::HandlerNotSeen, 1500);
+    assert_eq!(formations(&bench), BEHIND);
+}
+
+/// A policy swapped in does not know what the one before has asked.
+#[test]
+fn a_question_lapses_where_the_policy_that_asked_is_swapped_for_one_that_does_not() {
+    let mut bench = running(true);
+    stands(&mut bench, StopKind::Narrow, 3000);
+    assert_eq!(formations(&bench), (Formation::Beside, Formation::Behind));
+    stands(&mut bench, StopKind::PolicyStop, 500);
+    assert_eq!(formations(&bench), BESIDE);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(formations(&bench), BESIDE, "a forward that comes late answers nothing");
+    // The new one finds the place narrow, too, and the handler is asked anew.
+    stands(&mut bench, StopKind::Narrow, 1500);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(formations(&bench), BESIDE, "the voice has not said it yet");
+    stands(&mut bench, StopKind::Narrow, 3000);
+    bench.cue(CueKind::Forward, 0);
+    assert_eq!(formations(&bench), BEHIND);
 }
