@@ -149,7 +149,7 @@ impl Physics {
         let to_handle = Point::from(handle.translation.vector);
         let body = &self.bodies[HANDLER];
         let (radius_m, z) = (body.radius_m, body.z);
-        let is_free = |to: &Point| self.world.free_share(at, *to, radius_m, z).is_none();
+        let is_free = |to: &Point| !self.world.is_blocked(at, *to, radius_m, z);
         let newest_first = || self.hand.trail.iter().rev().copied();
         let Some(aim) = std::iter::once(to_handle).chain(newest_first()).find(is_free) else { return };
         let way: Vector2<f64> = aim - at;
