@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use crate::hull::{Disc, Discs};
 use crate::se2::Point;
 
-pub use parts::{BLOCK, Directions, Parts, Readings};
+pub use parts::{BLOCK, Directions, Parts, Readings, Room};
 
 /// The hull of n discs has at most 2n - 1 arcs and as many tangents, and one arc is cut where the walk begins.
 const MAX_PIECES: usize = 4 * Discs::MAX;
@@ -64,45 +64,48 @@ fn turn_of(n: &Vector2<f64>) -> f64 {
 }
 
 /// The boundary of the convex hull of discs.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Boundary {
-    pieces: [Piece; MAX_PIECES],
-    count: usize,
+    pieces: Vec<Piece>,
 }
 
 impl Boundary {
-    /// Walks once around the discs: from the one that reaches farthest in a direction, always to the next that a line
-    /// laid against them and turned counter-clockwise meets.
+    /// Walks once around the discs.
     #[must_use]
     pub fn of(discs: &[Disc]) -> Self {
+        let mut boundary = Self::default();
+        boundary.take(discs);
+        boundary
+    }
+
+    /// Becomes the boundary of other discs; nothing is allocated once there have been as many. From the disc that
+    /// reaches farthest in a direction it goes always to the next that a line laid against them and turned
+    /// counter-clockwise meets.
+    pub fn take(&mut self, discs: &[Disc]) {
         debug_assert!(discs.len() <= Discs::MAX);
-        let nothing = Piece::Edge { from: Point::origin(), to: Point::origin() };
-        let mut walk = Self { pieces: [nothing; MAX_PIECES], count: 0 };
+        self.pieces.clear();
         let counts = not_held(discs);
-        let tangents = tangents(discs, &counts);
         let first = first_disc(discs, &counts);
         let (mut current, mut turned, mut normal) = (first, 0.0, Vector2::x());
-        while walk.count + 2 < MAX_PIECES {
-            let Some((next, tangent)) = next_tangent(&tangents[current], turned) else { break };
-            walk.push_arc(discs[current], (turned, normal), (tangent.turn, tangent.normal));
+        while self.pieces.len() + 2 < MAX_PIECES {
+            let Some((next, tangent)) = next_tangent(discs, &counts, current, turned) else { break };
+            self.push_arc(discs[current], (turned, normal), (tangent.turn, tangent.normal));
             let on = |disc: &Disc| disc.center + tangent.normal * disc.radius_m;
-            walk.push(Piece::Edge { from: on(&discs[current]), to: on(&discs[next]) });
+            self.push(Piece::Edge { from: on(&discs[current]), to: on(&discs[next]) });
             (current, turned, normal) = (next, tangent.turn, tangent.normal);
         }
-        walk.push_arc(discs[current], (turned, normal), (4.0, Vector2::x()));
+        self.push_arc(discs[current], (turned, normal), (4.0, Vector2::x()));
         // Two discs that reach equally far, such as a robot before and after a step to the side: the edge between them
         // closes the walk.
         let (from, to) = [current, first].map(|i| discs[i].center + Vector2::x() * discs[i].radius_m).into();
         if (to - from).norm() > SAME {
-            walk.push(Piece::Edge { from, to });
+            self.push(Piece::Edge { from, to });
         }
-        walk
     }
 
     fn push(&mut self, piece: Piece) {
-        if self.count < MAX_PIECES {
-            self.pieces[self.count] = piece;
-            self.count += 1;
+        if self.pieces.len() < MAX_PIECES {
+            self.pieces.push(piece);
         }
     }
 
@@ -145,35 +148,30 @@ struct Tangent {
     turn: f64,
 }
 
-/// The outer tangent that leads counter-clockwise from each disc to each other.
-fn tangents(discs: &[Disc], counts: &[bool]) -> [[Option<Tangent>; Discs::MAX]; Discs::MAX] {
-    let mut all = [[None; Discs::MAX]; Discs::MAX];
-    for i in (0..discs.len()).filter(|i| counts[*i]) {
-        for j in (i + 1..discs.len()).filter(|j| counts[*j]) {
-            let between = discs[j].center - discs[i].center;
-            let distance_m = between.norm();
-            let wider_m = discs[i].radius_m - discs[j].radius_m;
-            // No disc that counts is held by another.
-            debug_assert!(distance_m > wider_m.abs());
-            let u = between / distance_m;
-            let cos = wider_m / distance_m;
-            let side = Vector2::new(-u.y, u.x) * (1.0 - cos * cos).max(0.0).sqrt();
-            let tangent = |normal: Vector2<f64>| Some(Tangent { normal, turn: turn_of(&normal) });
-            (all[i][j], all[j][i]) = (tangent(u * cos - side), tangent(u * cos + side));
-        }
-    }
-    all
+/// The outer tangent that leads counter-clockwise from one disc to another. Both count: neither holds the other.
+fn tangent_between(discs: &[Disc], from: usize, to: usize) -> Tangent {
+    // Reckoned from one of them whichever way it leads: rounding is the same.
+    let (i, j) = (from.min(to), from.max(to));
+    let between = discs[j].center - discs[i].center;
+    let distance_m = between.norm();
+    let wider_m = discs[i].radius_m - discs[j].radius_m;
+    debug_assert!(distance_m > wider_m.abs());
+    let u = between / distance_m;
+    let cos = wider_m / distance_m;
+    let side = Vector2::new(-u.y, u.x) * (1.0 - cos * cos).max(0.0).sqrt();
+    let normal = if from < to { u * cos - side } else { u * cos + side };
+    Tangent { normal, turn: turn_of(&normal) }
 }
 
-/// The first tangent that a line turned on from `turned` meets, before it is once around.
-fn next_tangent(tangents: &[Option<Tangent>], turned: f64) -> Option<(usize, Tangent)> {
+/// The first tangent from a disc that a line turned on from `turned` meets, before it is once around.
+fn next_tangent(discs: &[Disc], counts: &[bool], current: usize, turned: f64) -> Option<(usize, Tangent)> {
     let mut best: Option<(usize, Tangent)> = None;
-    for (i, tangent) in tangents.iter().enumerate() {
-        let Some(tangent) = tangent else { continue };
+    for i in (0..discs.len()).filter(|i| *i != current && counts[*i] && counts[current]) {
+        let tangent = tangent_between(discs, current, i);
         // What lies behind by rounding lies here; what really lies behind comes only once around.
         let turn = if tangent.turn < turned && tangent.turn > turned - SAME { turned } else { tangent.turn };
         if turn >= turned && best.is_none_or(|(_, best)| turn < best.turn) {
-            best = Some((i, Tangent { turn, ..*tangent }));
+            best = Some((i, Tangent { turn, ..tangent }));
         }
     }
     best
@@ -213,7 +211,7 @@ impl Boundary {
     /// The boundary seen from `origin`; none where that is not within by more than rounding.
     #[must_use]
     pub fn seen_from(&self, origin: Point) -> Option<Seen<'_>> {
-        let pieces = &self.pieces[..self.count];
+        let pieces = &self.pieces;
         let within = pieces.iter().all(|piece| match piece {
             Piece::Edge { from, to } => (to - from).perp(&(origin - from)) > SAME * (to - from).norm(),
             Piece::Arc { disc, from, to, whole } => {
@@ -227,14 +225,14 @@ impl Boundary {
         let mut begins_rad = [0.0; MAX_PIECES + 1];
         let angle = |point: Point| (point.y - origin.y).atan2(point.x - origin.x);
         begins_rad[0] = angle(pieces[0].from());
-        for i in 1..self.count {
+        for i in 1..pieces.len() {
             let turn = (angle(pieces[i].from()) - begins_rad[i - 1]).rem_euclid(std::f64::consts::TAU);
             // Seen from within the boundary never turns back: a whole turn by less than nothing is rounding.
             let long = matches!(pieces[i - 1], Piece::Arc { from, to, .. } if from.dot(&to) < 0.5);
             let turn = if turn > std::f64::consts::TAU - SAME && !long { 0.0 } else { turn };
             begins_rad[i] = begins_rad[i - 1] + turn;
         }
-        begins_rad[self.count] = begins_rad[0] + std::f64::consts::TAU;
+        begins_rad[pieces.len()] = begins_rad[0] + std::f64::consts::TAU;
         Some(Seen { boundary: self, origin, begins_rad })
     }
 }
@@ -243,7 +241,13 @@ impl Seen<'_> {
     /// Which beams leave through which piece.
     #[must_use]
     pub fn over<'b>(&self, beams: Directions<'b>) -> Parts<'b> {
-        Parts::of(self, beams)
+        self.over_in(beams, Room::default())
+    }
+
+    /// The same in the room of others, see [`Parts::into_room`]: nothing is allocated once there have been as many.
+    #[must_use]
+    pub fn over_in<'b>(&self, beams: Directions<'b>, room: Room) -> Parts<'b> {
+        Parts::of(self, beams, room)
     }
 
     fn law(&self, piece: usize) -> Law {
@@ -268,7 +272,7 @@ impl Seen<'_> {
         let to = from + (to_rad - from_rad);
         let mut twice = 0.0;
         for turn in [0.0, tau] {
-            for piece in 0..self.boundary.count {
+            for piece in 0..self.boundary.pieces.len() {
                 let begin = (self.begins_rad[piece] + turn).max(from);
                 let end = (self.begins_rad[piece + 1] + turn).min(to);
                 if end > begin {

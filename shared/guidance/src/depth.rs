@@ -87,6 +87,52 @@ impl Axes {
     }
 }
 
+/// The rays of one row of pixels: along, left and up for a metre of depth, each apart, so that the compiler works on
+/// several side by side.
+#[derive(Debug, Clone, Default)]
+struct Rays {
+    /// Tangent of the angle to the left of the camera's axis.
+    left: Vec<f64>,
+    x: Vec<f64>,
+    y: Vec<f64>,
+    z: Vec<f64>,
+    /// 1 over x.
+    per_ahead: Vec<f64>,
+    /// The column in whose direction a ray leads over the floor.
+    column: Vec<f64>,
+}
+
+impl Rays {
+    /// For the columns of a frame that are looked at.
+    fn lay_out(&mut self, header: &DepthHeader) {
+        let (width, stride) = (header.width as usize, stride(header));
+        let (first, step) = (left_of(header, 0), left_of(header, stride) - left_of(header, 0));
+        self.left.clear();
+        self.left.extend((0..width.div_ceil(stride)).map(|i| first + step * i as f64));
+        let count = self.left.len();
+        for numbers in [&mut self.x, &mut self.y, &mut self.z, &mut self.per_ahead, &mut self.column] {
+            numbers.resize(count, 0.0);
+        }
+    }
+
+    /// For a row whose middle ray is `row`.
+    fn fill(&mut self, row: Vector3<f64>, aside: Vector3<f64>, column: impl Fn(f64, f64) -> f64) {
+        let count = self.left.len();
+        let (x, y, z) = (&mut self.x[..count], &mut self.y[..count], &mut self.z[..count]);
+        let (per_ahead, columns) = (&mut self.per_ahead[..count], &mut self.column[..count]);
+        for (i, left) in self.left.iter().enumerate() {
+            (x[i], y[i], z[i]) = (row.x + aside.x * left, row.y + aside.y * left, row.z + aside.z * left);
+            per_ahead[i] = x[i].recip();
+            columns[i] = column(y[i], per_ahead[i]);
+        }
+    }
+}
+
+/// The number of a cell or column; 0 for what is less. A cast to 64 bits would cost twice as much.
+fn index_of(value: f64) -> usize {
+    value as u32 as usize
+}
+
 /// A depth frame as the shield sees it. Reused from frame to frame.
 #[derive(Debug, Clone)]
 pub struct DepthView {
@@ -109,6 +155,8 @@ pub struct DepthView {
     apart_at_1_m: f64,
     /// Height of the camera over the floor, metres.
     height_m: f64,
+    /// Room for the rays of a row.
+    rays: Rays,
     columns: Vec<Column>,
     /// The columns that every row of the image reaches. The others show obstacles, but cannot show that space is free.
     whole: Range<usize>,
@@ -118,10 +166,18 @@ pub struct DepthView {
     stepped: Steps,
     camera: Point,
     forward: Vector2<f64>,
-    /// The robot of the frame's stamp, in the robot frame of now.
+    /// The robot of the frame's stamp, in the robot frame of now, and the way back.
     now_from_stamped: Se2,
+    stamped_from_now: Se2,
     /// Frames taken in so far.
     number: u64,
+}
+
+/// The columns to either side of a point, and how far along the camera's axis it is, metres.
+#[derive(Clone, Copy)]
+pub(crate) struct Beside<'a> {
+    columns: &'a [Column],
+    along: f64,
 }
 
 impl Default for DepthView {
@@ -137,6 +193,7 @@ impl Default for DepthView {
             edges: Vec::new(),
             apart_at_1_m: 0.0,
             height_m: 0.0,
+            rays: Rays::default(),
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
@@ -145,6 +202,7 @@ impl Default for DepthView {
             camera: Point::origin(),
             forward: Vector2::x(),
             now_from_stamped: Se2::identity(),
+            stamped_from_now: Se2::identity(),
             number: 0,
         }
     }
@@ -278,15 +336,16 @@ impl DepthView {
         let (per_column, per_pixel) = (header.fx_px / stride as f64, header.fy_px.recip());
         let eye = self.eye(header, camera.z);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
-        // Divisions are what a frame costs most: one for each pixel.
-        let (first, step) = (left_of(header, 0), left_of(header, stride) - left_of(header, 0));
+        let mut rays = std::mem::take(&mut self.rays);
+        rays.lay_out(header);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
-            let (row, mut next) = (axes.ray(0.0, up_of(header, v)), None);
+            rays.fill(axes.ray(0.0, up_of(header, v)), axes.left, |y, per_ahead| {
+                (leftmost - y * per_ahead) * per_column
+            });
+            let mut next = None;
             for (i, u) in (0..width).step_by(stride).enumerate() {
-                let ray = row + axes.left * (first + step * i as f64);
-                let per_ahead = ray.x.recip();
-                let number = ((leftmost - ray.y * per_ahead) * per_column + 0.5) as usize;
-                if ray.x <= AHEAD_MIN || number >= self.columns.len() {
+                let number = index_of(rays.column[i] + 0.5);
+                if rays.x[i] <= AHEAD_MIN || number >= self.columns.len() {
                     continue;
                 }
                 // Where the rays of a row are farther apart than the columns, one shows the column before it as well.
@@ -296,7 +355,7 @@ impl DepthView {
                     columns.iter_mut().for_each(|column| column.take_unknown(header.fy_px));
                     continue;
                 }
-                let seen = ray * (f64::from(row_mm[u]) / 1000.0);
+                let seen = Vector3::new(rays.x[i], rays.y[i], rays.z[i]) * (f64::from(row_mm[u]) / 1000.0);
                 let place = place(self.camera, self.forward, seen.x, seen.y);
                 let over_plane_m = camera.z + seen.z - plane.height_m(place.x, place.y);
                 let level_m = self.stepped.level_m(seen.x, seen.y, over_plane_m);
@@ -317,11 +376,12 @@ impl DepthView {
                     drop_m: SWAYING_FLOOR_M + (SWAYING_FLOOR_PER_M + per_pixel) * seen.x,
                 };
                 for column in columns {
-                    column.top = column.top.max(ray.z * per_ahead);
+                    column.top = column.top.max(rays.z[i] * rays.per_ahead[i]);
                     column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
                 }
             }
         }
+        self.rays = rays;
         Ok(())
     }
 
@@ -413,7 +473,7 @@ impl DepthView {
     /// From now on seen from where the robot is now: `now_from_stamped` is the robot of the frame's stamp in the robot
     /// frame of now.
     pub fn move_to(&mut self, now_from_stamped: &Se2) {
-        self.now_from_stamped = *now_from_stamped;
+        (self.now_from_stamped, self.stamped_from_now) = (*now_from_stamped, now_from_stamped.inverse());
         self.points.clear();
         self.points.extend(self.stamped.iter().map(|point| now_from_stamped * point));
         self.edges.clear();
@@ -438,7 +498,7 @@ impl DepthView {
         self.stepped.clear();
         self.steps.clear();
         self.whole = 0..0;
-        self.now_from_stamped = Se2::identity();
+        (self.now_from_stamped, self.stamped_from_now) = (Se2::identity(), Se2::identity().inverse());
     }
 
     /// Number of the frame that was taken in last, counted from 1.
@@ -474,34 +534,33 @@ impl DepthView {
     /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.
     #[must_use]
     pub fn sees_free(&self, point: Point) -> bool {
-        self.beside(point).is_some_and(|(columns, along)| columns.iter().all(|column| column.free_m > along))
+        self.beside(point).is_some_and(|Beside { columns, along }| columns.iter().all(|column| column.free_m > along))
     }
 
     /// The same from the floor up to a height over the camera, metres: near the robot the floor is below the image, and
     /// what hangs above it; either may still be there.
     #[must_use]
     pub fn sees_free_up_to(&self, point: Point, rise_m: f64) -> bool {
-        let Some((columns, along)) = self.beside(point) else { return false };
+        let Some(Beside { columns, along }) = self.beside(point) else { return false };
         // The camera sways, and stood higher or lower when it saw what may hang there.
         let up_to_m = rise_m + SWAYING_FLOOR_M + SWAYING_FLOOR_PER_M * along;
         let is_free =
             |column: &Column| column.free_m > along && column.floor_m <= along && column.top * along >= up_to_m;
         // Floor that rises may be the kerb that was seen there.
-        let left_m = self.forward.perp(&(self.now_from_stamped.inverse() * point - self.camera));
+        let left_m = self.forward.perp(&(self.stamped_from_now * point - self.camera));
         columns.iter().all(is_free) && self.cells.over_m(along, left_m) <= 0.0
     }
 
     /// What the cell of floor at a point (robot frame) shows. A frame of a body whose attitude is not known has none.
     #[must_use]
     pub fn floor_at(&self, point: Point) -> FloorCell {
-        let to = self.now_from_stamped.inverse() * point - self.camera;
+        let to = self.stamped_from_now * point - self.camera;
         self.cells.at(to.dot(&self.forward), self.forward.perp(&to))
     }
 
-    /// The columns to either side of a point, and how far along the camera's axis it is, metres; none where it is
-    /// outside the field of view.
-    fn beside(&self, point: Point) -> Option<(&[Column], f64)> {
-        let to = self.now_from_stamped.inverse() * point - self.camera;
+    /// What is to either side of a point; none where it is outside the field of view.
+    pub(crate) fn beside(&self, point: Point) -> Option<Beside<'_>> {
+        let to = self.stamped_from_now * point - self.camera;
         let along = to.dot(&self.forward);
         let columns = &self.columns[self.whole.clone()];
         if along <= 0.0 || columns.len() < 2 {
@@ -514,8 +573,16 @@ impl DepthView {
         if left > first + EDGE || left < last - EDGE {
             return None;
         }
-        let i = columns.partition_point(|column| column.left > left).clamp(1, columns.len() - 1);
-        Some((&columns[i - 1..=i], along))
+        // They are equally far apart: the first that is no more to the left is this one, give or take rounding.
+        let mut i = (((first - left) / (first - columns[1].left)) as usize).min(columns.len());
+        while i > 0 && columns[i - 1].left <= left {
+            i -= 1;
+        }
+        while i < columns.len() && columns[i].left > left {
+            i += 1;
+        }
+        let i = i.clamp(1, columns.len() - 1);
+        Some(Beside { columns: &columns[i - 1..=i], along })
     }
 }
 

@@ -22,6 +22,8 @@ struct Tangent {
     from: Point,
     along: Vector2<f64>,
     normal: Vector2<f64>,
+    /// The disc that reaches farthest along the normal: of a tangent on the boundary one of its own.
+    farthest: usize,
 }
 
 /// A few discs. They need no memory of their own.
@@ -66,30 +68,60 @@ impl<const N: usize> From<[Disc; N]> for Discs {
     }
 }
 
+/// In these directions it is known how far a hull reaches: unit vectors, give or take rounding.
+const AROUND: [Vector2<f64>; 8] = {
+    const HALF: f64 = std::f64::consts::FRAC_1_SQRT_2;
+    [
+        Vector2::new(1.0, 0.0),
+        Vector2::new(HALF, HALF),
+        Vector2::new(0.0, 1.0),
+        Vector2::new(-HALF, HALF),
+        Vector2::new(-1.0, 0.0),
+        Vector2::new(-HALF, -HALF),
+        Vector2::new(0.0, -1.0),
+        Vector2::new(HALF, -HALF),
+    ]
+};
+/// What is farther by this than asked for is farther whatever rounding says, metres.
+const FARTHER_M: f64 = 1e-9;
+
 /// The convex hull of discs: robot and handler, now and at the end.
 #[derive(Debug, Clone)]
 pub struct Hull {
     discs: Discs,
-    /// Two for each pair.
-    tangents: [Option<Tangent>; Discs::MAX * (Discs::MAX - 1)],
+    /// Two for each pair of which neither holds the other.
+    tangents: Vec<Tangent>,
+    /// How far it reaches in each of the directions [`AROUND`], metres.
+    reach_m: [f64; AROUND.len()],
+}
+
+impl Default for Hull {
+    /// The hull of no disc.
+    fn default() -> Self {
+        Self { discs: Discs::none(), tangents: Vec::new(), reach_m: [f64::NEG_INFINITY; AROUND.len()] }
+    }
 }
 
 impl Hull {
     /// The hull of these discs.
     #[must_use]
     pub fn new(discs: impl Into<Discs>) -> Self {
-        let discs = discs.into();
-        let mut tangents = [None; Discs::MAX * (Discs::MAX - 1)];
-        let mut slot = 0;
-        for i in 0..discs.len() {
-            for j in i + 1..discs.len() {
-                for side in [1.0, -1.0] {
-                    tangents[slot] = tangent(&discs[i], &discs[j], side);
-                    slot += 1;
-                }
+        let mut hull = Self::default();
+        hull.take(discs.into());
+        hull
+    }
+
+    /// Becomes the hull of other discs; nothing is allocated once there have been as many.
+    pub fn take(&mut self, discs: Discs) {
+        self.discs = discs;
+        let discs = &self.discs;
+        self.reach_m = AROUND.map(|u| discs.iter().map(|disc| disc.reach_m(u)).fold(f64::NEG_INFINITY, f64::max));
+        self.tangents.clear();
+        for (i, a) in discs.iter().enumerate() {
+            for b in &discs[i + 1..] {
+                self.tangents.extend([1.0, -1.0].into_iter().filter_map(|side| tangent(a, b, side, discs)));
             }
         }
-        Self { discs, tangents }
     }
 
     /// Distance from `origin` to where the ray along the unit vector `direction` leaves the hull for good; 0 where it
@@ -104,7 +136,7 @@ impl Hull {
     #[must_use]
     pub fn crossing_m(&self, origin: Point, direction: Vector2<f64>) -> Option<(f64, f64)> {
         let arcs = self.discs.iter().filter_map(|disc| crosses_disc(disc, origin, direction));
-        let tangents = self.tangents.iter().flatten().filter_map(|tangent| tangent.meets(origin, direction));
+        let tangents = self.tangents.iter().filter_map(|tangent| tangent.meets(origin, direction));
         let all = arcs.chain(tangents.map(|t| (t, t)));
         let widest = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
         all.reduce(widest).filter(|(_, leaves_m)| *leaves_m > 0.0)
@@ -119,19 +151,25 @@ impl Hull {
     /// The signed distance of a point where it is less than `limit_m`: most points are farther, which shows sooner.
     #[must_use]
     pub fn nearer_m(&self, point: Point, limit_m: f64) -> Option<f64> {
+        if self.is_beyond(point, limit_m) {
+            return None;
+        }
         // The distance is the greatest over all directions u of the smallest over all discs of u.(p - c) - r. It is
         // reached where u points from a centre to the point, or is normal to a tangent.
-        let from_centers = self.discs.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
-        let normals = self.tangents.iter().flatten().map(|tangent| tangent.normal);
+        let from_centers = self.discs.iter().enumerate();
+        let from_centers = from_centers.filter_map(|(i, disc)| Some(((point - disc.center).try_normalize(1e-12)?, i)));
+        let normals = self.tangents.iter().map(|tangent| (tangent.normal, tangent.farthest));
         let mut greatest_m = f64::NEG_INFINITY;
-        for u in from_centers.chain(normals) {
-            let mut smallest_m = f64::INFINITY;
+        for (u, first) in from_centers.chain(normals) {
+            let away_m = |disc: &Disc| u.dot(&(point - disc.center)) - disc.radius_m;
+            // Where another direction leaves more, this one does not count: it shows soonest at the disc that reaches
+            // farthest.
+            let mut smallest_m = f64::INFINITY.min(away_m(&self.discs[first]));
             for disc in self.discs.iter() {
-                smallest_m = smallest_m.min(u.dot(&(point - disc.center)) - disc.radius_m);
                 if smallest_m <= greatest_m {
-                    // Another direction leaves more: this one no longer counts.
                     break;
                 }
+                smallest_m = smallest_m.min(away_m(disc));
             }
             greatest_m = greatest_m.max(smallest_m);
             if greatest_m >= limit_m {
@@ -141,6 +179,11 @@ impl Hull {
         Some(greatest_m)
     }
 
+    /// Whether it shows at once that a point is not nearer: it lies beyond what the hull reaches in some direction.
+    fn is_beyond(&self, point: Point, limit_m: f64) -> bool {
+        AROUND.iter().zip(&self.reach_m).any(|(u, reach_m)| u.dot(&point.coords) - reach_m >= limit_m + FARTHER_M)
+    }
+
     /// Whether a point is strictly inside.
     #[must_use]
     pub fn contains(&self, point: Point) -> bool {
@@ -148,8 +191,15 @@ impl Hull {
     }
 }
 
-/// The outer tangent of two discs on one side; none where one disc holds the other.
-fn tangent(a: &Disc, b: &Disc, side: f64) -> Option<Tangent> {
+impl Disc {
+    /// How far it reaches along a unit vector, from the origin, metres.
+    fn reach_m(&self, u: Vector2<f64>) -> f64 {
+        u.dot(&self.center.coords) + self.radius_m
+    }
+}
+
+/// The outer tangent of two discs of several on one side; none where one disc holds the other.
+fn tangent(a: &Disc, b: &Disc, side: f64, all: &[Disc]) -> Option<Tangent> {
     let between = b.center - a.center;
     let distance = between.norm();
     if distance <= (a.radius_m - b.radius_m).abs() || distance < 1e-12 {
@@ -159,7 +209,14 @@ fn tangent(a: &Disc, b: &Disc, side: f64) -> Option<Tangent> {
     let cos = (a.radius_m - b.radius_m) / distance;
     let normal = u * cos + Vector2::new(-u.y, u.x) * (side * (1.0 - cos * cos).sqrt());
     let from = a.center + normal * a.radius_m;
-    Some(Tangent { from, along: b.center + normal * b.radius_m - from, normal })
+    let (mut farthest, mut farthest_m) = (0, f64::NEG_INFINITY);
+    for (i, disc) in all.iter().enumerate() {
+        let reach_m = disc.reach_m(normal);
+        if reach_m > farthest_m {
+            (farthest, farthest_m) = (i, reach_m);
+        }
+    }
+    Some(Tangent { from, along: b.center + normal * b.radius_m - from, normal, farthest })
 }
 
 impl Tangent {

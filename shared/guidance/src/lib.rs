@@ -37,7 +37,7 @@ pub use memory::{Floor, Footing, Memory, MemoryConfig, Remembered};
 pub use scan::{Beam, BeamKind, Beams, ScanError};
 pub use se2::Se2;
 pub use second::SecondView;
-pub use shield::{Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed};
+pub use shield::{Draw, EdgeDistance, Evidence, Judgement, Motion, Reach, Shield, ShieldConfig, Suppressed, Work};
 pub use tilt::Tilt;
 pub use tilt_watch::TiltWatch;
 pub use track::{Held, Pace, PoseTrack};

@@ -514,7 +514,8 @@ impl Memory {
 
     /// Cells of floor within reach that lie beyond an edge (robot frame).
     pub fn beyond_edges(&self) -> impl Iterator<Item = Point> {
-        let all = self.unseen_floor(Point::origin(), REACH_M);
+        let has_any = self.floor.as_ref().is_some_and(FloorMap::has_beyond);
+        let all = has_any.then(|| self.unseen_floor(Point::origin(), REACH_M)).into_iter().flatten();
         all.filter(|(_, floor)| *floor == Floor::Beyond).map(|(place, _)| place)
     }
 

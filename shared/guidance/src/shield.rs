@@ -213,7 +213,19 @@ pub enum Draw {
     Surest(u64),
 }
 
-/// The shield. It keeps nothing but its scratch space.
+/// What a shield has had to do so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Work {
+    /// Motions that it judged: each has a hull, whose boundary all beams are held against.
+    pub motions: u64,
+    /// Places that it looked at, once for each motion: what the camera sees, what is remembered, edges, steps and
+    /// floor that was not seen.
+    pub places: u64,
+    /// Those of them that came near enough to be held against the hull itself.
+    pub held: u64,
+}
+
+/// The shield. It keeps nothing but its scratch space, and counts its work.
 #[derive(Debug, Clone)]
 pub struct Shield {
     config: ShieldConfig,
@@ -225,6 +237,12 @@ impl Shield {
     #[must_use]
     pub fn new(config: ShieldConfig) -> Self {
         Self { config, sorted: Sorted::default() }
+    }
+
+    /// What it has had to do so far.
+    #[must_use]
+    pub fn work(&self) -> Work {
+        self.sorted.work
     }
 
     /// The handler comes to rest where that model leads them, if the hull holds their rest at all.

@@ -18,7 +18,7 @@ use crate::floor::{FALL_M, Hole, contains, sides};
 use crate::noise::{Source, generator, normals};
 use crate::prism::{Prism, SeenBy};
 use crate::raster::{Face, Pinhole};
-use crate::redwood::Redwood;
+use crate::redwood::{Redwood, whole};
 use crate::scene::PERSON_HEIGHT_M;
 use crate::world::World;
 use crate::{ConfigError, Scene};
@@ -250,7 +250,7 @@ impl DepthSensor {
         for (pixel, &inverse) in out.iter_mut().zip(&self.row) {
             let seen = inverse <= nearest && inverse >= farthest;
             let depth_mm = if seen { 1000.0 / inverse + 0.5 } else { 0.0 };
-            *pixel = depth_mm as i32 as u16;
+            *pixel = whole(depth_mm) as u16;
         }
     }
 

@@ -9,6 +9,8 @@ use std::ops::Range;
 use guidance::se2::{Point, about_bearing_rad};
 use nalgebra::Vector2;
 
+use crate::raster::rounded_up;
+
 /// Neighbouring faces share the beam on their common edge: no beam slips through. In beams.
 const EDGE: f64 = 1e-9;
 /// About how exact two bearings are together, radians.
@@ -78,8 +80,8 @@ impl PolarImage {
         let end = begin + turn_rad / self.increment_rad;
         let whole = TAU / self.increment_rad;
         let run = |begin: f64, end: f64| {
-            let first = (begin - EDGE).ceil().max(0.0) as usize;
-            let beyond = ((end + EDGE).floor() + 1.0).clamp(0.0, count as f64) as usize;
+            let (first, last) = (rounded_up(begin - EDGE), end + EDGE);
+            let beyond = if last < 0.0 { 0 } else { (last as u32 as usize + 1).min(count) };
             first.min(beyond)..beyond
         };
         [run(begin, end), run(begin - whole, end - whole)]

@@ -31,6 +31,15 @@ pub(crate) struct Face {
     rows: (usize, usize),
     edges: [Edge; MAX_CORNERS],
     count: usize,
+    steady: Steady,
+}
+
+/// The rows between two corners, in which two edges alone bound a face.
+#[derive(Debug, Clone, Copy)]
+struct Steady {
+    from: f64,
+    to: f64,
+    edges: [Edge; 2],
 }
 
 /// An edge that is not along a row.
@@ -70,8 +79,7 @@ impl Pinhole {
         let n = normal / offset;
         let (by_column, by_row) = (-n.y / self.focal_px, -n.z / self.focal_px);
         let base = n.x - by_column * self.cx_px - by_row * self.cy_px;
-        let rows =
-            ((top - EDGE_PX).ceil().max(0.0) as usize, (bottom + EDGE_PX).min(self.height as f64 - 1.0) as usize);
+        let rows = (rounded_up(top - EDGE_PX), (bottom + EDGE_PX).min(self.height as f64 - 1.0) as usize);
         let (mut edges, mut steep) = ([Edge::default(); MAX_CORNERS], 0);
         for (i, &a) in used.iter().enumerate() {
             let b = used[(i + 1) % count];
@@ -82,7 +90,8 @@ impl Pinhole {
                 steep += 1;
             }
         }
-        (rows.0 <= rows.1).then_some(Face { base, by_column, by_row, rows, edges, count: steep })
+        let steady = Steady::of(used, &edges[..steep]);
+        (rows.0 <= rows.1).then_some(Face { base, by_column, by_row, rows, edges, count: steep, steady })
     }
 
     /// Cuts a polygon at the near plane and gives the corners that are left as (column, row).
@@ -104,6 +113,31 @@ impl Pinhole {
             }
         }
         (corners, count)
+    }
+}
+
+impl Steady {
+    /// Between the corners that are farthest apart of all that follow each other from the top down.
+    fn of(corners: &[(f64, f64)], edges: &[Edge]) -> Self {
+        let mut rows = [f64::NEG_INFINITY; MAX_CORNERS];
+        rows.iter_mut().zip(corners).for_each(|(row, corner)| *row = corner.1);
+        rows.sort_unstable_by(f64::total_cmp);
+        let rows = &rows[MAX_CORNERS - corners.len()..];
+        let none = Self { from: 0.0, to: 0.0, edges: [Edge::default(); 2] };
+        let apart = rows.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        let Some(&[from, to]) = apart else { return none };
+        let mut through = edges.iter().filter(|edge| edge.top <= from && edge.bottom >= to);
+        match (through.next(), through.next(), through.next()) {
+            (Some(one), Some(two), None) => Self { from: from + EDGE_PX, to: to - EDGE_PX, edges: [*one, *two] },
+            _ => none,
+        }
+    }
+}
+
+impl Edge {
+    /// Its column at a row between its ends.
+    fn at(&self, row: f64) -> f64 {
+        self.column + self.by_row * (row - self.top)
     }
 }
 
@@ -130,7 +164,7 @@ impl Face {
             return;
         }
         let from = rounded_up(left - EDGE_PX);
-        let beyond = ((right + EDGE_PX) as usize + 1).min(inverse.len());
+        let beyond = ((right + EDGE_PX) as u32 as usize + 1).min(inverse.len());
         if from >= beyond {
             return;
         }
@@ -143,12 +177,16 @@ impl Face {
 
     /// The columns that the outline spans at a row.
     fn span(&self, row: f64) -> Option<(f64, f64)> {
+        if self.steady.from < row && row < self.steady.to {
+            let [one, two] = self.steady.edges.map(|edge| edge.at(row));
+            return Some(if two < one { (two, one) } else { (one, two) });
+        }
         let (mut left, mut right) = (f64::INFINITY, f64::NEG_INFINITY);
         for edge in &self.edges[..self.count] {
             if row < edge.top - EDGE_PX || row > edge.bottom + EDGE_PX {
                 continue;
             }
-            let column = edge.column + edge.by_row * (row.clamp(edge.top, edge.bottom) - edge.top);
+            let column = edge.at(row.clamp(edge.top, edge.bottom));
             left = if column < left { column } else { left };
             right = if column > right { column } else { right };
         }
@@ -156,8 +194,9 @@ impl Face {
     }
 }
 
-/// The least whole number that is not less, from 0; a call of `ceil` costs more than all the rest of a short row.
-fn rounded_up(value: f64) -> usize {
-    let whole = value.max(0.0) as usize;
-    whole + usize::from((whole as f64) < value)
+/// The least whole number that is not less, from 0; a call of `ceil` costs more than all the rest of a short row, and a
+/// cast to 64 bits twice one to 32.
+pub(crate) fn rounded_up(value: f64) -> usize {
+    let whole = value as u32;
+    whole as usize + usize::from(f64::from(whole) < value)
 }

@@ -173,10 +173,19 @@ impl Neighbours {
     }
 }
 
+/// Here a float has no digits left for less than 1.
+const WHOLE: f32 = (1 << 23) as f32;
+
 /// The nearest whole number to one between 0 and 4e6: where a float has no digits left for less, it rounds by itself.
 fn nearest(value: f32) -> u32 {
-    const WHOLE: f32 = (1 << 23) as f32;
     (value + WHOLE).to_bits() - WHOLE.to_bits()
+}
+
+/// The greatest whole number that is not greater than one between 0 and 4e6. The compiler does four at once; a cast
+/// looks at each of them.
+pub(crate) fn whole(value: f32) -> u32 {
+    let above = value + WHOLE - WHOLE > value;
+    nearest(value) - u32::from(above)
 }
 
 /// A smooth field: knots, interpolated. The place is (row, rows) and (column, columns).
@@ -254,6 +263,17 @@ mod tests {
         };
         assert!(Redwood::new(1.0, width, height, 1).reads_itself && !Redwood::new(1.0, 640, 480, 1).reads_itself);
         assert_eq!(disturbed(true), disturbed(false));
+    }
+
+    #[test]
+    fn a_whole_number_is_what_a_cast_gives() {
+        let mut random = ChaCha8Rng::seed_from_u64(4);
+        let drawn = (0..100_000).map(|_| random.random_range(0.0..65_536.0f32));
+        let halves = (0..=u16::MAX).flat_map(|i| [-1, 0, 1].map(|ulps| (i, ulps)));
+        let halves = halves.map(|(i, ulps)| f32::from_bits((f32::from(i) / 2.0).to_bits().saturating_add_signed(ulps)));
+        for value in drawn.chain(halves) {
+            assert_eq!(super::whole(value), value as u32, "{value}");
+        }
     }
 
     #[test]

@@ -35,24 +35,15 @@ pub(crate) fn to_box(p: Point, min: Point, max: Point) -> f64 {
 /// The share of the way, in [0, 1], that can be gone before `distance` (to a convex thing) falls under `limit`; `None`
 /// where all of it can. What is already nearer than the limit blocks every way that leads closer, and no other.
 pub(crate) fn free_share(from: Point, to: Point, limit: f64, distance: impl Fn(Point) -> f64) -> Option<f64> {
-    let (start, way) = (distance(from), to - from);
-    if start - way.norm() >= limit {
+    if !is_blocked(from, to, limit, &distance) {
         return None;
     }
-    if start < limit {
-        return (distance(to) < start - 1e-9).then_some(0.0);
+    if distance(from) < limit {
+        return Some(0.0);
     }
-    let at = |share: f64| distance(from + way * share);
-    // The distance to a convex thing is convex along a line: the nearest point first, then the crossing before it.
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..HALVINGS {
-        let third = (high - low) / 3.0;
-        if at(low + third) <= at(high - third) { high -= third } else { low += third }
-    }
+    let at = |share: f64| distance(from + (to - from) * share);
+    let low = nearest_share(at);
     let nearest = if at(1.0) <= at(low) { 1.0 } else { low };
-    if at(nearest) >= limit {
-        return None;
-    }
     let (mut free, mut blocked) = (0.0, nearest);
     for _ in 0..HALVINGS {
         let middle = 0.5 * (free + blocked);
@@ -61,10 +52,35 @@ pub(crate) fn free_share(from: Point, to: Point, limit: f64, distance: impl Fn(P
     Some(free)
 }
 
+/// Whether [`free_share`] is less than all of the way, which is known far sooner.
+pub(crate) fn is_blocked(from: Point, to: Point, limit: f64, distance: impl Fn(Point) -> f64) -> bool {
+    let (start, way) = (distance(from), to - from);
+    if start - way.norm() >= limit {
+        return false;
+    }
+    if start < limit {
+        return distance(to) < start - 1e-9;
+    }
+    let at = |share: f64| distance(from + way * share);
+    at(1.0) < limit || at(nearest_share(at)) < limit
+}
+
+/// About where on the way the distance is least. To a convex thing it is convex along a line.
+fn nearest_share(at: impl Fn(f64) -> f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..HALVINGS {
+        let third = (high - low) / 3.0;
+        if at(low + third) <= at(high - third) { high -= third } else { low += third }
+    }
+    low
+}
+
 #[cfg(test)]
 mod tests {
-    use super::{free_share, to_box, to_segment, ways_apart};
+    use super::{free_share, is_blocked, to_box, to_segment, ways_apart};
     use guidance::se2::Point;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
 
     #[test]
     fn distances_are_to_the_nearest_point() {
@@ -76,6 +92,27 @@ mod tests {
         assert_eq!(ways_apart(p(0.0, 0.0), p(0.0, 0.0), p(3.0, 4.0), p(9.0, 4.0)), 5.0, "no way");
         assert_eq!(to_box(p(4.0, 5.0), p(0.0, 0.0), p(1.0, 1.0)), 5.0);
         assert_eq!(to_box(p(0.5, 0.5), p(0.0, 0.0), p(1.0, 1.0)), 0.0);
+    }
+
+    #[test]
+    fn a_way_is_blocked_where_not_all_of_it_is_free() {
+        let mut random = ChaCha8Rng::seed_from_u64(1);
+        let mut blocked = 0;
+        for _ in 0..2000 {
+            let [from, to, a, b] =
+                [(); 4].map(|()| Point::new(random.random_range(0.0..2.0), random.random_range(0.0..2.0)));
+            let distance = |p: Point| to_segment(p, a, b);
+            let nearest_m =
+                (0..=1000).map(|i| distance(from + (to - from) * (f64::from(i) / 1000.0))).fold(9.0, f64::min);
+            let is_blocked = is_blocked(from, to, 0.25, distance);
+            assert_eq!(is_blocked, free_share(from, to, 0.25, distance).is_some());
+            // From within, ways that lead out are free.
+            if distance(from) >= 0.25 && (nearest_m - 0.25).abs() > 0.003 {
+                assert_eq!(is_blocked, nearest_m < 0.25, "{from} {to} {a} {b}");
+                blocked += u32::from(is_blocked);
+            }
+        }
+        assert!((200..1800).contains(&blocked), "{blocked}");
     }
 
     #[test]

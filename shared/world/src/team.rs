@@ -334,10 +334,9 @@ impl Team {
         let radius_m = self.radius_m(body);
         let into_person = |walker: &Walker| {
             let (center, limit_m) = (Point::new(walker.x_m, walker.y_m), radius_m + walker.radius_m);
-            crate::sweep::free_share(from, to, limit_m, |p| (p - center).norm()).is_some()
+            crate::sweep::is_blocked(from, to, limit_m, |p| (p - center).norm())
         };
-        world.free_share(from, to, radius_m, self.z(body)).is_some()
-            || self.walkers[..self.people.len()].iter().any(into_person)
+        world.is_blocked(from, to, radius_m, self.z(body)) || self.walkers[..self.people.len()].iter().any(into_person)
     }
 
     /// Lets people walk on; how many of them walked into robot or handler, each touch once.

@@ -13,7 +13,7 @@ use crate::index::SideIndex;
 use crate::people::Person;
 use crate::prism::{Prism, SeenBy};
 use crate::ramp::{self, Ramp};
-use crate::sweep::{free_share, to_segment, ways_apart};
+use crate::sweep::{free_share, is_blocked, to_segment, ways_apart};
 use crate::{WorldError, text_file, world_file};
 
 /// Number of points on a disc's rim whose floor is compared with that under its middle.
@@ -272,5 +272,19 @@ impl World {
             }
         });
         share
+    }
+
+    /// Whether [`Self::free_share`] is less than all of the way, which is known far sooner.
+    #[must_use]
+    pub fn is_blocked(&self, from: Point, to: Point, radius_m: f64, z: [f64; 2]) -> bool {
+        let mut blocked = self.map.as_ref().is_some_and(|map| map.free_share(from, to, radius_m).is_some());
+        let reach = Vector2::repeat(radius_m);
+        self.index.near(from.inf(&to) - reach, from.sup(&to) + reach, |side| {
+            blocked = blocked
+                || self.prisms[side.prism as usize].reaches(z)
+                    && ways_apart(from, to, side.a, side.b) < radius_m
+                    && is_blocked(from, to, radius_m, |p| to_segment(p, side.a, side.b));
+        });
+        blocked
     }
 }

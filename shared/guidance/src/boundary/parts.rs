@@ -2,9 +2,7 @@
 
 use std::ops::Range;
 
-use nalgebra::Vector2;
-
-use super::{Law, MAX_PIECES, Piece, Seen};
+use super::{Law, Piece, Seen};
 
 /// Beams of a block of [`Readings`].
 pub const BLOCK: usize = 32;
@@ -87,14 +85,17 @@ struct Part {
 #[derive(Debug, Clone)]
 pub struct Parts<'a> {
     beams: Directions<'a>,
-    parts: [Part; TURNS * MAX_PIECES],
-    count: usize,
+    parts: Vec<Part>,
 }
 
+/// Room for parts.
+#[derive(Debug, Clone, Default)]
+pub struct Room(Vec<Part>);
+
 impl<'a> Parts<'a> {
-    pub(super) fn of(seen: &Seen<'_>, beams: Directions<'a>) -> Self {
-        let nothing = Part { law: Law::Line { n: Vector2::x(), k: 0.0 }, farthest_m: 0.0, begin: 0, end: 0 };
-        let mut parts = Self { beams, parts: [nothing; TURNS * MAX_PIECES], count: 0 };
+    pub(super) fn of(seen: &Seen<'_>, beams: Directions<'a>, Room(mut room): Room) -> Self {
+        room.clear();
+        let mut parts = Self { beams, parts: room };
         let (count, tau) = (beams.x.len(), std::f64::consts::TAU);
         let start_rad = (seen.begins_rad[0] - beams.first_rad).rem_euclid(tau);
         let index = |rad: f64| first_at_or_after(rad / beams.increment_rad).min(count);
@@ -104,14 +105,12 @@ impl<'a> Parts<'a> {
         for turn in 0..TURNS {
             let from_rad = start_rad + (turn as f64 - 1.0) * tau;
             let to_rad = start_rad + turn as f64 * tau;
-            for piece in 0..seen.boundary.count {
-                let last = piece + 1 == seen.boundary.count;
+            for piece in 0..seen.boundary.pieces.len() {
+                let last = piece + 1 == seen.boundary.pieces.len();
                 let end_rad = from_rad + (seen.begins_rad[piece + 1] - seen.begins_rad[0]);
                 let end = index(if last { to_rad } else { end_rad }).max(begin);
                 if end > begin {
-                    parts.parts[parts.count] =
-                        Part { law: seen.law(piece), farthest_m: farthest_m(seen, piece), begin, end };
-                    parts.count += 1;
+                    parts.parts.push(Part { law: seen.law(piece), farthest_m: farthest_m(seen, piece), begin, end });
                 }
                 begin = end;
             }
@@ -119,8 +118,14 @@ impl<'a> Parts<'a> {
         parts
     }
 
+    /// Its room, for others.
+    #[must_use]
+    pub fn into_room(self) -> Room {
+        Room(self.parts)
+    }
+
     fn iter(&self) -> impl Iterator<Item = &Part> {
-        self.parts[..self.count].iter()
+        self.parts.iter()
     }
 
     fn threshold_m(&self, part: &Part, beam: usize) -> f64 {

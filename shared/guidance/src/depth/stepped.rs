@@ -68,7 +68,7 @@ impl DepthView {
     /// Whether floor is seen to go on at a point (robot frame) without a step.
     #[must_use]
     pub fn shows_no_step(&self, point: Point) -> bool {
-        let to = self.now_from_stamped.inverse() * point - self.camera;
+        let to = self.stamped_from_now * point - self.camera;
         self.stepped.is_plain(to.dot(&self.forward), self.forward.perp(&to))
     }
 }

@@ -4,6 +4,8 @@
 //! the floor before a place and the floor behind it that no ramp explains, side by side in some columns of cells. An
 //! error of the attitude tilts both sides alike.
 
+use super::index_of;
+
 /// Cells: along the camera's axis, and across it, metres.
 const ROW_M: f64 = 0.05;
 const COLUMN_M: f64 = 0.1;
@@ -411,12 +413,12 @@ struct Between {
 fn number(along_m: f64, left_m: f64) -> Option<usize> {
     let (row, column) = (along_m / ROW_M, (left_m + HALF_M) / COLUMN_M);
     let inside = row >= 0.0 && row < ROWS as f64 && column >= 0.0 && column < COLUMNS as f64;
-    inside.then(|| row as usize * COLUMNS + column as usize)
+    inside.then(|| index_of(row) * COLUMNS + index_of(column))
 }
 
 /// The cell of a place, or the one nearest to it.
 fn nearest(along_m: f64, left_m: f64) -> usize {
-    let index = |metres: f64, side_m: f64, count: usize| ((metres / side_m).max(0.0) as usize).min(count - 1);
+    let index = |metres: f64, side_m: f64, count: usize| index_of(metres / side_m).min(count - 1);
     index(along_m, ROW_M, ROWS) * COLUMNS + index(left_m + HALF_M, COLUMN_M, COLUMNS)
 }
 

@@ -3,7 +3,7 @@
 use messages::DepthHeader;
 
 use super::column::Column;
-use super::{DepthView, EDGE_REACH_M, left_of, up_of};
+use super::{Beside, DepthView, EDGE_REACH_M, left_of, up_of};
 use crate::se2::Point;
 
 /// At least this many columns must look at the first floor.
@@ -49,11 +49,24 @@ impl FloorInView {
     }
 }
 
+impl Beside<'_> {
+    /// Whether one of the columns sees floor there.
+    pub(crate) fn shows_floor(&self) -> bool {
+        self.columns.iter().any(|column| column.sees_floor(self.along, 0.0))
+    }
+
+    /// Whether all of them see an edge before it.
+    pub(crate) fn is_beyond_edge(&self) -> bool {
+        let is_beyond = |column: &Column| column.edge_m < self.along && self.along < column.near_m;
+        self.columns.iter().all(is_beyond)
+    }
+}
+
 impl DepthView {
     /// Whether the camera sees floor at a point (robot frame), and beyond it as far as two rows of pixels are apart.
     #[must_use]
     pub fn sees_floor(&self, point: Point) -> bool {
-        self.beside(point).is_some_and(|(columns, along)| {
+        self.beside(point).is_some_and(|Beside { columns, along }| {
             let beyond_m = self.apart_at_1_m * along * along;
             columns.iter().all(|column| column.sees_floor(along, beyond_m))
         })
@@ -62,15 +75,13 @@ impl DepthView {
     /// Whether the camera sees floor at a point (robot frame), in one of the columns beside it.
     #[must_use]
     pub fn shows_floor(&self, point: Point) -> bool {
-        self.beside(point).is_some_and(|(columns, along)| columns.iter().any(|column| column.sees_floor(along, 0.0)))
+        self.beside(point).is_some_and(|beside| beside.shows_floor())
     }
 
     /// Whether the camera sees an edge before a point (robot frame).
     #[must_use]
     pub fn is_beyond_edge(&self, point: Point) -> bool {
-        let beside = self.beside(point);
-        beside
-            .is_some_and(|(columns, along)| columns.iter().all(|column| column.edge_m < along && along < column.near_m))
+        self.beside(point).is_some_and(|beside| beside.is_beyond_edge())
     }
 
     /// Whether the camera shows any floor. None where what stands before it may hide all of it.

@@ -122,19 +122,25 @@ impl FloorMap {
                 assumed(place, old).then_some(Floor::Assumed)
             });
         }
-        let mut has_beyond = self.has_beyond;
-        self.each(here, view.camera(), REACH_M, |place, old| {
-            if view.shows_floor(place) {
-                return Some(Floor::Seen);
-            }
-            if old == Floor::Seen {
-                return None;
-            }
-            let is_beyond = view.is_beyond_edge(place);
-            has_beyond |= is_beyond;
-            is_beyond.then_some(Floor::Beyond)
-        });
-        self.has_beyond = has_beyond;
+        self.look(here, view);
+    }
+
+    /// Takes in what a frame shows of each cell in view.
+    fn look(&mut self, here: &Here<'_>, view: &DepthView) {
+        let (middle, robot_from_odom) = (here.odom_from_robot * view.camera(), here.odom_from_robot.inverse());
+        for (key, at) in cells_about(middle, REACH_M) {
+            // Most of them are out of view.
+            let Some(beside) = view.beside(robot_from_odom * at) else { continue };
+            let floor = if beside.shows_floor() {
+                Floor::Seen
+            } else if beside.is_beyond_edge() && self.known(key, here).is_none_or(|cell| cell.floor != Floor::Seen) {
+                self.has_beyond = true;
+                Floor::Beyond
+            } else {
+                continue;
+            };
+            self.cells[slot_of(key)] = Cell { key, floor, seen_ns: here.now_ns, seen_at: here.at };
+        }
     }
 
     /// Whether floor within a radius of a place (odometry frame) was seen, or goes on from there, level.
@@ -184,11 +190,20 @@ impl FloorMap {
                 };
                 // The four cells beside it at least, whatever rounding says of their middles.
                 let rim_m = off_m.max(CELL_M) + ROUNDING_M;
-                let inner = off_m <= CELL_M / 2.0 || cells_about(middle, rim_m).all(|(key, _)| is_trodden(key));
+                let (i, j) = key;
+                let mut beside = [(i, j - 1), (i - 1, j), (i + 1, j), (i, j + 1)].into_iter();
+                let inner = off_m <= CELL_M / 2.0
+                    || beside.all(is_trodden)
+                        && (off_m <= CELL_M || cells_about(middle, rim_m).all(|(key, _)| is_trodden(key)));
                 if inner { cell.floor } else { unseen() }
             }
             other => other,
         }
+    }
+
+    /// Whether some floor may lie beyond an edge.
+    pub fn has_beyond(&self) -> bool {
+        self.has_beyond
     }
 
     /// Whether floor beyond an edge is beside a cell.

@@ -3,13 +3,13 @@
 mod back;
 mod floor;
 
-use std::cell::OnceCell;
+use std::cell::{Cell, OnceCell};
 use std::f64::consts::TAU;
 
 use messages::{Twist2, UnsafeCause};
 
-use super::{Evidence, Judgement, Motion, ShieldConfig};
-use crate::boundary::{Boundary, Readings, Seen, positive_turn};
+use super::{Evidence, Judgement, Motion, ShieldConfig, Work};
+use crate::boundary::{Boundary, Readings, Room, Seen, positive_turn};
 use crate::depth::DepthView;
 use crate::handler::HandlerBody;
 use crate::hull::{Disc, Discs, Hull};
@@ -45,6 +45,43 @@ pub(super) struct Sorted {
     unseen_floor: Vec<(Point, Floor)>,
     /// The beam with the least margin of the motion before: mostly it is the next one's too.
     guess: Option<usize>,
+    /// Room for the present hull and for that of a motion, for a boundary, and for its parts.
+    hulls: [Hull; 2],
+    boundary: Boundary,
+    parts: Room,
+    pub(super) work: Work,
+}
+
+/// A hull, all at once: few motions have anything so near that they ask for it.
+struct Asked {
+    hull: OnceCell<Hull>,
+    room: Cell<Hull>,
+}
+
+impl Asked {
+    fn within(room: Hull) -> Self {
+        Self { hull: OnceCell::new(), room: Cell::new(room) }
+    }
+
+    /// The hull of these discs, always the same ones until [`Self::renew`].
+    fn of(&self, discs: &Discs) -> &Hull {
+        self.hull.get_or_init(|| {
+            let mut hull = self.room.take();
+            hull.take(*discs);
+            hull
+        })
+    }
+
+    fn renew(&mut self) {
+        if let Some(hull) = self.hull.take() {
+            self.room.set(hull);
+        }
+    }
+
+    fn into_room(&mut self) -> Hull {
+        self.renew();
+        self.room.take()
+    }
 }
 
 /// What all motions from one moment have in common.
@@ -62,9 +99,18 @@ pub(super) struct Present<'a> {
     carried: Se2,
     /// Where the handler of a robot that stands comes to on their way to rest (robot frame).
     walks_on: Option<Point>,
-    /// The present hull, all at once: only few ask for it.
-    hull: OnceCell<Hull>,
+    /// The present hull, and that of the motion that is judged.
+    here: Asked,
+    swept: Asked,
+    work: Cell<Work>,
     sorted: &'a mut Sorted,
+}
+
+impl Drop for Present<'_> {
+    fn drop(&mut self) {
+        self.sorted.hulls = [self.here.into_room(), self.swept.into_room()];
+        self.sorted.work = self.work.get();
+    }
 }
 
 impl<'a> Present<'a> {
@@ -79,20 +125,28 @@ impl<'a> Present<'a> {
         if let Some(handler) = &handler {
             handler.mask_centers().for_each(|center| now.push(handler_disc(config, handler, center)));
         }
-        let hull = OnceCell::new();
+        let [here, swept] = std::mem::take(&mut sorted.hulls).map(Asked::within);
+        let work = Cell::new(sorted.work);
         let carried = config.reach.carries_to(&moves);
         let walks_on = config.reach.walks_on(&moves);
-        let mut present = Self { config, beams, depth, second, memory, handler, now, carried, walks_on, hull, sorted };
-        present.sort(&Boundary::of(&now));
+        let mut present =
+            Self { config, beams, depth, second, memory, handler, now, carried, walks_on, here, swept, work, sorted };
+        present.sort();
         present
     }
 
+    fn count(&self, motions: u64, places: u64, held: u64) {
+        let work = self.work.get();
+        let (motions, places, held) = (work.motions + motions, work.places + places, work.held + held);
+        self.work.set(Work { motions, places, held });
+    }
+
     fn hull(&self) -> &Hull {
-        self.hull.get_or_init(|| Hull::new(self.now))
+        self.here.of(&self.now)
     }
 
     /// What concerns few beams is looked for where they are: on the handler, and in the present hull.
-    fn sort(&mut self, boundary: &Boundary) {
+    fn sort(&mut self) {
         let beams = self.beams;
         // Who asks for the hull needs all of `self`: the lists go back when they are filled.
         let mut sorted = std::mem::take(self.sorted);
@@ -101,17 +155,21 @@ impl<'a> Present<'a> {
         sorted.masked.clear();
         sorted.pressing.clear();
         self.find_masked(&mut sorted);
+        let mut boundary = std::mem::take(&mut sorted.boundary);
+        boundary.take(&self.now);
         match boundary.seen_from(beams.origin()) {
             Some(seen) => {
-                let parts = seen.over(beams.directions());
+                let parts = seen.over_in(beams.directions(), std::mem::take(&mut sorted.parts));
                 parts.some_thresholds_m(beams.unknown(), |i, threshold_m| sorted.present_m[i] = threshold_m);
                 let is_hit = |i: &usize| beams.beams()[*i].kind == BeamKind::Hit;
                 if self.config.escape {
                     parts.each_below(&sorted.readings, |i, _| sorted.pressing.extend(Some(i).filter(is_hit)));
                 }
+                sorted.parts = parts.into_room();
             }
             None => self.sort_from_outside(&mut sorted),
         }
+        sorted.boundary = boundary;
         for i in &sorted.pressing {
             sorted.readings.leave_out(*i);
         }
@@ -201,12 +259,16 @@ impl<'a> Present<'a> {
     /// Judges one motion (Kim et al. 2023, alg. 1 lines 5-8).
     pub fn judge(&mut self, motion: &Motion) -> Judgement {
         let discs = self.discs(motion);
-        let boundary = Boundary::of(&discs);
+        let mut boundary = std::mem::take(&mut self.sorted.boundary);
+        boundary.take(&discs);
         let mut judgement = Judgement::default();
+        self.swept.renew();
+        self.count(1, 0, 0);
         match boundary.seen_from(self.beams.origin()) {
             Some(seen) => self.judge_from_within(&seen, motion, &mut judgement),
             None => self.judge_from_outside(&discs, motion, &mut judgement),
         }
+        self.sorted.boundary = boundary;
         self.judge_points(&discs, motion, &mut judgement);
         self.judge_floor(&discs, motion, &mut judgement);
         self.judge_back(&discs, motion, &mut judgement);
@@ -222,7 +284,7 @@ impl<'a> Present<'a> {
     /// A lidar inside the hull: each beam leaves it once.
     fn judge_from_within(&mut self, seen: &Seen<'_>, motion: &Motion, judgement: &mut Judgement) {
         let beams = self.beams;
-        let parts = seen.over(beams.directions());
+        let parts = seen.over_in(beams.directions(), std::mem::take(&mut self.sorted.parts));
         let (margin_m, beam) = parts.least_margin_m(&self.sorted.readings, self.sorted.guess);
         self.sorted.guess = beam;
         if let Some(beam) = beam {
@@ -252,6 +314,7 @@ impl<'a> Present<'a> {
         if margin_m < 0.0 {
             parts.each_below(&sorted.readings, behind);
         }
+        self.sorted.parts = parts.into_room();
         judgement.unseen_area_m2 += unseen_m2;
         // What lies outside the field of view is seen by no beam; each beam stands for half an increment to either
         // side.
@@ -265,7 +328,7 @@ impl<'a> Present<'a> {
 
     /// A lidar outside the hull: a beam may meet it or not, and whatever stands before or in it occludes it.
     fn judge_from_outside(&mut self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
-        let (swept, beams) = (Hull::new(*discs), self.beams);
+        let (swept, beams) = (self.swept.of(discs), self.beams);
         let mut seen_m2 = 0.0;
         let mut run = UnknownRun::default();
         for (i, beam) in beams.beams().iter().enumerate() {
@@ -313,7 +376,7 @@ impl<'a> Present<'a> {
         let second = self.second.map_or(&[][..], SecondView::points).iter();
         let second =
             second.map(|point| KeptOff { cause: UnsafeCause::Second, place: *point, kept_m: 0.0, step_m: 0.0 });
-        let (mut swept, points) = (None, seen.chain(second).chain(remembered));
+        let points = seen.chain(second).chain(remembered);
         // A high step comes before its points, whose cause says less. A low one comes last: it is the cause where
         // nothing else forbids.
         let all = self.high_steps(motion).chain(points).chain(self.edges(motion)).chain(self.low_steps(motion));
@@ -321,12 +384,13 @@ impl<'a> Present<'a> {
             if cause.is_low_step() && !judgement.safe && !judgement.cause.is_low_step() {
                 break;
             }
+            self.count(0, 1, 0);
             let within_m = reach_m + uncertainty_m;
             if point.coords.norm_squared() >= within_m * within_m {
                 continue;
             }
-            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
-            let Some(away_m) = swept.nearer_m(point, uncertainty_m) else { continue };
+            self.count(0, 0, 1);
+            let Some(away_m) = self.swept.of(discs).nearer_m(point, uncertainty_m) else { continue };
             if !cause.is_floor() && self.handler.is_some_and(|handler| handler.masks(point)) {
                 continue;
             }

@@ -304,5 +304,5 @@ fn room_m(world: &World, at: Point, up_to_m: f64) -> f64 {
 fn is_free(world: &World, from: Point, to: Point, radius_m: f64) -> bool {
     let edge_m = world.to_edge_m(to);
     let keeps_off = edge_m >= radius_m || edge_m >= world.to_edge_m(from);
-    keeps_off && world.free_share(from, to, radius_m, HEIGHTS_M).is_none()
+    keeps_off && !world.is_blocked(from, to, radius_m, HEIGHTS_M)
 }

@@ -149,7 +149,7 @@ impl Physics {
         let to_handle = Point::from(handle.translation.vector);
         let body = &self.bodies[HANDLER];
         let (radius_m, z) = (body.radius_m, body.z);
-        let is_free = |to: &Point| self.world.free_share(at, *to, radius_m, z).is_none();
+        let is_free = |to: &Point| !self.world.is_blocked(at, *to, radius_m, z);
         let robot = self.place(super::ROBOT);
         let clear_m = self.bodies[super::ROBOT].radius_m + self.config.robot.nose_m + radius_m;
         let is_clear = move |place: &Point| (place - robot).norm() >= clear_m;

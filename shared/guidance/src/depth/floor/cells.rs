@@ -3,6 +3,8 @@
 //! Cells lie along the camera's axis. A cell's height is a robust one of its low points. The floor spreads from the
 //! feet outward. A step between two cells ends it, up or down.
 
+use crate::depth::index_of;
+
 /// Side of a cell, metres.
 pub(crate) const CELL_M: f64 = 0.2;
 /// Cells along the camera's axis, and across it.
@@ -131,7 +133,7 @@ impl Cells {
         if bin < BINS as f64
             && let Some(cell) = number(along_m, left_m)
         {
-            let count = &mut self.bins[cell][bin.max(0.0) as usize];
+            let count = &mut self.bins[cell][index_of(bin)];
             if *count < u8::MAX {
                 *count += 1;
                 self.counts[cell] += 1;
@@ -166,7 +168,7 @@ impl Cells {
         if self.is_flat {
             return 0.0;
         }
-        let index = |metres: f64, count: usize| ((metres / CELL_M).max(0.0) as usize).min(count - 1);
+        let index = |metres: f64, count: usize| index_of(metres / CELL_M).min(count - 1);
         let (row, column) = (index(along_m, ROWS), index(left_m + HALF_M, COLUMNS));
         self.over_m.get(row * COLUMNS + column).copied().unwrap_or(0.0)
     }
@@ -275,7 +277,7 @@ const HALF_M: f64 = COLUMNS as f64 / 2.0 * CELL_M;
 fn number(along_m: f64, left_m: f64) -> Option<usize> {
     let (row, column) = (along_m / CELL_M, (left_m + HALF_M) / CELL_M);
     let inside = row >= 0.0 && row < ROWS as f64 && column >= 0.0 && column < COLUMNS as f64;
-    inside.then(|| row as usize * COLUMNS + column as usize)
+    inside.then(|| index_of(row) * COLUMNS + index_of(column))
 }
 
 fn middle(row: usize, column: usize) -> (f64, f64) {

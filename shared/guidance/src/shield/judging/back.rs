@@ -3,7 +3,7 @@
 use messages::UnsafeCause;
 
 use super::{Present, SLIGHT, push_robot};
-use crate::hull::{Disc, Discs, Hull};
+use crate::hull::{Disc, Discs};
 use crate::interaction::place;
 use crate::memory::{FLOOR_CELL_M, Memory};
 use crate::se2::Point;
@@ -38,9 +38,10 @@ impl Present<'_> {
             judgement.forbid(UnsafeCause::FloorUnseen);
             return;
         };
-        let swept = Hull::new(*discs);
+        let swept = self.swept.of(discs);
         // An uncertainty that is no number excuses nothing.
         let near = edges(memory).find(|(place, uncertainty_m)| {
+            self.count(0, 1, 1);
             let within_m = from_edges_m + uncertainty_m;
             !within_m.is_finite() || swept.nearer_m(*place, within_m).is_some()
         });
@@ -53,7 +54,10 @@ impl Present<'_> {
         let stands_on = |place: Point| {
             self.now.iter().any(|disc| (place - disc.center).norm() <= disc.radius_m - self.config.margin_m)
         };
-        let is_trodden_on = |place: Point| swept.nearer_m(place, treads_m).is_some() && !stands_on(place);
+        let is_trodden_on = |place: Point| {
+            self.count(0, 1, 1);
+            swept.nearer_m(place, treads_m).is_some() && !stands_on(place)
+        };
         let mut unseen = self.sorted.unseen_floor.iter().map(|(place, _)| *place);
         if let Some(place) = unseen.find(|place| is_trodden_on(*place)) {
             judgement.forbid_floor(UnsafeCause::FloorUnseen, place, swept.signed_distance_m(place), treads_m);

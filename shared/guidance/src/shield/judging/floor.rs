@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use super::{KeptOff, Present, SLIGHT};
 use crate::depth::DepthView;
-use crate::hull::{Disc, Discs, Hull};
+use crate::hull::{Disc, Discs};
 use crate::interaction::place;
 use crate::memory::{FLOOR_CELL_M, Floor, Memory, Remembered, RememberedStep};
 use crate::se2::Point;
@@ -33,12 +33,13 @@ impl Present<'_> {
         }
         let edge_m = self.config.edges.beside_m;
         let bounds = discs.iter().fold(Bounds::NONE, |bounds, disc| bounds.with(disc, edge_m));
-        let (mut swept, mut least) = (None, None::<Forbidden>);
+        self.count(0, self.sorted.unseen_floor.len() as u64, 0);
+        let mut least = None::<Forbidden>;
         for (place, floor) in self.sorted.unseen_floor.iter().filter(|(place, _)| bounds.contains(place)) {
             // Robot and handler do not tread on the margin. Half a cell is the map's resolution.
             let needed_m = if *floor == Floor::Beyond { edge_m } else { -self.config.margin_m - RIM_M };
-            let swept = swept.get_or_insert_with(|| Hull::new(*discs));
-            let Some(away_m) = swept.nearer_m(*place, needed_m) else { continue };
+            self.count(0, 0, 1);
+            let Some(away_m) = self.swept.of(discs).nearer_m(*place, needed_m) else { continue };
             let from_here_m = self.hull().signed_distance_m(*place);
             let may_assume =
                 || if is_on_spot { from_here_m <= TURN_ASSUMED_M } else { self.is_rim(*place, from_here_m, &way) };
