@@ -38,7 +38,8 @@ fn a_robot_on_legs_waits_for_a_handler_who_lets_go() {
     }
 }
 
-/// A walk through a doorway of 0.9 m by a robot that speaks: it asks the handler to come behind it, and beside it again.
+/// A walk through a doorway of 0.9 m by a robot that speaks. It asks the handler to come behind it, and beside it again
+/// after the door.
 fn assert_passes_the_narrow_door(more: &[&str]) {
     let place = Place::new();
     let config = place.path().join("speak.toml");
