@@ -50,7 +50,7 @@ const UNKNOWN_PRICE: f64 = 1.3;
 /// Costs of standing, and of what the shield forbids, seconds.
 const STOP_S: f64 = 1e3;
 const UNSAFE_S: f64 = 1e4;
-/// An action without a way costs so much more than the best one, and less than to stop, seconds.
+/// Where no action has a way, one that the shield allows costs so much less than to stop, seconds.
 const WAY_OUT_S: f64 = 100.0;
 
 /// What the planner knows of the robot.

@@ -12,12 +12,14 @@ use roxmltree::{Document, Node};
 
 use crate::{Prism, World, WorldError};
 
-/// A rotation out of the plane that is smaller is none, radians.
+/// A smaller rotation out of the plane does not count, radians.
 const UPRIGHT_RAD: f64 = 1e-6;
 /// No obstacle is larger, metres.
 const SIZE_MAX_M: f64 = 1e3;
 /// No obstacle is farther from the origin, metres.
 const PLACE_MAX_M: f64 = 1e4;
+/// Models in models are no deeper.
+const MODELS_DEEP: usize = 16;
 /// What a world may hold beside models and its state. None of it blocks.
 const HARMLESS: [&str; 12] = [
     "light",
@@ -106,9 +108,30 @@ impl Sdf<'_> {
     /// Where the state of the world says that models are: it outdoes their own poses.
     fn moved(&self, world: Node<'_, '_>) -> Result<BTreeMap<String, Upright>, WorldError> {
         let states = children(world).filter(|node| node.has_tag_name("state"));
-        let models = states.flat_map(children).filter(|node| node.has_tag_name("model"));
-        let named = models.filter_map(|model| Some((model, model.attribute("name")?)));
-        named.map(|(model, name)| Ok((name.to_owned(), self.pose(model)?))).collect()
+        let mut moved = BTreeMap::new();
+        for child in states.flat_map(children) {
+            match child.tag_name().name() {
+                "model" => {
+                    self.has_scale_of_1(child)?;
+                    let name = child.attribute("name").unwrap_or_default();
+                    moved.insert(name.to_owned(), self.pose(child)?);
+                }
+                name @ ("insertions" | "deletions") if children(child).next().is_some() => {
+                    return Err(self.refuse(child, format!("<{name}> in a <state>: these models are not read")));
+                }
+                _ => {}
+            }
+        }
+        Ok(moved)
+    }
+
+    /// Refuses a model that the state scales.
+    fn has_scale_of_1(&self, model: Node<'_, '_>) -> Result<(), WorldError> {
+        let Some(scale) = children(model).find(|node| node.has_tag_name("scale")) else { return Ok(()) };
+        match self.numbers::<3>(scale, scale.text().unwrap_or_default())? {
+            [1.0, 1.0, 1.0] => Ok(()),
+            _ => Err(self.refuse(scale, "<scale>: only 1 1 1 is understood")),
+        }
     }
 
     fn model(
@@ -118,6 +141,9 @@ impl Sdf<'_> {
         moved: Option<Upright>,
         prisms: &mut Vec<Prism>,
     ) -> Result<(), WorldError> {
+        if model.ancestors().filter(|node| node.has_tag_name("model")).count() > MODELS_DEEP {
+            return Err(self.refuse(model, format!("<model>: over {MODELS_DEEP} models within each other")));
+        }
         let own = self.pose(model)?;
         let at = at.then(&moved.unwrap_or(own));
         for child in children(model) {
@@ -147,9 +173,10 @@ impl Sdf<'_> {
     /// The prism of a shape; none where it lies under the floor, or is the floor.
     fn shape(&self, shape: Node<'_, '_>, at: &Upright) -> Result<Option<Prism>, WorldError> {
         let place = Point::from(at.pose.translation.vector);
-        let place_m = place.coords.norm().max(at.z_m.abs());
-        if place_m > PLACE_MAX_M {
-            return Err(self.refuse(shape, format!("a shape {place_m:.0} m from the origin")));
+        // Sums of finite numbers may be infinite, or no number.
+        let is_near = |m: f64| m <= PLACE_MAX_M;
+        if !(is_near(place.coords.norm()) && is_near(at.z_m.abs())) {
+            return Err(self.refuse(shape, format!("a shape over {PLACE_MAX_M} m from the origin")));
         }
         let z_m = |height_m: f64| [(at.z_m - height_m / 2.0).max(0.0), at.z_m + height_m / 2.0];
         let prism = match shape.tag_name().name() {
@@ -270,6 +297,10 @@ mod tests {
             ("<radius>0.5", "<radius>-0.5", "w.world:6: <radius>: -0.5 is not over 0"),
             ("<length>1</length>", "", "w.world:6: <cylinder> has no <length>"),
             ("<normal>0 0 1", "<normal>1 0 0", "w.world:4: <plane>: only the level floor"),
+            ("<pose>-3 2 0 0", "<pose>-3 2 1e308 0", "w.world:6: a shape over 10000 m from the origin"),
+            ("<pose>4 0 0.5 0 0 1", "<pose>1e308 1e308 0.5 0 0 1", "w.world:8: a shape over 10000 m"),
+            ("<pose>-3 2 0", "<scale>1 1 2</scale><pose>-3 2 0", "w.world:11: <scale>: only 1 1 1"),
+            ("</state>", "<insertions><model name='m'/></insertions></state>", "w.world:11: <insertions> in a <state>"),
             ("<world name='default'>", "<w>", "w.world:"),
             ("</world></sdf>", "", "w.world:"),
         ] {
@@ -277,6 +308,19 @@ mod tests {
             let error = parse("w.world", &WORLD.replacen(from, to, 1)).expect_err(why).to_string();
             assert!(error.contains(why), "{error}\nnot {why}");
         }
+        // Sums of poses that are finite each.
+        let far = "<pose>1e308 1e308 0 0 0 0.8</pose>";
+        let nested = |count: usize, pose: &str| {
+            let (open, close) = (format!("<model>{pose}").repeat(count), "</model>".repeat(count));
+            format!(
+                "<sdf><world>{open}<link><collision><geometry><sphere><radius>1</radius></sphere></geometry>\
+                 </collision></link>{close}</world></sdf>"
+            )
+        };
+        assert_eq!(parse("n", &nested(16, "")).expect("a world").prisms().len(), 1);
+        let error = |text: &str| parse("n", text).expect_err("refused").to_string();
+        assert_eq!(error(&nested(9, far)), "n:1: a shape over 10000 m from the origin");
+        assert_eq!(error(&nested(10_000, "")), "n:1: <model>: over 16 models within each other");
         let empty = "<sdf><world name='w'><light/></world></sdf>";
         assert_eq!(parse("e", empty).expect_err("empty").to_string(), "e:1: the <world> has no <model>");
     }

@@ -10,6 +10,8 @@ use crate::WorldError;
 
 /// No track is farther from the origin, metres.
 const PLACE_MAX_M: f64 = 1e4;
+/// No recording has more frames or pedestrians.
+const COUNT_MAX: i64 = 1_000_000_000;
 
 /// One sighting of a pedestrian.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -114,7 +116,8 @@ impl Track {
 /// third and the fourth row have them. `file` names the text in errors.
 ///
 /// # Errors
-/// As [`Tracks::parse`]; where a pedestrian is missing in a frame between two others; or where a number is below 0.
+/// As [`Tracks::parse`]; where a pedestrian is missing in a frame between two others; or where a number is below 0 or
+/// over 1e9.
 pub fn read(file: &str, text: &str) -> Result<Vec<Track>, WorldError> {
     let refuse = |what: String| WorldError::Parse { file: file.to_owned(), line: 1, what };
     let tracks = Tracks::parse(file, text)?;
@@ -123,8 +126,10 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Track>, WorldError> {
             let (before, next) = (pair[0].frame, pair[1].frame);
             return Err(refuse(format!("pedestrian {number} is in frame {before}, and next in frame {next}")));
         }
-        let count =
-            |value: i64| u32::try_from(value).map_err(|_| refuse(format!("{value} is no whole number from 0 on")));
+        let count = |value: i64| match u32::try_from(value) {
+            Ok(count) if value <= COUNT_MAX => Ok(count),
+            _ => Err(refuse(format!("{value} is no whole number from 0 to {COUNT_MAX}"))),
+        };
         let places = seen.iter().map(|sighting| Point::new(sighting.y_m, sighting.x_m)).collect();
         Ok(Track { number: count(number)?, first_frame: count(seen[0].frame)?, places })
     };
@@ -151,7 +156,9 @@ mod tests {
         let gap = read("t.csv", "1,3\n1,1\n0,0\n0,0\n").unwrap_err().to_string();
         assert_eq!(gap, "t.csv:1: pedestrian 1 is in frame 1, and next in frame 3");
         let below = read("t.csv", "-1\n1\n0\n0\n").unwrap_err().to_string();
-        assert_eq!(below, "t.csv:1: -1 is no whole number from 0 on");
+        assert_eq!(below, "t.csv:1: -1 is no whole number from 0 to 1000000000");
+        let late = read("t.csv", "4294967295\n1\n0\n0\n").unwrap_err().to_string();
+        assert_eq!(late, "t.csv:1: 4294967295 is no whole number from 0 to 1000000000");
     }
 
     #[test]

@@ -25,6 +25,8 @@ const OPTIMAL_MPS: f64 = 2.0;
 const CLIP: [f64; 2] = [2.0, 8.0];
 /// A reference path is told in cells of the cylinders' diameter.
 const RADIUS_M: f64 = 0.075;
+/// No cell is farther from the first one: the fields of BARN have 30 by 66.
+const CELL_MAX: f64 = 10_000.0;
 
 /// A world with its reference path.
 #[derive(Debug, Clone)]
@@ -66,8 +68,16 @@ impl Task {
         };
         let world = sdf::parse(&name, &file::text(path)?)?;
         let reference = path_beside(path, number);
-        let rows = npy::rows::<2>(&reference.display().to_string(), &file::bytes(&reference)?)?;
-        Ok(Self { number, world, optimal_s: optimal_s(&rows) })
+        let reference_name = reference.display().to_string();
+        let cells = npy::rows::<2>(&reference_name, &file::bytes(&reference)?)?;
+        let refuse = |what: String| Err(YardstickError::content(&reference_name, what));
+        if cells.is_empty() {
+            return refuse("a path without a cell".to_owned());
+        }
+        if let Some(row) = cells.iter().position(|cell| cell.iter().any(|number| number.abs() > CELL_MAX)) {
+            return refuse(format!("row {row} is a cell over {CELL_MAX} from the first"));
+        }
+        Ok(Self { number, world, optimal_s: optimal_s(&cells) })
     }
 
     /// From start to goal.
@@ -95,7 +105,7 @@ impl Task {
 /// The worlds of a folder, or a file itself, by their numbers.
 ///
 /// # Errors
-/// Where a folder cannot be read or has none.
+/// Where a folder cannot be read or has none, or two worlds have the same number.
 pub fn worlds(paths: &[PathBuf]) -> Result<Vec<PathBuf>, YardstickError> {
     let mut all = Vec::new();
     for path in paths {
@@ -112,7 +122,15 @@ pub fn worlds(paths: &[PathBuf]) -> Result<Vec<PathBuf>, YardstickError> {
         }
     }
     all.sort_by_key(|path| (number_of(path), path.clone()));
-    Ok(all)
+    // Reports and pictures name a world by its number.
+    let is_same = |pair: &&[PathBuf]| number_of(&pair[0]).is_some() && number_of(&pair[0]) == number_of(&pair[1]);
+    match all.windows(2).find(is_same) {
+        Some(pair) => {
+            let what = format!("the same world as {}", pair[0].display());
+            Err(YardstickError::content(&pair[1].display().to_string(), what))
+        }
+        None => Ok(all),
+    }
 }
 
 /// `nav_metric` of `run.py`.

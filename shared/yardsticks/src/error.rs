@@ -24,10 +24,10 @@ pub enum YardstickError {
     /// A world or tracks that cannot be used.
     #[error(transparent)]
     World(#[from] WorldError),
-    /// Sensors or legs that are like none.
+    /// Sensors or legs with parameters that cannot be.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// Parameters that are no handler's.
+    /// A handler with parameters that cannot be.
     #[error(transparent)]
     Handler(#[from] guidance::HarnessError),
     /// The policy cannot decide.

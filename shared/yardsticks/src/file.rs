@@ -1,6 +1,7 @@
 //! Reads files, packed (xz) or not.
 
-use std::io::Read;
+use std::fs::File;
+use std::io::{Error, Read};
 use std::path::Path;
 
 use lzma_rust2::XzReader;
@@ -15,11 +16,13 @@ const SIZE_MAX: u64 = 256 << 20;
 /// The bytes of a file, unpacked where it is an xz file.
 ///
 /// # Errors
-/// Where it cannot be read, is cut short, or is larger than 256 MiB.
+/// Where it cannot be read, is no file (a pipe may have no end), is cut short, or is larger than 256 MiB.
 pub fn bytes(path: &Path) -> Result<Vec<u8>, YardstickError> {
     let failed = |source| YardstickError::Read { file: path.display().to_string(), source };
-    let packed = std::fs::read(path).map_err(failed)?;
-    let mut bytes = Vec::new();
+    let is_file = path.metadata().map_err(failed)?.is_file();
+    let file = if is_file { File::open(path) } else { Err(Error::other("it is not a file")) };
+    let (mut packed, mut bytes) = (Vec::new(), Vec::new());
+    file.and_then(|file| file.take(SIZE_MAX + 1).read_to_end(&mut packed)).map_err(failed)?;
     if packed.starts_with(&XZ) {
         let unpacked = XzReader::new(&packed[..], true);
         unpacked.take(SIZE_MAX + 1).read_to_end(&mut bytes).map_err(failed)?;

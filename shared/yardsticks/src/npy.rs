@@ -19,13 +19,12 @@ pub fn rows<const N: usize>(file: &str, bytes: &[u8]) -> Result<Vec<[f64; N]>, Y
         return Err(refuse("fortran_order is True: rows are wanted one after another".into()));
     }
     let shape = value("shape")?;
-    let sizes: Vec<usize> =
-        shape.trim_matches(['(', ')']).split(',').filter_map(|size| size.trim().parse().ok()).collect();
-    let [count, columns] = sizes[..] else { return Err(refuse(format!("shape is {shape}, not (rows, {N})"))) };
-    if columns != N {
+    let sizes = shape.trim_matches(['(', ')']).split(',').map(str::trim).filter(|size| !size.is_empty());
+    let sizes: Option<Vec<usize>> = sizes.map(|size| size.parse().ok()).collect();
+    let Some(&[count, columns]) = sizes.as_deref().filter(|sizes| sizes.last() == Some(&N)) else {
         return Err(refuse(format!("shape is {shape}, not (rows, {N})")));
-    }
-    if count.checked_mul(N * size) != Some(data.len()) {
+    };
+    if count.checked_mul(columns * size) != Some(data.len()) {
         return Err(refuse(format!("{} bytes of data, not those of shape {shape} of {kind}", data.len())));
     }
     let numbers: Vec<f64> = data.chunks_exact(size).map(number).collect();
@@ -103,6 +102,7 @@ mod tests {
             (file(header, &data[..8]), "p: 8 bytes of data, not those of shape (1, 2) of <f8"),
             (file(header, &data), "p: row 0, column 1 is not finite"),
             (file(&header.replace("(1, 2)", "(2,)"), &data), "p: shape is (2,), not (rows, 2)"),
+            (file(&header.replace("(1, 2)", "(1, x, 2)"), &data), "p: shape is (1, x, 2), not (rows, 2)"),
             (file(&header.replace("(1, 2)", "(1, 3)"), &data), "p: shape is (1, 3), not (rows, 2)"),
             (file(&header.replace("<f8", "|O"), &data), "p: descr is |O: integers or floats"),
             (file(&header.replace("False", "True"), &data), "p: fortran_order is True"),

@@ -23,6 +23,10 @@ pub const PEDESTRIAN_M: f64 = 0.2;
 const GOAL_M: f64 = 0.3;
 /// No ceiling is lower out of doors, metres.
 const OPEN_M: f64 = 10.0;
+/// No place is farther from the origin, metres; no episode begins later, seconds; no dataset has more pedestrians.
+const PLACE_MAX_M: f64 = 1e4;
+const TIME_MAX_S: f64 = 36_000.0;
+const PEDESTRIANS_MAX: i64 = 1_000_000_000;
 
 /// The keys of a file by section: text as it stands there.
 type Sections = Vec<(String, BTreeMap<String, String>)>;
@@ -156,14 +160,13 @@ impl Episode {
 fn recorded(part: &Part, dataset: &Dataset, tracks: &Tracks, time_max_s: f64) -> Vec<Recorded> {
     let [from, to] = part.range;
     let most = tracks.pedestrians().map(|(number, _)| number).max().unwrap_or(0);
-    let count = if to == -1 { most - 1 } else { (to - from).min(most) };
+    let last = from + if to == -1 { most - 1 } else { (to - from).min(most) };
     let begins = tracks.of(from + 1).and_then(|track| track.first());
     let Some(first_frame) = begins.or_else(|| tracks.pedestrians().find_map(|(_, track)| track.first())) else {
         return Vec::new();
     };
     let mut people = Vec::new();
-    for number in (0..count).map(|i| from + i + 1) {
-        let Some(track) = tracks.of(number) else { continue };
+    for (number, track) in tracks.pedestrians().filter(|(number, _)| (from + 1..=last).contains(number)) {
         let time_s = |frame: i64| (frame - first_frame.frame) as f64 / dataset.fps;
         let Some(first) = track.first() else { continue };
         if time_s(first.frame) > time_max_s {
@@ -252,8 +255,18 @@ impl Keys<'_> {
         if names.len() != starts.len() || names.len() != ranges.len() {
             return Err(self.refuse("pedestrian_datasets", "as many start times and ranges are wanted"));
         }
-        if starts.iter().any(|start_s| *start_s < 0.0) {
-            return Err(self.refuse("datasets_start_t", "a time is less than 0"));
+        if starts.iter().any(|start_s| !(0.0..=TIME_MAX_S).contains(start_s)) {
+            return Err(self.refuse("datasets_start_t", &format!("a time is not from 0 to {TIME_MAX_S}")));
+        }
+        let is_range = |[from, to]: &[i64; 2]| {
+            (0..=PEDESTRIANS_MAX).contains(from) && (*to == -1 || (*from..=PEDESTRIANS_MAX).contains(to))
+        };
+        if !ranges.iter().all(is_range) {
+            return Err(self.refuse("ped_ranges", "pairs from 0 on are wanted, or -1 for the last"));
+        }
+        if !self.section.chars().all(|c| c.is_alphanumeric() || "_-".contains(c)) {
+            let what = format!("[{}]: letters, digits, _ and - are wanted: pictures have this name", self.section);
+            return Err(YardstickError::content(self.file, what));
         }
         let parts = names.into_iter().zip(starts).zip(ranges);
         let simulated: Vec<Value> = self.value("agents_start")?;
@@ -261,14 +274,34 @@ impl Keys<'_> {
             name: self.section.to_owned(),
             map: self.text("map_name")?.to_owned(),
             parts: parts.map(|((dataset, start_s), range)| Part { dataset, start_s, range }).collect(),
-            robot: self.value("robot_start_goal")?,
-            time_max_s: self.number("max_time", [0.1, 36_000.0])?,
+            robot: self.start_and_goal()?,
+            time_max_s: self.number("max_time", [0.1, TIME_MAX_S])?,
             simulated: simulated.len(),
         })
     }
 
+    fn start_and_goal(&self) -> Result<[[f64; 3]; 2], YardstickError> {
+        let both: [[f64; 3]; 2] = self.value("robot_start_goal")?;
+        both.iter().try_for_each(|pose| self.check_pose("robot_start_goal", pose))?;
+        let [[x_m, y_m, _], [goal_x_m, goal_y_m, _]] = both;
+        if (goal_x_m - x_m).hypot(goal_y_m - y_m) <= GOAL_M {
+            return Err(self.refuse("robot_start_goal", "the robot is at the goal when it starts"));
+        }
+        Ok(both)
+    }
+
+    /// Refuses a pose that is nowhere.
+    fn check_pose(&self, key: &str, pose: &[f64; 3]) -> Result<(), YardstickError> {
+        match pose.iter().find(|number| number.abs() > PLACE_MAX_M) {
+            Some(number) => Err(self.refuse(key, &format!("{number} is over {PLACE_MAX_M}"))),
+            None => Ok(()),
+        }
+    }
+
     fn dataset(&self) -> Result<Dataset, YardstickError> {
-        let [x_m, y_m, yaw_rad]: [f64; 3] = self.value("offset")?;
+        let offset: [f64; 3] = self.value("offset")?;
+        self.check_pose("offset", &offset)?;
+        let [x_m, y_m, yaw_rad] = offset;
         let sign = |is_flipped: bool| if is_flipped { -1.0 } else { 1.0 };
         Ok(Dataset {
             file: self.text("file_name")?.to_owned(),
@@ -331,6 +364,10 @@ mod tests {
         assert_eq!(later[0].places.iter().map(|(at_s, _)| *at_s).collect::<Vec<_>>(), [0.0, 3.0, 3.1]);
         assert_eq!(later[0].places[0].1, later[0].places[1].1);
         assert_eq!(recorded(&part(0.0), dataset, &tracks, 1.0).len(), 1, "who comes after the end is left out");
+        // Numbers of pedestrians may have gaps of any size.
+        let sparse = Tracks::parse("t", "0,1,2\n1,2,900000000000\n0,0,0\n0,0,0\n").expect("tracks");
+        let all = Part { range: [0, -1], ..part(0.0) };
+        assert_eq!(recorded(&all, dataset, &sparse, 60.0).len(), 2, "the last one is left out");
     }
 
     #[test]
@@ -341,7 +378,13 @@ mod tests {
             ("[12, 15, 1.5]]", "[12, 15]]", "[t_a] robot_start_goal: "),
             ("[[8, 5, 1.5],", "[[nan, 5, 1.5],", "[t_a] robot_start_goal: no list of Python"),
             ("= [0]", "= [0, 0]", "[t_a] pedestrian_datasets: as many start times"),
-            ("= [0]", "= [-1]", "[t_a] datasets_start_t: a time is less than 0"),
+            ("= [0]", "= [-1]", "[t_a] datasets_start_t: a time is not from 0 to 36000"),
+            ("= [0]", "= [1e300]", "[t_a] datasets_start_t: a time is not from 0 to 36000"),
+            ("(1, -1)", "(9223372036854775807, -1)", "[t_a] ped_ranges: pairs from 0 on"),
+            ("(1, -1)", "(5, 2)", "[t_a] ped_ranges: pairs from 0 on"),
+            ("[8, 5, 1.5]", "[8e99, 5, 1.5]", "[t_a] robot_start_goal: 8"),
+            ("[8, 5, 1.5]", "[12, 15, 0]", "[t_a] robot_start_goal: the robot is at the goal"),
+            ("[t_a]", "[../t_a]", "[../t_a]: letters, digits, _ and - are wanted"),
             ("map_name=ETH", "[t_a]\nmap_name=ETH", "section [t_a] stands twice"),
         ] {
             let (_kept, path) = written("e.ini", &EPISODE.replacen(from, to, 1));

@@ -232,6 +232,8 @@ struct Course {
     trace: Trace,
     began: bool,
     touching: Vec<bool>,
+    /// Middles of the discs of robot and handler at the last tick, world frame.
+    discs: Vec<Point>,
 }
 
 impl Course {
@@ -249,7 +251,8 @@ impl Course {
             all_unsafe: 0,
             decisions: 0,
         };
-        Self { trace, began: passage.begins_m <= 0.0, touching: vec![false; passage.crowd.people.len()] }
+        let touching = vec![false; passage.crowd.people.len()];
+        Self { trace, began: passage.begins_m <= 0.0, touching, discs: middles(party) }
     }
 
     fn time_s(&self) -> f64 {
@@ -276,10 +279,11 @@ impl Course {
         (self.time_s() - self.trace.began_s >= passage.time_max_s).then_some(End::TimeOut)
     }
 
+    /// Counts touches with people. Robot or handler have caused one where the disc that touches moved towards the
+    /// person in this tick: a turning robot swings its nose, and its handler.
     fn meet(&mut self, crowd: &Crowd, party: &Party) {
         let time_s = self.time_s();
-        let twist = party.twist();
-        let goes = party.world_from_robot().rotation * nalgebra::Vector2::new(twist.vx_mps, twist.vy_mps);
+        let before = std::mem::replace(&mut self.discs, middles(party));
         let mut now = vec![false; self.touching.len()];
         for (person, at) in crowd.at(time_s) {
             if party.apart_m(at, crowd.radius_m) >= 0.0 {
@@ -287,9 +291,11 @@ impl Course {
             }
             now[person] = true;
             if !self.touching[person] {
-                let to = party.discs().map(|(disc, radius_m, _)| (at - disc, (at - disc).norm() - radius_m));
-                let nearest = to.min_by(|a, b| a.1.total_cmp(&b.1));
-                let closing_mps = nearest.map_or(0.0, |(to, _)| goes.dot(&to) / to.norm().max(1e-9));
+                let discs = party.discs().zip(&before).map(|((disc, radius_m, _), before)| {
+                    let (to, went) = (at - disc, disc - before);
+                    (to.norm() - radius_m, went.dot(&to) / to.norm().max(1e-9) / TICK_S)
+                });
+                let closing_mps = discs.min_by(|a, b| a.0.total_cmp(&b.0)).map_or(0.0, |(_, closing_mps)| closing_mps);
                 self.trace.met.push(Met { time_s, person, by_them: closing_mps <= CLOSING_MPS });
             }
         }
@@ -445,6 +451,11 @@ fn decide(decision: Decision<'_, '_>) -> Result<Decided, YardstickError> {
     }
 }
 
+/// The middles of the discs that robot and handler are, world frame.
+fn middles(party: &Party) -> Vec<Point> {
+    party.discs().map(|(middle, ..)| middle).collect()
+}
+
 /// The pose of a start, world frame: metres and radians.
 #[must_use]
 pub fn start(x_m: f64, y_m: f64, yaw_rad: f64) -> Se2 {
@@ -469,5 +480,57 @@ impl Config {
     #[must_use]
     pub fn harness_m(&self) -> f64 {
         self.interaction.robot_from_default().translation.vector.norm()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Course, Passage, TICK_S, start};
+    use crate::{Crowd, Party, Recorded};
+    use guidance::se2::Point;
+    use messages::Twist2;
+    use world::{Bodies, World};
+
+    /// The touches of a robot with two discs, 0.5 m ahead of its middle and behind it, with a person who stands until 1 s
+    /// and then comes nearer.
+    fn met(person: [Point; 2], velocity: Twist2) -> Vec<bool> {
+        let bodies = Bodies {
+            robot_radius_m: 0.2,
+            robot_nose_m: 0.5,
+            robot_height_m: 0.5,
+            handler_radius_m: 0.25,
+            handler_height_m: 1.7,
+        };
+        let places = vec![(0.0, person[0]), (1.0, person[0]), (2.0, person[1]), (9.0, person[1])];
+        let crowd = Crowd { people: vec![Recorded { name: "1".into(), places }], radius_m: 0.2 };
+        let passage = Passage {
+            world: World::new(10.0, Vec::new()),
+            crowd,
+            world_from_start: start(0.0, 0.0, 0.0),
+            goal: Point::new(50.0, 0.0),
+            goal_m: 0.3,
+            begins_m: 0.0,
+            time_max_s: 3.0,
+            is_localised: true,
+        };
+        let mut party = Party::new(bodies, None, passage.world_from_start, None);
+        let mut course = Course::new(&passage, &party);
+        while course.take(&passage, &party).is_none() {
+            party.walk(velocity, TICK_S, 1.0);
+        }
+        course.trace.met.iter().map(|met| met.by_them).collect()
+    }
+
+    #[test]
+    fn a_touch_counts_for_the_side_that_moved() {
+        let [ahead, aside] = [Point::new(1.5, 0.0), Point::new(0.0, 0.7)];
+        assert_eq!(met([ahead, ahead], Twist2 { vx_mps: 0.5, ..Twist2::ZERO }), [false], "the robot walks into them");
+        assert_eq!(met([ahead, Point::new(0.8, 0.0)], Twist2::ZERO), [true], "they walk into the robot");
+        assert!(met([aside, aside], Twist2::ZERO).is_empty());
+        // A robot that turns on the spot goes nowhere, and its nose does.
+        assert_eq!(met([aside, aside], Twist2 { wz_radps: 0.5, ..Twist2::ZERO }), [false], "its nose swings into them");
+        // It walks away, and they come faster.
+        let back = Twist2 { vx_mps: -0.2, ..Twist2::ZERO };
+        assert_eq!(met([ahead, Point::new(-0.1, 0.0)], back), [true]);
     }
 }

@@ -168,7 +168,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<(Value, Outcomes), Failure> {
     let wrong =
         |line: usize, why: &dyn std::fmt::Display| Failure::input(format!("{}, line {line}: {why}", path.display()));
     let none = |why: &dyn std::fmt::Display| wrong(1, &format!("these are no outcomes of an evaluation: {why}"));
-    let mut lines = bytes.split(|byte| *byte == b'\n').filter(|line| !line.is_empty()).enumerate();
+    let mut lines = bytes.split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.is_empty());
     let (_, head) = lines.next().ok_or_else(|| none(&"it is empty"))?;
     let head: Value = serde_json::from_slice(head).map_err(|error| none(&error))?;
     let count = head["episodes"].as_u64().filter(|_| head["seed"].is_u64() && head["tasks"].is_string());

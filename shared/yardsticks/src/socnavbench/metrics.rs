@@ -2,7 +2,9 @@
 //! `metrics/cost_functions.py`), on a trajectory of 0.05 s steps, its simulator's.
 //!
 //! `time_to_collision` takes robot and people of the same step; the original takes the robot's velocity of the step
-//! before. `personal_space_cost` is named there and has no definition.
+//! before. Steps without a pedestrian, or at which none comes nearer, do not count; the original has the value of the
+//! step before there, or -1. `closest_pedestrian_distance` begins with the first pedestrian, the original with 0.
+//! `personal_space_cost` is named there and has no definition.
 
 use guidance::se2::Point;
 use nalgebra::Vector2;
@@ -42,7 +44,7 @@ pub struct Metrics {
     pub goal_traversal_ratio: f64,
     /// Mean angle between the way to the goal and the robot's place vector, radians: as the original computes it.
     pub path_irregularity: f64,
-    /// Least and mean distance from the robot's middle to the nearest pedestrian, metres; none where nobody was there.
+    /// Least and mean distance from the robot's middle to the nearest pedestrian, metres; none without a pedestrian.
     pub closest_pedestrian_distance: Option<[f64; 2]>,
     /// Least and mean time to a collision with a pedestrian over the steps that have one, seconds.
     pub time_to_collision: Option<[f64; 2]>,
@@ -116,7 +118,8 @@ fn irregularity_rad(ways: &[Point], goal: Point) -> f64 {
     ways.iter().map(angle).sum::<f64>() / ways.len() as f64
 }
 
-/// The distance to the nearest pedestrian at each step from the first on that has one; while there is none, the last.
+/// The distance to the nearest pedestrian at each step, from the first one that has any; later steps without
+/// pedestrians repeat the last distance.
 fn closest_m(passage: &Passage, ways: &[Point]) -> Vec<f64> {
     let mut last = None;
     let at_step = |(step, robot): (usize, &Point)| {
@@ -138,7 +141,7 @@ fn times_to_collision_s(
         let (then_s, now_s) = (step as f64 * DT_S, (step + 1) as f64 * DT_S);
         let robot = ways[step + 1];
         let time_s = |(person, at): (usize, Point)| {
-            // Whoever appears now stands for a step.
+            // A pedestrian who appears now stands for a step.
             let before = passage.crowd.people[person].at(then_s).unwrap_or(at);
             let to = robot - at;
             let closing_mps = ((at - before) / DT_S - velocity).dot(&to) / to.norm();
@@ -194,14 +197,14 @@ mod tests {
         // The small number that the original adds to the product of the lengths turns it by 1e-5.
         assert!((metrics.path_irregularity - std::f64::consts::FRAC_PI_2 / 81.0).abs() < 1e-4);
         // They pass each other after 4 s, 1 m apart.
-        let [least_m, _] = metrics.closest_pedestrian_distance.expect("somebody");
+        let [least_m, _] = metrics.closest_pedestrian_distance.expect("a pedestrian");
         near(least_m, 1.0);
         assert!(metrics.time_to_collision.expect("they come nearer")[0] > 0.0);
         assert_eq!((metrics.pedestrian_collisions, metrics.hit_by_others), (1, 1));
     }
 
     #[test]
-    fn a_walk_among_nobody_has_no_distance_to_them() {
+    fn a_walk_without_pedestrians_has_no_distance_to_them() {
         let (mut passage, mut trace) = walked();
         (passage.crowd, trace.end) = (Crowd::default(), End::TimeOut);
         let metrics = of(&passage, &trace, 0.24);
