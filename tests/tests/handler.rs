@@ -52,7 +52,7 @@ fn through_the_narrow_door(lines: &str, more: &[&str]) -> Value {
     report
 }
 
-/// It asks the handler to come behind it, and beside it again.
+/// The robot asks the handler to come behind it, and beside it again after the door.
 fn assert_passes_the_narrow_door(more: &[&str]) {
     let report = through_the_narrow_door("", more);
     assert_eq!((&report["reached"], touches(&report)), (&json!(true), [0, 0]), "{report:#}");
