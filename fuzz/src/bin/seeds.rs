@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use guidedog_fuzz::recording;
+use guidedog_fuzz::{BORDER, recording};
 
 const SCAN: &str = r#"{"ranges":[1.5,null,3.4028235e38],"guidedog":{"stamp_ns":7,"seq":1,"step":0,"published_ns":0,
 "incarnation":1,"angle_min_rad":-1.5,"angle_increment_rad":0.1,"range_min_m":0.1,"range_max_m":12.0,"sigma_m":0.02,
@@ -15,6 +15,20 @@ const YAML: &str = "image: m\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noc
 const LOG: &str = "# a log\nPARAM robot_name scout\nPARAM laser_frontlaser_offset 0.1\n\
     ODOM 0 0 0 0 0 0 1.0 scout 1.0\nFLASER 3 1.0 2.0 81.9 0.1 0 0 0 0 0 1.1 scout 1.1\n\
     FLASER 3 1.0 2.0 0.0 0.2 0 0.1 0.1 0 0.1 1.3 scout 1.3\n";
+
+const GAZEBO: &str = "<sdf version='1.6'><world name='default'>
+<model name='pillar'><pose>1 2 0 0 0 0</pose><link name='link'><pose>1 0 0 0 0 0</pose><collision name='c'><geometry>
+<cylinder><radius>0.5</radius><length>1</length></cylinder></geometry></collision></link></model>
+<model name='crate'><link name='link'><collision name='c'><geometry><box><size>2 0.2 1</size></box></geometry>
+</collision></link></model>
+<state world_name='default'><model name='pillar'><pose>-3 2 0 0 0 0</pose><scale>1 1 1</scale></model></state>
+</world></sdf>";
+const EPISODES: &str = "[episodes_params]\ntests=['t_a']\n\n[t_a]\nmap_name=ETH ; the place\n\
+    pedestrian_datasets=[\"eth\"]\ndatasets_start_t = [0]\nped_ranges=[(0, -1)]\nagents_start=[]\n\
+    robot_start_goal=[[8, 5, 1.5], [12, 15, 1.5]]\nmax_time=20\n";
+const DATASETS: &str = "[dataset_params]\n[eth] ; recommended map: ETH\nfile_name=eth/e.csv\nfps=10\n\
+    spawn_delay_s = 0\noffset=[1.5, 14, 0]\nswapxy=True\nflipxn=True\nflipyn=False\n";
+const TRACKS: &str = "0,1,2,15\n1,1,2,2\n0,0.1,5,6\n0,0,0.5,0\n";
 
 fn seed(target: &str, name: &str, bytes: &[u8]) {
     let folder = Path::new("corpus").join(target);
@@ -80,8 +94,21 @@ fn sounds() {
     seed("hearing", "language", &[&[0, 4], &language[..]].concat());
 }
 
+/// A world of BARN with its path, and an episode of SocNavBench with its datasets and tracks.
+fn yardsticks() {
+    let header = "{'descr': '<i8', 'fortran_order': False, 'shape': (2, 2), }\n";
+    let cells = [15i64, 0, 15, 29].into_iter().flat_map(i64::to_le_bytes);
+    let mut path = b"\x93NUMPY\x01\x00".to_vec();
+    path.extend((header.len() as u16).to_le_bytes());
+    path.extend(header.bytes().chain(cells));
+    seed("yardsticks", "barn", &[b"b", GAZEBO.as_bytes(), &[BORDER], &path].concat());
+    let parts = [EPISODES, DATASETS, TRACKS].map(str::as_bytes);
+    seed("yardsticks", "socnavbench", &[b"s", &parts.join(&BORDER)[..]].concat());
+}
+
 fn main() {
     sounds();
+    yardsticks();
     for model in rplidar::Model::ALL {
         seed("line", &format!("{model:?}"), &conversation(model));
     }
