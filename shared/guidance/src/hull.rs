@@ -309,7 +309,7 @@ mod tests {
                 gaps.fold(f64::INFINITY, f64::min)
             };
             let from_centers = hull.discs.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
-            let normals = hull.tangents.iter().flatten().map(|tangent| tangent.normal);
+            let normals = hull.tangents.iter().map(|tangent| tangent.normal);
             let distance = from_centers.chain(normals).map(gap).fold(f64::NEG_INFINITY, f64::max);
             prop_assert_eq!(hull.signed_distance_m(point), distance);
             prop_assert_eq!(hull.nearer_m(point, limit), Some(distance).filter(|distance| *distance < limit));
