@@ -7,7 +7,7 @@ use std::time::Instant;
 use episodes::{Batch, Config, Episode, Noise};
 use guidance::{ActionTable, AwarenessConfig, Work};
 use serde_json::{Value, json};
-use world::DepthConfig;
+use world::{DepthConfig, World};
 
 use crate::exit::Failure;
 use crate::out::{self, say, table};
@@ -81,7 +81,7 @@ impl Row {
         json!({
             "beams": mean(|episode| episode.scan().1.len() as u64),
             "pixels": self.pixels,
-            "faces": mean(|episode| episode.site().world.prisms().iter().map(|prism| prism.sides().count() as u64).sum()),
+            "faces": mean(|episode| faces(&episode.site().world)),
             "motions": shield(|work| work.motions),
             "places": shield(|work| work.places),
             "held": shield(|work| work.held),
@@ -111,6 +111,10 @@ impl Row {
             "per_decision": self.per_decision(),
         })
     }
+}
+
+fn faces(world: &World) -> u64 {
+    world.prisms().iter().map(|prism| prism.sides().count() as u64).sum()
 }
 
 /// `guidedog bench world`.
