@@ -36,8 +36,11 @@ fn shield_world_depth_and_decoders_measure_every_row() {
     assert_eq!(shield.len(), 6, "two tables with three scans");
     assert_each(&shield, &["/ours_us/p50", "/pseudo_code_us/p50", "/ratio"]);
     let world = rows(&["world", "--times", "1"]);
-    assert_eq!(world.len(), 5);
-    assert_each(&world, &["/decisions_per_s/p50", "/decisions_per_s/n"]);
+    assert_eq!(world.len(), 7);
+    assert_each(&world, &["/decisions_per_s/p50", "/decisions_per_s/n", "/per_decision/beams", "/per_decision/faces"]);
+    // All but the first row judge.
+    assert_each(&world[1..], &["/per_decision/motions", "/per_decision/places", "/per_decision/held"]);
+    assert_eq!(world[0].pointer("/per_decision/motions"), Some(&Value::from(0.0)));
     let depth = rows(&["depth", "--times", "16"]);
     assert_eq!(depth.len(), 3, "three sizes");
     assert_each(&depth, &["/level_us/p50", "/swaying_us/p50", "/attitude_us/p50", "/attitude_us/n"]);

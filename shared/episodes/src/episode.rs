@@ -6,7 +6,7 @@ use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2};
 use guidance::shield::{leaves_only_stop, masked_at_edge};
-use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield};
+use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield, Work};
 use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2, UnsafeCause};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -422,6 +422,12 @@ impl Episode {
     #[must_use]
     pub fn scan(&self) -> (&ScanHeader, &[f32]) {
         (&self.scan_header, self.awareness.level_ranges_m(&self.scan))
+    }
+
+    /// What the shield has had to do so far, in all episodes.
+    #[must_use]
+    pub fn work(&self) -> Work {
+        self.shield.work()
     }
 
     /// Another number in each episode: nothing of the one before holds in its odometry frame.

@@ -1,12 +1,13 @@
-//! `bench world`: how many decisions of episodes a second, on all cores: what training and evaluation are made of.
+//! `bench world`: how many decisions of episodes a second, on all cores: what training and evaluation are made of. And
+//! what a decision is made of: beams, pixels, motions judged, places held against their hulls.
 
 use std::sync::Arc;
 use std::time::Instant;
 
-use episodes::{Batch, Config, Noise};
-use guidance::{ActionTable, AwarenessConfig};
+use episodes::{Batch, Config, Episode, Noise};
+use guidance::{ActionTable, AwarenessConfig, Work};
 use serde_json::{Value, json};
-use world::DepthConfig;
+use world::{DepthConfig, World};
 
 use crate::exit::Failure;
 use crate::out::{self, say, table};
@@ -23,6 +24,7 @@ struct Row {
     name: &'static str,
     /// None where the prototype did no such thing.
     prototype_per_s: Option<f64>,
+    pixels: usize,
     batch: Batch,
     per_s: Vec<f64>,
 }
@@ -41,17 +43,49 @@ impl Row {
         Self::new(name, Config { depth, ..config }, Some(prototype_per_s))
     }
 
-    /// As training and evaluation have it, but for the memory: a depth frame of 128x64.
-    fn of_episodes(name: &'static str, noise: Noise) -> Result<Self, Failure> {
+    /// A depth frame of 128x64.
+    fn of_camera(name: &'static str, noise: Noise) -> Result<Self, Failure> {
         let legs = Config::go2().legs;
         Self::new(name, without_memory(Config { noise, legs, frames: 0, ..Config::default() }), None)
     }
 
+    /// A Go2 with all that it has: memory, floor, and the observation that a network sees.
+    fn of_go2(name: &'static str, table: ActionTable) -> Result<Self, Failure> {
+        Self::with_table(name, Config::go2(), table, None)
+    }
+
     fn new(name: &'static str, config: Config, prototype_per_s: Option<f64>) -> Result<Self, Failure> {
-        let config = Config { table: ActionTable::eight(), ..config };
+        Self::with_table(name, config, ActionTable::eight(), prototype_per_s)
+    }
+
+    fn with_table(
+        name: &'static str,
+        config: Config,
+        table: ActionTable,
+        prototype_per_s: Option<f64>,
+    ) -> Result<Self, Failure> {
+        let config = Config { table, ..config };
+        let pixels = config.depth.as_ref().map_or(0, |depth| depth.width * depth.height);
         let mut batch = Batch::new(&Arc::new(config), EPISODES).map_err(Failure::of_input)?;
         batch.begin(1);
-        Ok(Self { name, prototype_per_s, batch, per_s: Vec::new() })
+        Ok(Self { name, prototype_per_s, pixels, batch, per_s: Vec::new() })
+    }
+
+    /// What a decision is made of, on average: beams, pixels, faces of the world, and the shield's work.
+    fn per_decision(&self) -> Value {
+        let episodes = || self.batch.episodes();
+        let sum = |count: &dyn Fn(&Episode) -> u64| episodes().map(count).sum::<u64>() as f64;
+        let mean = |count: fn(&Episode) -> u64| sum(&count) / episodes().len() as f64;
+        let decided = (EPISODES * DECISIONS * self.per_s.len()) as f64;
+        let shield = |count: fn(&Work) -> u64| sum(&|episode| count(&episode.work())) / decided;
+        json!({
+            "beams": mean(|episode| episode.scan().1.len() as u64),
+            "pixels": self.pixels,
+            "faces": mean(|episode| faces(&episode.site().world)),
+            "motions": shield(|work| work.motions),
+            "places": shield(|work| work.places),
+            "held": shield(|work| work.held),
+        })
     }
 
     /// Walks on, mostly ahead, as a policy would.
@@ -74,8 +108,13 @@ impl Row {
             "decisions_per_s": { "p50": median, "min": min, "max": max, "n": self.per_s.len() },
             "prototype_per_s": self.prototype_per_s,
             "ratio": self.prototype_per_s.map(|prototype_per_s| median / prototype_per_s),
+            "per_decision": self.per_decision(),
         })
     }
+}
+
+fn faces(world: &World) -> u64 {
+    world.prisms().iter().map(|prism| prism.sides().count() as u64).sum()
 }
 
 /// `guidedog bench world`.
@@ -87,8 +126,10 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
         Row::of_prototype("lidar, depth, motion", Noise::Ideal, false, PROTOTYPE[0])?,
         Row::of_prototype("and the shield, eight actions", Noise::Ideal, true, PROTOTYPE[1])?,
         Row::of_prototype("and noise", Noise::Noisy, true, PROTOTYPE[2])?,
-        Row::of_episodes("and a camera of 128x64", Noise::Noisy)?,
-        Row::of_episodes("and legs", Noise::Legged)?,
+        Row::of_camera("and a camera of 128x64", Noise::Noisy)?,
+        Row::of_camera("and legs", Noise::Legged)?,
+        Row::of_go2("a Go2 with memory, eight actions", ActionTable::eight())?,
+        Row::of_go2("and the step back", Config::go2().table)?,
     ];
     // The machine's moods are shared by all rows.
     for _ in 0..times {
@@ -99,18 +140,26 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     if as_json {
         return out::json(&json!({ "threads": threads, "episodes": EPISODES, "rows": rows }));
     }
+    let number = |row: &Value, at: &str| format!("{:.0}", out::number(row, at));
     let lines = rows.iter().map(|row| {
-        let number = |at: &str| format!("{:.0}", out::number(row, at));
         vec![
             out::text(row, "/what").to_owned(),
-            number("/decisions_per_s/p50"),
-            number("/decisions_per_s/min"),
-            number("/decisions_per_s/max"),
+            number(row, "/decisions_per_s/p50"),
+            number(row, "/decisions_per_s/min"),
+            number(row, "/decisions_per_s/max"),
             row["ratio"].as_f64().map_or_else(String::new, |ratio| format!("{ratio:.2}")),
         ]
     });
     say(format!("{EPISODES} episodes on {threads} threads, decisions a second"));
     let heads = ["", "p50", "min", "max", "to the prototype's"];
+    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
+    say("for each decision");
+    let what = ["beams", "pixels", "faces", "motions", "places", "held"];
+    let lines = rows.iter().map(|row| {
+        let counts = what.iter().map(|what| number(row, &format!("/per_decision/{what}")));
+        std::iter::once(out::text(row, "/what").to_owned()).chain(counts).collect()
+    });
+    let heads = ["", "beams", "pixels", "faces", "motions", "places x motions", "near a hull"];
     table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
     Ok(())
 }
