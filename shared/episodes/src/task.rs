@@ -24,7 +24,7 @@ pub const STILL_M: f64 = 0.3;
 pub const STILL_DECISIONS: usize = 10;
 /// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
 const BESIDE_M: f64 = 1.0;
-/// An opening so soon after a corner of the corridor to the same side may be meant, too, metres.
+/// An opening within this distance after a corner to the same side may be meant as well, metres.
 const AFTER_CORNER_M: f64 = 4.0;
 /// A pair within this distance of an opening on a map may be beside it, metres.
 const PASSED_M: f64 = 0.4;
@@ -155,12 +155,14 @@ impl Task {
         if meant.edge_m.is_some() {
             return task(course.line_into(meant)?, Goal::BeforeEdge);
         }
-        if meant.line.length_m() < course.width_m / 2.0 + INSIDE_M + BEFORE_M {
+        let is_deep = |opening: &Opening| opening.line.length_m() >= course.width_m / 2.0 + INSIDE_M + BEFORE_M;
+        if !is_deep(meant) {
             return None;
         }
         // Shortly before an opening, the corridor itself turns to that side: either may be meant.
         let is_soon = |next: &&Opening| {
-            next.side == side && next.way_m > meant.way_m && next.way_m < meant.way_m + AFTER_CORNER_M
+            let is_near = next.way_m > meant.way_m && next.way_m < meant.way_m + AFTER_CORNER_M;
+            next.side == side && is_near && next.edge_m.is_none() && is_deep(next)
         };
         let soon = course.openings.iter().find(is_soon).filter(|_| course.is_corner(meant));
         let allowed = [Some(meant), beside, soon].into_iter().flatten().cloned().collect();
@@ -177,7 +179,8 @@ impl Task {
         let to_m = match &self.goal {
             Goal::Along(to_m) => *to_m,
             Goal::Into(openings) => {
-                openings.first().map_or(0.0, |opening| opening.way_m) + self.width_m / 2.0 + INSIDE_M + BEFORE_M
+                let farthest_m = openings.iter().map(|opening| opening.way_m).fold(0.0, f64::max);
+                farthest_m + self.width_m / 2.0 + INSIDE_M + BEFORE_M
             }
             Goal::Stand(_) | Goal::BeforeEdge => self.line.length_m(),
         };

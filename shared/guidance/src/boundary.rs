@@ -70,6 +70,11 @@ pub struct Boundary {
 }
 
 impl Boundary {
+    /// Of nothing, with room for all pieces that there can be.
+    pub(crate) fn with_room() -> Self {
+        Self { pieces: Vec::with_capacity(MAX_PIECES) }
+    }
+
     /// Walks once around the discs.
     #[must_use]
     pub fn of(discs: &[Disc]) -> Self {

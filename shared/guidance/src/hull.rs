@@ -103,6 +103,11 @@ impl Default for Hull {
 }
 
 impl Hull {
+    /// The hull of no disc, with room for as many as there can be.
+    pub(crate) fn with_room() -> Self {
+        Self { tangents: Vec::with_capacity(Discs::MAX * (Discs::MAX - 1)), ..Self::default() }
+    }
+
     /// The hull of these discs.
     #[must_use]
     pub fn new(discs: impl Into<Discs>) -> Self {
@@ -111,7 +116,7 @@ impl Hull {
         hull
     }
 
-    /// Becomes the hull of other discs; nothing is allocated once there have been as many.
+    /// Becomes the hull of other discs. Nothing is allocated where it was made [`Self::with_room`].
     pub fn take(&mut self, discs: Discs) {
         self.discs = discs;
         let discs = &self.discs;
@@ -181,7 +186,9 @@ impl Hull {
 
     /// Whether it shows at once that a point is not nearer: it lies beyond what the hull reaches in some direction.
     fn is_beyond(&self, point: Point, limit_m: f64) -> bool {
-        AROUND.iter().zip(&self.reach_m).any(|(u, reach_m)| u.dot(&point.coords) - reach_m >= limit_m + FARTHER_M)
+        let is_beyond = |(u, reach_m): (&Vector2<f64>, &f64)| u.dot(&point.coords) - reach_m >= limit_m + FARTHER_M;
+        // Of no disc nothing is known.
+        !self.discs.is_empty() && AROUND.iter().zip(&self.reach_m).any(is_beyond)
     }
 
     /// Whether a point is strictly inside.

@@ -218,10 +218,10 @@ pub enum Draw {
 pub struct Work {
     /// Motions that it judged: each has a hull, whose boundary all beams are held against.
     pub motions: u64,
-    /// Places that it looked at, once for each motion: what the camera sees, what is remembered, edges, steps and
-    /// floor that was not seen.
+    /// Places that it looked at for each motion: what the camera sees, what is remembered, edges, steps and floor that
+    /// was not seen. For a step back it looks at some of them twice.
     pub places: u64,
-    /// Those of them that came near enough to be held against the hull itself.
+    /// Those of them that it held against the motion's hull.
     pub held: u64,
 }
 
@@ -236,7 +236,7 @@ impl Shield {
     /// A shield that judges so.
     #[must_use]
     pub fn new(config: ShieldConfig) -> Self {
-        Self { config, sorted: Sorted::default() }
+        Self { config, sorted: Sorted::with_room() }
     }
 
     /// What it has had to do so far.

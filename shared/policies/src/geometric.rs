@@ -55,7 +55,7 @@ const AT_GOAL_M: f64 = 1.0;
 const HISTORY: usize = 10;
 /// Beside and behind are places so far apart at least, metres: the shield takes a handler within 0.25 m for there.
 const PLACES_APART_M: f64 = 0.5;
-/// A cue that is given with the robot's heading so far off the way that it came asks to go back, radians.
+/// A cue that begins so far off the heading with which the robot came leads elsewhere: back, for example, radians.
 const BACK_RAD: f64 = 2.1;
 /// An action leads on that brings the robot so far ahead, metres.
 const ONWARD_M: f64 = 0.1;
@@ -245,11 +245,14 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// Of the probabilities that are proposed those that lead on ahead; the others go to stop.
+    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for; the
+    /// others go to stop.
     pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
         let mut onward = one_hot_stop();
+        let side = guidance::cue::target_yaw_rad(self.cue);
         for (i, action) in self.table.actions().iter().enumerate() {
-            if action.start_from_end().translation.x > ONWARD_M {
+            let motion = action.start_from_end();
+            if motion.translation.x > ONWARD_M || side * motion.rotation.angle() > 0.0 {
                 onward[i] = proposed[i];
                 onward[ActionTable::STOP] -= proposed[i];
             }
@@ -350,8 +353,8 @@ impl GeometricEngine {
             self.robot_from_handler.translation.vector = handler.coords;
         }
         self.odom_from_robot = odom_from_robot;
-        self.backed.take(&odom_from_robot, &self.last_motion);
-        self.trail.take(Point::from(odom_from_robot.translation.vector));
+        self.backed.take(&odom_from_robot, &self.last_motion, self.speed());
+        self.trail.take(&odom_from_robot);
         self.history.push_back(odom_from_robot);
         if self.history.len() > HISTORY {
             self.history.pop_front();
@@ -390,7 +393,7 @@ impl GeometricEngine {
         let size = |motion: Se2| motion.translation.vector.norm() + 0.8 * motion.rotation.angle().abs();
         let walked: f64 =
             self.history.iter().zip(self.history.iter().skip(1)).map(|(a, b)| size(a.inverse() * b)).sum();
-        walked > 0.6 && size(first.inverse() * last) < 0.3 * walked
+        walked > 0.6 * self.speed() && size(first.inverse() * last) < 0.3 * walked
     }
 
     /// The cost of each action: by the look ahead where it leaves room, behind all of those where it does not. Where
@@ -415,6 +418,7 @@ impl GeometricEngine {
             reserve_m,
             last_motion: self.last_motion,
             unrest: self.unrest,
+            speed: self.speed(),
             floor,
         };
         let worth_with = |reserve_m| scene_with(reserve_m).worth(&self.odom_from_robot, &self.robot_from_handler);

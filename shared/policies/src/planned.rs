@@ -28,7 +28,8 @@ const PROGRESS_RAD: f64 = 0.5;
 const PROGRESS_DECISIONS: usize = 6;
 /// Number of decisions that the planner then makes alone.
 const TAKEN_OVER: usize = 12;
-/// A network that chooses so much dearer than the planner would, metres, is overruled as well. What it chose at a decision counts for this share of it at the next one.
+/// A network that chooses so much dearer than the planner would, metres, is overruled as well. What it chose at a
+/// decision counts for this share of it at the next one.
 const DEARER_M: f64 = 2.0;
 const KEPT: f64 = 0.9;
 

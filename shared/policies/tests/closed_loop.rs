@@ -492,7 +492,7 @@ fn behind_a_bend_the_way_back_is_no_opening() {
         for cue in [CueKind::Left, CueKind::Right] {
             let (world, end) = bent_dead_end(bend_deg, 5.0);
             let is_its_turn = (cue == CueKind::Left) == (bend_deg > 0.0);
-            // Who has to turn at the bend itself has turned.
+            // The cue comes after the bend where the bend itself would be its turn.
             let at = if is_its_turn { end - (end - Point::new(9.0, 0.0)) * 0.4 } else { Point::new(7.0, 0.0) };
             let walk = Walk::new("dead end behind a bend", world, (0.0, 0.0, 0.0), 120.0).cue(cue, (at.x, at.y));
             walk.stands(end.x, end.y, Plan::End).check();
@@ -502,11 +502,11 @@ fn behind_a_bend_the_way_back_is_no_opening() {
 
 #[test]
 fn a_person_across_the_corridor_is_not_its_end() {
-    // Beside an opening, somebody crosses the corridor and fills it for a moment.
+    // Beside an opening, a person crosses the corridor and fills it for a moment.
     let mut world = junction([true, true, true, false]);
     world.walkers.push((Point::new(10.8, 30.0), Vector2::new(0.0, -1.6), 0.35));
     world.walkers.push((Point::new(10.8, 30.8), Vector2::new(0.0, -1.6), 0.35));
-    Walk::new("somebody crosses", world, (0.0, 0.0, 0.0), 110.0).to(18.0, 0.0).check();
+    Walk::new("a person crosses", world, (0.0, 0.0, 0.0), 110.0).to(18.0, 0.0).check();
 }
 
 #[test]

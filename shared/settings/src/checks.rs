@@ -18,6 +18,8 @@ pub use voice::{check_tone, no_start_by_voice};
 /// The least depth images a second that an attitude may come from. One holds for 100 ms: the period of the images, the
 /// camera's latency and the period of the poses together.
 const ATTITUDE_HZ: f64 = 30.0;
+/// In single file the robot walks at this share of its speed at the least: legs do not follow a slower command.
+const BEHIND_SPEED_MIN: f64 = 0.3;
 
 /// Whether the settings go together.
 ///
@@ -59,8 +61,11 @@ pub fn check(settings: &Settings) -> Result<(), String> {
     if behind_m < radius_m {
         return Err(format!("handler.behind_m = {behind_m} is within the robot, whose radius is {radius_m} m"));
     }
-    if settings.handler.behind_speed.get() == 0.0 {
-        return Err("handler.behind_speed = 0: a robot in single file would stand".to_owned());
+    let behind_speed = settings.handler.behind_speed.get();
+    if behind_speed < BEHIND_SPEED_MIN {
+        return Err(format!(
+            "handler.behind_speed = {behind_speed} is less than {BEHIND_SPEED_MIN}: a robot would stand"
+        ));
     }
     crate::planned::check(settings)?;
     crate::sections::check_speak(&settings.speak)?;
@@ -411,6 +416,7 @@ mod tests {
             ("[shield]\nmargin_m = -0.1\n", "shield.margin_m"),
             ("[handler]\nalpha = 1.0\n", "[handler]"),
             ("[handler]\nbehind_speed = 0.0\n", "handler.behind_speed"),
+            ("[handler]\nbehind_speed = 0.29\n", "handler.behind_speed = 0.29 is less than 0.3"),
         ] {
             let settings: Settings = toml::from_str(text).expect("each key by itself is right");
             assert!(check(&settings).is_err_and(|why| why.contains(key)), "{text}");

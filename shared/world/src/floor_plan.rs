@@ -393,7 +393,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn whoever_is_round_a_corner_is_inside_wherever_they_go_there() {
+    fn behind_a_corner_all_is_inside_wherever_it_leads() {
         // The corridor turns to the left; behind the corner a door leads into a room on its right.
         let corridor = [1.0, 13.0, 1.0, 3.0];
         let plan = plan_of(&[corridor, [11.0, 13.0, 1.0, 9.0], [13.0, 14.0, 5.0, 7.0], [14.0, 20.0, 3.0, 9.0]]);

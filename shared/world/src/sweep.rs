@@ -62,7 +62,9 @@ pub(crate) fn is_blocked(from: Point, to: Point, limit: f64, distance: impl Fn(P
         return distance(to) < start - 1e-9;
     }
     let at = |share: f64| distance(from + way * share);
-    at(1.0) < limit || at(nearest_share(at)) < limit
+    // What cannot be told, NaN, is blocked.
+    let is_free = at(1.0) >= limit && at(nearest_share(at)) >= limit;
+    !is_free
 }
 
 /// About where on the way the distance is least. To a convex thing it is convex along a line.

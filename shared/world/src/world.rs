@@ -274,15 +274,16 @@ impl World {
         share
     }
 
-    /// Whether [`Self::free_share`] is less than all of the way, which is known far sooner.
+    /// Whether [`Self::free_share`] is less than all of the way, which is known sooner.
     #[must_use]
     pub fn is_blocked(&self, from: Point, to: Point, radius_m: f64, z: [f64; 2]) -> bool {
         let mut blocked = self.map.as_ref().is_some_and(|map| map.free_share(from, to, radius_m).is_some());
         let reach = Vector2::repeat(radius_m);
         self.index.near(from.inf(&to) - reach, from.sup(&to) + reach, |side| {
+            let is_past = || ways_apart(from, to, side.a, side.b) >= radius_m;
             blocked = blocked
                 || self.prisms[side.prism as usize].reaches(z)
-                    && ways_apart(from, to, side.a, side.b) < radius_m
+                    && !is_past()
                     && is_blocked(from, to, radius_m, |p| to_segment(p, side.a, side.b));
         });
         blocked

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::{Law, Piece, Seen};
+use super::{Law, MAX_PIECES, Piece, Seen};
 
 /// Beams of a block of [`Readings`].
 pub const BLOCK: usize = 32;
@@ -91,6 +91,13 @@ pub struct Parts<'a> {
 /// Room for parts.
 #[derive(Debug, Clone, Default)]
 pub struct Room(Vec<Part>);
+
+impl Room {
+    /// For all parts that there can be.
+    pub(crate) fn for_all() -> Self {
+        Self(Vec::with_capacity(TURNS * MAX_PIECES))
+    }
+}
 
 impl<'a> Parts<'a> {
     pub(super) fn of(seen: &Seen<'_>, beams: Directions<'a>, Room(mut room): Room) -> Self {

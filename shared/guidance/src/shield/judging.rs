@@ -52,6 +52,14 @@ pub(super) struct Sorted {
     pub(super) work: Work,
 }
 
+impl Sorted {
+    /// With room for the greatest hull: no decision is the first to need it.
+    pub(super) fn with_room() -> Self {
+        let hulls = [Hull::with_room(), Hull::with_room()];
+        Self { hulls, boundary: Boundary::with_room(), parts: Room::for_all(), ..Self::default() }
+    }
+}
+
 /// A hull, all at once: few motions have anything so near that they ask for it.
 struct Asked {
     hull: OnceCell<Hull>,
@@ -266,7 +274,7 @@ impl<'a> Present<'a> {
         self.count(1, 0, 0);
         match boundary.seen_from(self.beams.origin()) {
             Some(seen) => self.judge_from_within(&seen, motion, &mut judgement),
-            None => self.judge_from_outside(&discs, motion, &mut judgement),
+            None => self.judge_from_outside(&discs, &boundary, motion, &mut judgement),
         }
         self.sorted.boundary = boundary;
         self.judge_points(&discs, motion, &mut judgement);
@@ -327,7 +335,7 @@ impl<'a> Present<'a> {
     }
 
     /// A lidar outside the hull: a beam may meet it or not, and whatever stands before or in it occludes it.
-    fn judge_from_outside(&mut self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
+    fn judge_from_outside(&mut self, discs: &Discs, whole: &Boundary, motion: &Motion, judgement: &mut Judgement) {
         let (swept, beams) = (self.swept.of(discs), self.beams);
         let mut seen_m2 = 0.0;
         let mut run = UnknownRun::default();
@@ -344,7 +352,6 @@ impl<'a> Present<'a> {
             }
         }
         run.close(self, judgement);
-        let whole = Boundary::of(discs);
         let whole_m2 = whole.seen_from(discs[0].center).map_or(0.0, |hull| hull.area_between_m2(0.0, TAU));
         judgement.unseen_area_m2 += (whole_m2 - seen_m2).max(0.0);
     }

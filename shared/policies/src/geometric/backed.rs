@@ -18,13 +18,13 @@ pub struct Backed {
 }
 
 impl Backed {
-    /// The robot has come to a pose (odometry frame) by a motion.
-    pub fn take(&mut self, odom_from_robot: &Se2, last_motion: &Se2) {
+    /// The robot has come to a pose (odometry frame) by a motion, at that share of its speed.
+    pub fn take(&mut self, odom_from_robot: &Se2, last_motion: &Se2, speed: f64) {
         let here = Point::from(odom_from_robot.translation.vector);
         if (here - self.at).norm() > AWAY_M {
             self.steps = 0;
         }
-        if last_motion.translation.x < -BACK_M {
+        if last_motion.translation.x < -BACK_M * speed {
             if self.steps == 0 {
                 self.at = here;
             }
@@ -48,7 +48,7 @@ mod tests {
         let mut goes = |x_m: f64, yaw_rad: f64| {
             let motion = Se2::new(nalgebra::Vector2::new(x_m, 0.0), yaw_rad);
             pose *= motion;
-            backed.take(&pose, &motion);
+            backed.take(&pose, &motion, 1.0);
             backed.may_step()
         };
         assert!(goes(0.25, 0.0) && goes(-0.15, 0.0) && goes(0.0, 0.2) && goes(0.1, 0.0));

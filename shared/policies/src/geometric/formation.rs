@@ -96,8 +96,7 @@ impl GeometricEngine {
         let Some(model) = self.config.behind.as_ref().filter(|_| self.cue == CueKind::Forward) else { return };
         let (beside_fits_m, file_fits_m) = (window.fits_m, Team::behind(&self.config, model).width().fits_m);
         // The robot may face off the way, so that a wall is behind it. Once asked, the handler is there.
-        let behind = Point::from((self.odom_from_robot * model.robot_from_default()).translation.vector);
-        let has_room_behind = self.forming.asks || window.clearance_at(behind) >= self.config.handler_radius_m;
+        let has_room_behind = self.forming.asks || self.has_room_behind(window, &model.robot_from_default());
         let is_jammed =
             self.gets_nowhere() && window.clearance_at(self.team.middle(&self.odom_from_robot)) < beside_fits_m;
         // Once asked, the team no longer tries.
@@ -106,6 +105,26 @@ impl GeometricEngine {
             self.ahead_m(window, file_fits_m) > beside_m + FARTHER_M
         };
         self.forming.find(is_narrow, self.config.speaks, false);
+    }
+
+    /// Whether there is room for the handler from behind the robot to their place there.
+    fn has_room_behind(&self, window: &Window, robot_from_behind: &Se2) -> bool {
+        let to = robot_from_behind.translation.vector;
+        let from_m = self.config.robot_radius_m + self.config.handler_radius_m;
+        let first = (from_m / to.norm()).min(1.0);
+        (0..=PLACES).all(|place| {
+            let share = first + (1.0 - first) * place as f64 / PLACES as f64;
+            let at = self.odom_from_robot * Point::from(to * share);
+            window.clearance_at(at) >= self.config.handler_radius_m
+        })
+    }
+
+    /// The share of its speed at which the robot walks in the formation in force.
+    pub(super) fn speed(&self) -> f64 {
+        match self.forming.formation {
+            Formation::Beside => 1.0,
+            Formation::Behind => self.config.behind_speed,
+        }
     }
 
     /// How far the way goes on for a team that fits where there is so much clearance, metres.

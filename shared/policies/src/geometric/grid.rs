@@ -16,7 +16,7 @@ const PASS_M: f64 = 0.12;
 const STANDING_M: f64 = 0.25;
 /// What the camera sees is there if it saw it in one of this many updates before as well: a single frame may be noise.
 const GLIMPSED: u64 = 3;
-/// What it saw in so many updates is no noise.
+/// What it saw in this number of updates is no noise.
 const OFTEN: u64 = 4;
 
 /// What is known of a cell.
@@ -80,7 +80,7 @@ impl Memory {
         Self { cells: vec![Cell::default(); SIDE * SIDE], now: 0, kept, camera_kept: kept, often_kept: kept }
     }
 
-    /// The same; what the camera alone saw is kept for so many updates, and for so many where it saw it often.
+    /// The same, with the number of updates for which things are kept that the camera alone saw: seldom, and often.
     pub fn with_camera_kept(self, camera_kept: u64, often_kept: u64) -> Self {
         Self { camera_kept, often_kept, ..self }
     }

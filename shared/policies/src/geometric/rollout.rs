@@ -7,7 +7,7 @@ use guidance::se2::{Point, wrap_angle};
 use guidance::{ActionTable, Memory, Se2};
 use nalgebra::Vector2;
 
-/// Actions looked ahead: four seconds, two metres.
+/// Actions looked ahead: four seconds; two metres, or one in single file at half the speed.
 const DEPTH: usize = 8;
 /// Ways kept for each first action at each depth.
 const WIDTH: usize = 10;
@@ -56,6 +56,8 @@ pub struct Scene<'a> {
     pub last_motion: Se2,
     /// How unwelcome it is to take that back: 1, more where the robot has been going to and fro.
     pub unrest: f64,
+    /// The share of its speed at which the robot walks.
+    pub speed: f64,
     /// Where floor was seen, if that is known.
     pub floor: Option<SeenFloor<'a>>,
 }
@@ -173,7 +175,7 @@ impl Scene<'_> {
     /// The camera looks ahead. The shield forbids a motion aside over floor that was not seen. A plan that counts on
     /// one turns the robot to and fro.
     fn is_over_floor(&self, way: &Way, motion: &Se2, after: &[(Point, f64); 2]) -> bool {
-        let is_aside = motion.translation.y.abs() > ASIDE_M;
+        let is_aside = motion.translation.y.abs() > ASIDE_M * self.speed;
         let direction = way.robot.rotation * motion.translation.vector;
         self.floor.is_none_or(|floor| !is_aside || floor.carries(after, direction.normalize()))
     }
@@ -188,7 +190,7 @@ impl Scene<'_> {
         let back = self.last_motion * motion;
         let last = self.last_motion.translation.vector.norm() + self.last_motion.rotation.angle().abs();
         let left = back.translation.vector.norm() + back.rotation.angle().abs();
-        if last > 0.08 && left < 0.5 * last { REVERSAL_PRICE * self.unrest } else { 0.0 }
+        if last > 0.08 * self.speed && left < 0.5 * last { REVERSAL_PRICE * self.unrest } else { 0.0 }
     }
 }
 

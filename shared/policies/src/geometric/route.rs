@@ -16,7 +16,7 @@ const GOAL_M: f64 = 7.0;
 const NEAR_END_M: f64 = 2.5;
 /// The corridor goes on round a bend where an opening ends within this of its end, metres.
 const AT_END_M: f64 = 1.0;
-/// Number of decisions that find a bend before the team takes it: who walks across the corridor is not its end.
+/// Number of decisions that find a bend before the team takes it: a person who crosses is not the corridor's end.
 const BEND_SURE: u32 = 4;
 /// Way ahead under which the corridor is at its end, metres.
 const END_M: f64 = 0.4;
@@ -32,7 +32,7 @@ const LATE_MIDDLE_M: f64 = 1.6;
 const INTO_M: (f64, f64) = (0.8, 3.0);
 /// An opening may lead away at a slant: its goal widens by this much each metre beyond the wall.
 const SLANT: f64 = 0.5;
-/// The team goes back by so much at most, metres; on the way into an opening by more.
+/// The longest way that the team goes back, metres; on the way into an opening it may be longer.
 const BEHIND_M: f64 = 1.8;
 const TURN_BEHIND_M: f64 = 3.0;
 /// Decisions without a way after which a chosen opening is given up.
@@ -143,6 +143,8 @@ impl Route {
     pub fn goal(&mut self, seen: &Seen, hits: &[Option<Point>], cue: CueKind, cue_place: Point) -> Goal {
         if self.branch.is_none() {
             self.line.follow(seen.odom_from_robot, hits, self.way_rad);
+        } else {
+            self.line.leave();
         }
         let view = self.view(seen);
         let goal = match cue {

@@ -1,54 +1,57 @@
-//! Where the robot came from. The way back is no way on: without a cue to turn, the team never takes it.
+//! Where the robot came from. The way back is no way on.
 
 use std::collections::VecDeque;
 
+use guidance::Se2;
 use guidance::se2::Point;
 
 /// Distance between two places that are kept, metres.
 const STEP_M: f64 = 0.25;
-/// Number of places that are kept: about six metres.
-const KEPT: usize = 24;
+/// Length of the way that is kept, metres.
+const KEPT_M: f64 = 6.0;
 /// Floor within this distance of the way back belongs to it, metres.
 const BESIDE_M: f64 = 1.5;
 
-/// The last places of the robot, the newest last (odometry frame). A robot that comes back to a place has not come from
-/// where it was in between.
+/// The last places of the robot, the newest last, with its heading there (odometry frame, radians). A robot that comes
+/// back to a place has not come from where it was in between.
 #[derive(Debug, Default)]
 pub struct Trail {
-    places: VecDeque<Point>,
+    places: VecDeque<(Point, f64)>,
 }
 
 impl Trail {
-    /// Takes the robot's next place.
-    pub fn take(&mut self, here: Point) {
-        match self.places.iter().position(|place| (place - here).norm() < STEP_M) {
+    /// Takes the robot's next pose.
+    pub fn take(&mut self, odom_from_robot: &Se2) {
+        let here = Point::from(odom_from_robot.translation.vector);
+        match self.places.iter().position(|(place, _)| (place - here).norm() < STEP_M) {
             Some(again) => self.places.truncate(again + 1),
-            None => self.places.push_back(here),
+            None => self.places.push_back((here, odom_from_robot.rotation.angle())),
         }
-        if self.places.len() > KEPT {
+        while self.way_m() > KEPT_M {
             self.places.pop_front();
         }
     }
 
-    /// Forgets everything: a new odometry frame, or a cue that asks to go back.
+    /// Forgets everything: a new odometry frame, or a cue in another direction.
     pub fn clear(&mut self) {
         self.places.clear();
     }
 
-    /// The direction in which the robot came here over the last metre, radians; none: it has not come so far.
+    fn way_m(&self) -> f64 {
+        self.places.iter().zip(self.places.iter().skip(1)).map(|((a, _), (b, _))| (b - a).norm()).sum()
+    }
+
+    /// The robot's heading when it came here, radians; none: it has come nowhere.
     pub fn heading_rad(&self) -> Option<f64> {
-        let here = self.places.back()?;
-        let from = self.places.iter().rev().find(|place| (here - *place).norm() >= 1.0)?;
-        let came = here - from;
-        Some(came.y.atan2(came.x))
+        self.places.back().map(|(_, heading_rad)| *heading_rad)
     }
 
     /// The way back, beyond the last `near_m` metres of it.
     pub fn behind(&self, near_m: f64) -> Behind {
         let (mut near, mut far, mut way_m) = (Vec::new(), Vec::new(), 0.0);
-        let mut last = self.places.back();
-        for place in self.places.iter().rev() {
-            way_m += last.map_or(0.0, |last| (place - last).norm());
+        let mut last = None;
+        for (place, _) in self.places.iter().rev() {
+            way_m += last.map_or(0.0, |last: &Point| (place - last).norm());
             last = Some(place);
             if way_m <= near_m { near.push(*place) } else { far.push(*place) }
         }
@@ -75,11 +78,13 @@ impl Behind {
 
 #[cfg(test)]
 mod tests {
-    use super::{Point, Trail};
+    use super::{Point, Se2, Trail};
+    use nalgebra::Vector2;
+    use std::f64::consts::PI;
 
     fn walked(places: impl IntoIterator<Item = (f64, f64)>) -> Trail {
         let mut trail = Trail::default();
-        places.into_iter().for_each(|(x, y)| trail.take(Point::new(x, y)));
+        places.into_iter().for_each(|(x, y)| trail.take(&Se2::new(Vector2::new(x, y), 0.0)));
         trail
     }
 
@@ -101,6 +106,15 @@ mod tests {
         let trail = walked(there.chain(back));
         assert!(trail.behind(0.5).contains(Point::new(0.0, 0.0)));
         assert!(!trail.behind(0.5).contains(Point::new(2.5, 0.0)));
-        assert!(trail.heading_rad().is_some_and(|heading_rad| heading_rad.abs() < 0.1));
+        assert_eq!(trail.heading_rad(), Some(0.0));
+    }
+
+    #[test]
+    fn six_metres_of_the_way_are_kept_and_the_heading_is_that_on_arrival() {
+        let mut trail = walked((0..100).map(|i| (0.24 * f64::from(i), 0.0)));
+        assert!((5.0..=6.0).contains(&trail.way_m()), "{}", trail.way_m());
+        // A robot that turns on the spot has come as before.
+        trail.take(&Se2::new(Vector2::new(0.24 * 99.0, 0.0), PI));
+        assert_eq!(trail.heading_rad(), Some(0.0));
     }
 }

@@ -17,7 +17,7 @@ const EVIDENCE_M: f64 = 1.2;
 /// Decisions after which a way that keeps leading elsewhere is the direction of travel.
 const DEVIATION_COUNT: u32 = 5;
 const DEVIATION_RAD: f64 = 0.52;
-/// What the team has walked tells the direction over so much way, metres. A team that goes back does not.
+/// The team's own way tells the direction over this length, metres. A way back does not.
 const WALKED_M: f64 = 1.5;
 const BACK_RAD: f64 = 2.0;
 const BIN_RAD: f64 = PI / 90.0;
@@ -44,6 +44,7 @@ impl TravelLine {
     /// Follows the walls seen (robot frame, in the order of the beams) and, where it keeps leading elsewhere, the way
     /// that was planned last (`way_rad`, odometry frame).
     pub fn follow(&mut self, odom_from_robot: &Se2, hits: &[Option<Point>], way_rad: Option<f64>) {
+        self.follow_walked(Point::from(odom_from_robot.translation.vector));
         let robot_yaw = odom_from_robot.rotation.angle();
         let settling = self.settled < SETTLING;
         let (centre, search) =
@@ -64,7 +65,11 @@ impl TravelLine {
         if let Some(way) = elsewhere.filter(|_| self.deviating >= DEVIATION_COUNT) {
             *self = Self::new(way);
         }
-        self.follow_walked(Point::from(odom_from_robot.translation.vector));
+    }
+
+    /// The way that the team walks now tells nothing of the corridor: it turns into an opening.
+    pub fn leave(&mut self) {
+        self.walked_from = None;
     }
 
     /// Where the team has walked elsewhere for a while, round a bend, that is the direction of travel.
