@@ -104,7 +104,7 @@ struct Rays {
 
 impl Rays {
     /// For the columns of a frame that are looked at.
-    fn lay_out(&mut self, header: &DepthHeader) {
+    fn laid_out(mut self, header: &DepthHeader) -> Self {
         let (width, stride) = (header.width as usize, stride(header));
         let (first, step) = (left_of(header, 0), left_of(header, stride) - left_of(header, 0));
         self.left.clear();
@@ -113,6 +113,7 @@ impl Rays {
         for numbers in [&mut self.x, &mut self.y, &mut self.z, &mut self.per_ahead, &mut self.column] {
             numbers.resize(count, 0.0);
         }
+        self
     }
 
     /// For a row whose middle ray is `row`.
@@ -336,8 +337,7 @@ impl DepthView {
         let (per_column, per_pixel) = (header.fx_px / stride as f64, header.fy_px.recip());
         let eye = self.eye(header, camera.z);
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
-        let mut rays = std::mem::take(&mut self.rays);
-        rays.lay_out(header);
+        let mut rays = std::mem::take(&mut self.rays).laid_out(header);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
             rays.fill(axes.ray(0.0, up_of(header, v)), axes.left, |y, per_ahead| {
                 (leftmost - y * per_ahead) * per_column

@@ -86,7 +86,7 @@ impl Asked {
         }
     }
 
-    fn into_room(&mut self) -> Hull {
+    fn give_room(&mut self) -> Hull {
         self.renew();
         self.room.take()
     }
@@ -116,7 +116,7 @@ pub(super) struct Present<'a> {
 
 impl Drop for Present<'_> {
     fn drop(&mut self) {
-        self.sorted.hulls = [self.here.into_room(), self.swept.into_room()];
+        self.sorted.hulls = [self.here.give_room(), self.swept.give_room()];
         self.sorted.work = self.work.get();
     }
 }
