@@ -491,8 +491,8 @@ mod tests {
     use messages::Twist2;
     use world::{Bodies, World};
 
-    /// The touches of a robot with two discs, 0.5 m ahead of its middle and behind it, with a person who stands until 1 s
-    /// and then comes nearer.
+    /// The touches of a robot with two discs, 0.5 m ahead of its middle and behind it. The person stands until 1 s and
+    /// then comes nearer.
     fn met(person: [Point; 2], velocity: Twist2) -> Vec<bool> {
         let bodies = Bodies {
             robot_radius_m: 0.2,
