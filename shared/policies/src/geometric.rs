@@ -57,8 +57,9 @@ const HISTORY: usize = 10;
 const PLACES_APART_M: f64 = 0.5;
 /// A cue that begins so far off the heading with which the robot came leads elsewhere: back, for example, radians.
 const BACK_RAD: f64 = 2.1;
-/// An action leads on that brings the robot so far ahead, metres.
+/// An action leads on that brings the robot so far ahead, metres. Others keep this share of their probability.
 const ONWARD_M: f64 = 0.1;
+const ASIDE_SHARE: f32 = 1e-3;
 /// A team that came less far in that time gets nowhere, metres.
 const NOWHERE_M: f64 = 0.3;
 /// How unwelcome it is to take back the last motion once the team goes to and fro.
@@ -245,18 +246,19 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for; the
-    /// others go to stop.
+    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for. Nearly
+    /// all of the others goes to stop: where the shield forbids to stand, what is left tells the way out.
     pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
-        let mut onward = one_hot_stop();
+        let mut onward = [0.0; MAX_ACTIONS];
         let side = guidance::cue::target_yaw_rad(self.cue);
         for (i, action) in self.table.actions().iter().enumerate() {
             let motion = action.start_from_end();
-            if motion.translation.x > ONWARD_M || side * motion.rotation.angle() > 0.0 {
-                onward[i] = proposed[i];
-                onward[ActionTable::STOP] -= proposed[i];
+            let leads_on = motion.translation.x > ONWARD_M || side * motion.rotation.angle() > 0.0;
+            if i != ActionTable::STOP {
+                onward[i] = proposed[i] * if leads_on { 1.0 } else { ASIDE_SHARE };
             }
         }
+        onward[ActionTable::STOP] = (1.0 - onward.iter().sum::<f32>()).max(0.0);
         onward
     }
 
