@@ -116,7 +116,7 @@ impl Hull {
         hull
     }
 
-    /// Becomes the hull of other discs. Nothing is allocated where it was made [`Self::with_room`].
+    /// Becomes the hull of other discs. A shield makes room for the greatest hull at its start: this allocates nothing.
     pub fn take(&mut self, discs: Discs) {
         self.discs = discs;
         let discs = &self.discs;

@@ -246,8 +246,8 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for. Nearly
-    /// all of the others goes to stop: where the shield forbids to stand, what is left tells the way out.
+    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for.
+    /// Nearly all of the others goes to stop: where the shield forbids to stand, what is left tells the way out.
     pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
         let mut onward = [0.0; MAX_ACTIONS];
         let side = guidance::cue::target_yaw_rad(self.cue);
