@@ -103,8 +103,6 @@ pub struct Core {
     config: CoreConfig,
     shield: Shield,
     awareness: Awareness,
-    /// The actions as they are made in the formation in force.
-    table: ActionTable,
     floor: FloorWatch,
     tilt: TiltWatch,
     jumps: u64,
@@ -130,7 +128,6 @@ impl Core {
         Self {
             shield: Shield::new(config.shield.clone()),
             awareness: Awareness::new(beside.model.clone(), config.awareness.clone()),
-            table: beside.table.clone(),
             floor: FloorWatch::default(),
             tilt: TiltWatch::default(),
             jumps: 0,
@@ -165,7 +162,7 @@ impl Core {
                 .is_some_and(|odometry| contact::falls_short(&running.velocity, &odometry.twist))
         {
             // Whatever held the robot is met again where this action leads, whoever gives the next cue.
-            let action = self.table.actions()[running.index].start_from_end();
+            let action = self.table().actions()[running.index].start_from_end();
             self.awareness.feel(&running.odom_from_begin, &action);
         }
         let was_told = |old: Mode| old.class != ModeClass::Run && old.reason.kind == StopKind::NoFloor;
@@ -314,7 +311,8 @@ impl Core {
             odom_from_begin: *self.awareness.odom_from_robot(),
             end_ns: (action.decision + 1) * self.config.dt_ns,
         };
-        let count = self.table.len();
+        let table = &self.config.places[self.formation() as usize].table;
+        let count = table.len();
         if action.action_table_id != self.config.action_table_id
             || action.action_count as usize != count
             || !are_probabilities(&action.probabilities[..count])
@@ -333,7 +331,7 @@ impl Core {
             return running;
         }
         let (evidence, handler) = (self.awareness.evidence(now_ns), self.awareness.handler());
-        running.unsafe_mask = self.shield.judge_actions(&self.table, evidence, handler, &mut self.judgements);
+        running.unsafe_mask = self.shield.judge_actions(table, evidence, handler, &mut self.judgements);
         let probabilities: Vec<f64> = action.probabilities[..count].iter().map(|p| f64::from(*p)).collect();
         let mut wanted = choose(&probabilities, Draw::ArgMax, action.decision);
         if self.is_cued_forward() {
@@ -341,14 +339,13 @@ impl Core {
             if let Some(waiting) = self.waiting.filter(|_| wanted == ActionTable::STOP) {
                 wanted = waiting.action;
             }
-            let (table, mask) = (&self.table, running.unsafe_mask);
-            running.unsafe_mask = masked_at_edge(table, &self.judgements, mask, wanted);
+            running.unsafe_mask = masked_at_edge(table, &self.judgements, running.unsafe_mask, wanted);
         }
         // Beta 0: on the robot an unsafe action is never drawn.
         let suppressed = suppress(&probabilities, running.unsafe_mask, 0.0);
         running.index = choose(&suppressed.probabilities[..count], self.config.draw, action.decision);
         // Where only stop is left, it is the shield that stops.
-        let is_held = running.index == ActionTable::STOP && leaves_only_stop(running.unsafe_mask, &self.table);
+        let is_held = running.index == ActionTable::STOP && leaves_only_stop(running.unsafe_mask, table);
         running.drawn = if is_held {
             Outcome::AllUnsafe
         } else if running.index == ActionTable::STOP {
@@ -356,14 +353,14 @@ impl Core {
         } else {
             Outcome::Granted
         };
-        let told = if is_held { most_wanted_motion(&self.table, &probabilities, wanted) } else { running.index };
+        let told = if is_held { most_wanted_motion(table, &probabilities, wanted) } else { running.index };
         running.judgement = self.judgements[told];
-        let (is_back, gap_ns) = (self.table.actions()[running.index].leads_back(), self.wait_gap_ns());
+        let (is_back, gap_ns) = (table.actions()[running.index].leads_back(), self.wait_gap_ns());
         if self.backing.waits(now_ns, is_back, self.mode.as_ref(), self.config.back_told_ns, gap_ns) {
             (running.index, running.drawn) = (ActionTable::STOP, Outcome::StepsBack);
         }
+        running.velocity = table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         self.wait_at_edge(now_ns, told, &running);
-        running.velocity = self.table.actions()[running.index].velocity(self.config.dt_ns as f64 / 1e9);
         running
     }
 

@@ -20,14 +20,22 @@ impl Place {
 }
 
 impl Core {
+    /// The formation in force.
+    pub(super) fn formation(&self) -> Formation {
+        self.mode.map_or(Formation::Beside, |mode| mode.formation)
+    }
+
+    /// The actions as they are made in it.
+    pub(super) fn table(&self) -> &ActionTable {
+        &self.config.places[self.formation() as usize].table
+    }
+
     /// A handler who changes place is lost until a scan has shown them there for a second.
     pub(super) fn take_formation(&mut self, mode: &Mode) {
-        let before = self.mode.map_or(Formation::Beside, |mode| mode.formation);
-        if before != mode.formation {
+        if self.formation() != mode.formation {
             let place = &self.config.places[mode.formation as usize];
             self.awareness.take_place(&place.model);
             self.shield.take_place(&place.model);
-            self.table = place.table.clone();
         }
     }
 

@@ -62,7 +62,7 @@ impl Core {
         self.waiting = self.waiting.filter(|waiting| (waiting.place - here).norm() <= LEFT_M);
         let Judgement { cause, place, .. } = running.judgement;
         // The handler is asked about edges ahead alone: *forward* does not allow a step to the side.
-        let leads_ahead = self.table.actions()[action].leads_ahead();
+        let leads_ahead = self.table().actions()[action].leads_ahead();
         let Some(place) = place.filter(|_| cause.is_edge() && leads_ahead) else {
             if let Some(waiting) = &mut self.waiting {
                 // The handler is told of something else meanwhile.

@@ -76,7 +76,7 @@ const NEAR_SHARE: f64 = 0.3;
 /// Above this share of directions that differ, it is not people who have moved.
 const DIFFERENT: f64 = 0.7;
 
-/// So many ends are looked at side by side.
+/// Number of ends that one pass works on: the compiler makes vector instructions of it.
 const SIDE_BY_SIDE: usize = 32;
 
 type Sectors = [f64; SECTORS];

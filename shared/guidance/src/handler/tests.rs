@@ -68,13 +68,13 @@ fn a_wall_beside_the_handler_does_not_draw_the_estimate() {
 }
 
 #[test]
-fn nobody_there_for_a_second_is_handler_not_seen() {
+fn a_second_without_the_handler_is_handler_not_seen() {
     let mut estimate = estimate();
-    let nobody = scan_of(None);
-    assert_eq!(estimate.correct(&nobody, 0), Sighting::Absent);
-    estimate.correct(&nobody, 999_999_999);
+    let empty = scan_of(None);
+    assert_eq!(estimate.correct(&empty, 0), Sighting::Absent);
+    estimate.correct(&empty, 999_999_999);
     assert!(!estimate.is_lost());
-    estimate.correct(&nobody, 1_000_000_000);
+    estimate.correct(&empty, 1_000_000_000);
     assert!(estimate.is_lost());
 }
 
@@ -88,7 +88,7 @@ fn lost() -> HandlerEstimate {
     estimate
 }
 
-/// Whether a handler is still lost after looks at these times, milliseconds, at somebody there.
+/// Whether a handler is still lost after scans at these times, milliseconds, that show a person in their place.
 fn is_lost_after(estimate: &mut HandlerEstimate, ms: impl Iterator<Item = u64>, at: impl Fn(u64) -> Point) -> bool {
     for ms in ms {
         estimate.correct(&scan_of(Some(at(ms))), ms * 1_000_000);
@@ -165,7 +165,7 @@ fn a_rod_may_point_anywhere_and_is_followed_there() {
     let rod = RotatingRod::new(-0.3, 0.0, 0.8).expect("a rod");
     let limits = HandlerLimits { radius_m: 0.25, seen_radius_m: 0.25, speed_max_mps: 0.5, not_seen_ns: 1_000_000_000 };
     let mut estimate = HandlerEstimate::new(InteractionModel::Rod(rod), limits);
-    assert!(estimate.radius_m() > 1.0, "nobody knows where: {}", estimate.radius_m());
+    assert!(estimate.radius_m() > 1.0, "their place is unknown: {}", estimate.radius_m());
     for i in 0..30 {
         let _ = estimate.correct(&scan_of(Some(Point::new(-1.1, 0.0))), i);
     }
