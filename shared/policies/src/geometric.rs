@@ -46,6 +46,9 @@ const POSE_MAX_M: f64 = 1e6;
 const STOP_M: f64 = 1e3;
 const UNSAFE_M: f64 = 1e4;
 const UNSEEN_M: f64 = 1e5;
+/// What leaves the shield's margin and nothing beside costs so much, metres; less where it leaves up to so much beside,
+/// metres: the handler sways by centimetres, and a robot on legs does.
+const TIGHT_M: [f64; 2] = [0.2, 0.05];
 /// A way out of a wedge costs so much less than to stop, metres; and takes away no more room than this, metres.
 const WAY_OUT_M: f64 = 100.0;
 const SAME_ROOM_M: f64 = 0.005;
@@ -246,16 +249,18 @@ impl GeometricEngine {
         pose2(&self.robot_from_handler)
     }
 
-    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for.
-    /// Nearly all of the others goes to stop: where the shield forbids to stand, what is left tells the way out.
+    /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for, and
+    /// leave some room. Nearly all of the others goes to stop: where the shield forbids to stand, what is left tells the
+    /// way out.
     pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
         let mut onward = [0.0; MAX_ACTIONS];
         let side = guidance::cue::target_yaw_rad(self.cue);
         for (i, action) in self.table.actions().iter().enumerate() {
             let motion = action.start_from_end();
             let leads_on = motion.translation.x > ONWARD_M || side * motion.rotation.angle() > 0.0;
+            let is_tight = self.judgements.get(i).is_some_and(|judged| tight_m(judged) > 0.0);
             if i != ActionTable::STOP {
-                onward[i] = proposed[i] * if leads_on { 1.0 } else { ASIDE_SHARE };
+                onward[i] = proposed[i] * if leads_on && !is_tight { 1.0 } else { ASIDE_SHARE };
             }
         }
         onward[ActionTable::STOP] = (1.0 - onward.iter().sum::<f32>()).max(0.0);
@@ -278,7 +283,8 @@ impl GeometricEngine {
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
         self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, Some(handler));
-        if let Some(remembered) = observation.shield.and_then(|(evidence, _)| evidence.memory) {
+        let remembered = observation.shield.and_then(|(evidence, _)| evidence.memory);
+        if let Some(remembered) = remembered {
             let edges = remembered.edges().iter().map(|edge| edge.place);
             self.memory.block(&self.odom_from_robot, edges.chain(remembered.beyond_edges()));
         }
@@ -290,11 +296,11 @@ impl GeometricEngine {
         }
         let odom_from_robot = self.odom_from_robot;
         let place = Point::from(odom_from_robot.translation.vector);
-        let hidden =
-            observation.shield.and_then(|(evidence, _)| evidence.memory).map_or(&[][..], guidance::Memory::hidden);
+        let hidden = remembered.map_or(&[][..], guidance::Memory::hidden);
         let hidden = hidden.iter().map(|hidden| odom_from_robot * hidden.place);
         let mut window = self.memory.window(place, self.team.width().fits_m, hidden);
         let odom_from_start = odom_from_robot * guidance::se2::se2(observation.start_from_robot).inverse();
+        self.ask_shield(observation);
         let route = self.route.get_or_insert_with(|| Route::new(odom_from_start.rotation.angle()));
         let cue_place = Point::from(odom_from_start.translation.vector);
         let seen = Seen { window: &window, odom_from_robot: &odom_from_robot, trail: &self.trail };
@@ -309,12 +315,10 @@ impl GeometricEngine {
         let way = cost.downhill(&window, place, 3.0) - place;
         route.way_rad = (goal.plan == Plan::Follow && way.norm() > 1.5).then(|| way.y.atan2(way.x));
         self.consider_room_beside(&mut window, false);
-        self.ask_shield(observation);
-        let memory = observation.shield.and_then(|(evidence, _)| evidence.memory);
-        let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams, memory);
+        let mut costs = self.weigh(&window, &cost, goal.facing_rad, &beams, remembered);
         // What leads over floor that was not seen comes last: another action looks there first.
         for (cost, judged) in costs.iter_mut().zip(&self.judgements) {
-            *cost += if judged.cause == UnsafeCause::FloorUnseen { UNSEEN_M } else { 0.0 };
+            *cost += if judged.cause == UnsafeCause::FloorUnseen { UNSEEN_M } else { tight_m(judged) };
         }
         let is_held = costs.iter().all(|cost_m| *cost_m >= costs[ActionTable::STOP]);
         self.consider_single_file(&mut window, is_held);
@@ -520,4 +524,10 @@ fn one_hot_stop() -> [f32; MAX_ACTIONS] {
     let mut shares = [0.0; MAX_ACTIONS];
     shares[ActionTable::STOP] = 1.0;
     shares
+}
+
+/// What an action costs that leaves little beside the shield's margin, metres.
+fn tight_m(judged: &guidance::Judgement) -> f64 {
+    let [most_m, within_m] = TIGHT_M;
+    most_m * (1.0 - judged.margin_m / within_m).clamp(0.0, 1.0)
 }

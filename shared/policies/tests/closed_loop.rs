@@ -501,6 +501,14 @@ fn behind_a_bend_the_way_back_is_no_opening() {
 }
 
 #[test]
+fn a_turn_is_looked_for_behind_a_bend_to_the_other_side() {
+    let right = World::default().line(&[(-3.0, 1.0), (9.0, 1.0), (9.0, 14.0), (11.0, 14.0), (11.0, 9.0), (20.0, 9.0)]);
+    let right = right.line(&[(-3.0, -1.0), (11.0, -1.0), (11.0, 7.0), (20.0, 7.0)]);
+    let walk = Walk::new("right behind a bend to the left", right, (0.0, 0.0, 0.0), 110.0);
+    walk.cue(CueKind::Right, (6.0, 0.0)).to(16.0, 8.0).check();
+}
+
+#[test]
 fn a_person_across_the_corridor_is_not_its_end() {
     // Beside an opening, a person crosses the corridor and fills it for a moment.
     let mut world = junction([true, true, true, false]);

@@ -95,6 +95,8 @@ pub struct Route {
     branch: Option<Branch>,
     wall_m: [f64; 2],
     ended: bool,
+    /// An opening of the side asked for was found: the way behind a turn is the next cue's.
+    turned: bool,
     /// Number of decisions that found a bend to that side.
     bends: (u32, Side),
     /// Where the way led at the last decision, radians, odometry frame.
@@ -127,7 +129,15 @@ impl Route {
     /// A route that begins with a cue given in that direction (odometry frame).
     pub fn new(yaw_rad: f64) -> Self {
         let line = TravelLine::new(yaw_rad);
-        Self { line, branch: None, wall_m: [1.0; 2], ended: false, bends: (0, Side::Left), way_rad: None }
+        Self {
+            line,
+            branch: None,
+            wall_m: [1.0; 2],
+            ended: false,
+            turned: false,
+            bends: (0, Side::Left),
+            way_rad: None,
+        }
     }
 
     /// Whether an opening was chosen that leads in that direction (odometry frame): half-way round, a turn counts as
@@ -149,9 +159,9 @@ impl Route {
         let view = self.view(seen);
         let goal = match cue {
             CueKind::Stop => None,
-            CueKind::Forward => self.bend(&view),
-            CueKind::Left => self.turn(&view, Side::Left, cue_place),
-            CueKind::Right => self.turn(&view, Side::Right, cue_place),
+            CueKind::Forward => self.bend(&view, None),
+            CueKind::Left => self.turn_or_bend(&view, Side::Left, cue_place),
+            CueKind::Right => self.turn_or_bend(&view, Side::Right, cue_place),
         };
         goal.unwrap_or_else(|| self.along(&view, cue))
     }
@@ -194,8 +204,19 @@ impl Route {
         Goal { plan: Plan::Follow, seeds, facing_rad }
     }
 
-    /// Round the only way on, where the corridor is about to end with one.
-    fn bend(&mut self, view: &View) -> Option<Goal> {
+    /// Into the next opening of that side; where there is none, round the corridor's bend to the other side: the
+    /// opening may come behind it.
+    fn turn_or_bend(&mut self, view: &View, side: Side, cue_place: Point) -> Option<Goal> {
+        if self.branch.is_some_and(|branch| branch.plan == Plan::Bend) {
+            return self.bend(view, None);
+        }
+        let turn = self.turn(view, side, cue_place);
+        self.turned |= turn.is_some();
+        if turn.is_none() && !self.turned { self.bend(view, Some(side.other())) } else { turn }
+    }
+
+    /// Round the only way on, where the corridor is about to end with one, on that side alone where one is named.
+    fn bend(&mut self, view: &View, only: Option<Side>) -> Option<Goal> {
         if let Some(branch) = self.branch {
             let branch_rad = branch.odom_from_branch.rotation.angle();
             let is_ahead = wrap_angle(branch_rad - view.robot.rotation.angle()).abs() < FRAC_PI_4;
@@ -205,7 +226,7 @@ impl Route {
             }
             return goal;
         }
-        let seen = self.bend_ahead(view);
+        let seen = self.bend_ahead(view).filter(|(side, _)| only.is_none_or(|only| only == *side));
         self.bends = match &seen {
             Some((side, _)) if self.bends.1 == *side => (self.bends.0 + 1, *side),
             Some((side, _)) => (1, *side),
