@@ -177,16 +177,16 @@ impl Episode {
     }
 
     /// They come to where the cue is given, beside the middle of the way as they are there: what was seen on the way is
-    /// remembered. Where something stands there they came another way.
+    /// remembered. Where something stands on that way they came another way, and have seen what comes behind it.
     fn arrive(&mut self) {
         if !self.config.judges || self.config.awareness.memory.is_none() {
             return;
         }
         let Scenery { site, task, team, .. } = self.scenery();
-        let arrivals = self.config.arrivals(task, team).flatten();
-        let on_the_way: Vec<Team> = arrivals.filter(|team| team.is_free(&site.world, 0.0)).collect();
+        let on_the_way: Vec<Team> = self.config.arrivals(task, team).flatten().collect();
+        let blocked = on_the_way.iter().rposition(|team| !team.is_free(&site.world, 0.0));
         let arrived = team.clone();
-        for team in on_the_way {
+        for team in on_the_way.into_iter().skip(blocked.map_or(0, |last| last + 1)) {
             self.place(team);
             self.rest();
         }

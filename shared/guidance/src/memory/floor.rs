@@ -20,7 +20,8 @@ const KEPT_M: f64 = 3.0;
 const KEPT_NS: u64 = 10_000_000_000;
 const WALKED_MIN_M: f64 = 1.0;
 const PAIR_M: f64 = 1.5;
-/// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres.
+/// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres, and
+/// under the pair until they have passed.
 const FIRST_M: f64 = 1.0;
 /// A robot that turned by less still stands at its start, radians.
 const BEGUN_RAD: f64 = 0.1;
@@ -179,7 +180,8 @@ impl FloorMap {
         let unseen = || if self.is_beside_edge(key, here) { Floor::Beyond } else { Floor::Unseen };
         let Some(cell) = self.known(key, here) else { return unseen() };
         match cell.floor {
-            Floor::Assumed if !self.is_first_way(here) => unseen(),
+            // The handler comes behind: the floor under the pair is not lost before they have passed.
+            Floor::Assumed if !self.is_first_way(here) && !here.is_near(key) => unseen(),
             Floor::Seen | Floor::Trodden => {
                 let middle = middle_of(key);
                 let distance_m = (middle - Point::from(here.odom_from_robot.translation.vector)).norm();

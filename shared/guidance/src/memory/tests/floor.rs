@@ -57,15 +57,20 @@ fn floor_that_lies_lower_is_not_assumed_to_go_on() {
 }
 
 #[test]
-fn nothing_is_assumed_after_the_first_metre() {
+fn what_was_assumed_in_the_first_metre_lasts_until_the_pair_has_passed() {
     let mut bench = Bench::watching(FOOTING);
     bench.sees(0, 0.0, flat);
-    for step in 1..=12 {
-        bench.sees_nothing(500 * step, 0.1 * step as f64);
+    let beside = |at_m: f64| (0.7 - at_m, 0.35);
+    for step in 1..=40 {
+        let at_m = 0.1 * step as f64;
+        bench.sees_nothing(500 * step, at_m);
+        // The handler comes 0.75 m behind the robot.
+        let (x_m, y_m) = beside(at_m);
+        let is_near = x_m.hypot(y_m) < 1.5;
+        assert_eq!(floor(&bench, x_m, y_m) == Floor::Assumed, is_near, "{at_m} m on");
     }
-    assert_eq!(floor(&bench, -0.5, 0.45), Floor::Unseen, "it was assumed beside the pair's way");
-    assert_eq!(floor(&bench, 0.5, 0.0), Floor::Seen, "it was seen from farther off");
-    assert!(bench.judge(FORWARD).safe);
+    bench.sees(21_000, 4.0, flat);
+    assert_eq!(floor(&bench, 0.7, 0.0), Floor::Unseen, "nothing else is assumed on the way");
 }
 
 #[test]
