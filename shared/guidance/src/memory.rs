@@ -81,6 +81,8 @@ pub struct Remembered {
     pub place: Point,
     /// It may be this far from there, metres.
     pub uncertainty_m: f64,
+    /// It was seen while the handler was far from it: it is none of theirs, also where it is close beside them now.
+    pub is_apart: bool,
 }
 
 /// A step in the floor that more than one frame saw.
@@ -232,7 +234,8 @@ impl Memory {
         self.count_way(odom_from_robot);
         self.look_again(odom_from_robot, beams, depth, handler);
         let frame = depth.map_or(0, DepthView::number);
-        let sighting = Sighting { seen_ns: stamp_ns, seen_at: self.odometer, frame, odom_from_robot };
+        let center = handler.map(|handler| handler.center);
+        let sighting = Sighting { seen_ns: stamp_ns, seen_at: self.odometer, frame, odom_from_robot, handler: center };
         for beam in beams.beams().iter().filter(|beam| beam.kind == BeamKind::Hit && !masks(beam.end)) {
             self.spots.see(&sighting, beam.end, f64::NEG_INFINITY, Source::Lidar, &self.config);
         }
@@ -293,7 +296,9 @@ impl Memory {
             let is_old = age_ns > kept_ns && (walked_on || thing.is_doubtful()) || age_ns > STANDING_MAX_NS;
             !is_old && !masks(place) && !second.showed_floor(place) && place.coords.norm() < REACH_M
         });
-        let sighting = Sighting { seen_ns: stamp_ns, seen_at: odometer, frame: number, odom_from_robot };
+        let center = handler.map(|handler| handler.center);
+        let sighting =
+            Sighting { seen_ns: stamp_ns, seen_at: odometer, frame: number, odom_from_robot, handler: center };
         for edge in second.edges() {
             self.second_edges.see(&sighting, *edge, f64::NEG_INFINITY, Source::Edge, &self.config);
         }
@@ -327,13 +332,18 @@ impl Memory {
     ) {
         let robot_from_odom = odom_from_robot.inverse();
         let (stamp_ns, odometer) = (self.stamp_ns, self.odometer);
-        // The mask is wider than the handler by what the lidar is off: there something else may stand.
-        let body = handler.and_then(|body| Some((body.center, body.mask_radius_m? - 3.0 * beams.sigma_m())));
-        let on_handler = |place: Point| body.is_some_and(|(center, body_m)| (place - center).norm() <= body_m);
+        // The mask is wider than the handler by what the lidar is off: there something else may stand. A wall that they
+        // walk along is off by as much, and stays.
+        let off_m = 3.0 * beams.sigma_m();
+        let body = handler.and_then(|body| Some((body.center, body.mask_radius_m? - off_m)));
+        let on_handler = |spot: &Spot, place: Point| {
+            let least_m = if spot.is_apart { off_m } else { 0.0 };
+            body.is_some_and(|(center, body_m)| (place - center).norm() <= body_m - least_m)
+        };
         let look = |spot: &mut Spot| {
             let place = robot_from_odom * spot.odom;
             let visible = match spot.source {
-                Source::Lidar => on_handler(place) || sees_as_far_as(beams, place, handler),
+                Source::Lidar => on_handler(spot, place) || sees_as_far_as(beams, place, spot.is_apart, handler),
                 Source::Camera => depth.is_some_and(|depth| depth.sees_free_up_to(place, spot.rise_m)),
                 Source::Edge => depth.is_some_and(|depth| {
                     depth.sees_floor(place) && !spot.outweighs(place.coords.norm(), depth.number())
@@ -377,7 +387,8 @@ impl Memory {
         let (odometer, drift) = (self.odometer, self.config.drift);
         let remembered = |spot: &Spot| {
             let place = robot_from_odom * spot.odom;
-            Remembered { place, uncertainty_m: odometer.error_m(&spot.seen_at, drift, place.coords.norm()) }
+            let uncertainty_m = odometer.error_m(&spot.seen_at, drift, place.coords.norm());
+            Remembered { place, uncertainty_m, is_apart: spot.is_apart }
         };
         self.hidden.clear();
         self.hidden.extend(self.spots.iter().filter(|spot| spot.sight == Sight::Hidden).map(remembered));
@@ -540,12 +551,20 @@ impl Memory {
 }
 
 /// Whether the beam towards a place shows what is there: it passes, or ends on it.
-fn sees_as_far_as(beams: &Beams, place: Point, handler: Option<&HandlerBody>) -> bool {
+fn sees_as_far_as(beams: &Beams, place: Point, is_apart: bool, handler: Option<&HandlerBody>) -> bool {
     let Some(beam) = beams.fan().nearest(place).map(|i| beams.beams()[i]) else { return false };
     let distance_m = (place - beams.origin()).norm();
     let on_handler = beam.kind == BeamKind::Hit && handler.is_some_and(|handler| handler.masks(beam.end));
-    // What the handler hides begins where the beam ends.
-    let noise_m = if on_handler { 0.0 } else { CELL_M + 3.0 * beams.sigma_m() };
+    let off_m = CELL_M + 3.0 * beams.sigma_m();
+    // What the handler hides begins where the beam ends. A wall close beside them ends beams as well that count as
+    // theirs.
+    let noise_m = if !on_handler {
+        off_m
+    } else if is_apart {
+        -off_m
+    } else {
+        0.0
+    };
     beam.kind != BeamKind::Unknown && distance_m <= beam.reading_m + noise_m
 }
 

@@ -34,6 +34,8 @@ const JOINED_CELLS: i32 = 3;
 const ALLOWED_FOR_M: f64 = 3.0;
 /// It is allowed where it is so high as told, give or take, metres.
 const ALLOWED_OFF_M: f64 = 0.03;
+/// What is farther than this from the middle of the handler is none of theirs, metres: not an arm, nor a bag.
+const APART_M: f64 = 0.5;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
 
@@ -83,6 +85,8 @@ pub(super) struct Spot {
     pub onward: Vector2<f64>,
     /// How far the robot had come when the handler allowed this step, metres.
     allowed_at_m: f64,
+    /// It was seen while the handler was so far from it that it is none of theirs.
+    pub is_apart: bool,
 }
 
 impl Spot {
@@ -122,6 +126,8 @@ pub(super) struct Sighting<'a> {
     pub seen_at: Odometer,
     pub frame: u64,
     pub odom_from_robot: &'a Se2,
+    /// Where the handler is, robot frame.
+    pub handler: Option<Point>,
 }
 
 /// See the module.
@@ -237,7 +243,7 @@ impl Spots {
         if distance_m >= REACH_M {
             return;
         }
-        let Sighting { seen_ns, seen_at, frame, odom_from_robot } = *by;
+        let Sighting { seen_ns, seen_at, frame, odom_from_robot, handler } = *by;
         let odom = odom_from_robot * place;
         let (cell, kept_ns, sight) = (cell_of(odom), config.kept_ns, Sight::Seen);
         let evidence = weight(distance_m);
@@ -255,6 +261,7 @@ impl Spots {
             frames: 1,
             denied_by: 0,
             allowed_at_m: f64::NEG_INFINITY,
+            is_apart: handler.is_none_or(|handler| (place - handler).norm() > APART_M),
             onward: odom_from_robot.rotation * place.coords / distance_m.max(f64::MIN_POSITIVE),
         };
         if matches!(source, Source::Edge | Source::Step) {
@@ -280,6 +287,7 @@ impl Spots {
                 _ => rise_m.max(old.rise_m),
             };
             spot.kept_ns = spot.kept_ns.max(old.kept_ns);
+            spot.is_apart |= old.is_apart;
         }
         if old.cell == cell && old.source == source {
             spot.odom = old.odom + (odom - old.odom) * GAIN;

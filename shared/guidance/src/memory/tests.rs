@@ -83,6 +83,8 @@ fn judge_with(evidence: Evidence<'_>, body: HandlerBody, start_from_end: Pose2) 
 /// Behind the handler as the robot sees them, and in the way when it turns left by half a radian.
 const BEHIND: Point = Point::new(-0.67, -0.67);
 const POST_M: f64 = 0.04;
+const FORWARD: Pose2 = Pose2::new(0.15, 0.0, 0.0);
+const RIGHT: Pose2 = Pose2::new(0.0, 0.0, -0.1);
 const HANDLER: (Point, f64) = (Point::new(-0.75, -0.35), 0.22);
 
 #[test]
@@ -108,6 +110,25 @@ fn what_the_handler_hides_is_still_there() {
     assert!(!judgement.safe && judgement.cause == UnsafeCause::Memory, "{judgement:?}");
     assert!(judgement.margin_m < 0.0 && judgement.beam.is_none(), "the margin is no beam's: {judgement:?}");
     assert!(judge_with(Evidence { memory: None, ..evidence }, hiding, turn).safe, "without memory nobody knows");
+}
+
+#[test]
+fn a_jamb_that_the_handler_walks_up_to_is_not_taken_for_theirs() {
+    let mut memory = memory();
+    let jamb = Point::new(-0.62, -0.57);
+    let odom_from_before = Se2::translation(-1.0, 0.0);
+    let before = odom_from_before.inverse() * jamb;
+    let beams = scan(&[HANDLER, (jamb, 0.01)]);
+    let ahead = |memory: &Memory| judge(Evidence { memory: Some(memory), ..Evidence::scan(&beams) }, FORWARD);
+    assert!(ahead(&memory).safe, "a beam that ends so close to the handler is taken for theirs");
+    memory.update(0, &odom_from_before, &scan(&[HANDLER, (before, POST_M)]), None, &handler());
+    for look in 0..10 {
+        memory.update((2000 + 100 * look) * MS, &Se2::identity(), &beams, None, &handler());
+    }
+    assert!(memory.hidden().iter().any(|spot| spot.is_apart && (spot.place - jamb).norm() < 0.06));
+    let (ahead, aside) = (ahead(&memory), judge(Evidence { memory: Some(&memory), ..Evidence::scan(&beams) }, RIGHT));
+    assert_eq!((ahead.safe, ahead.cause), (false, UnsafeCause::Memory), "{ahead:?}");
+    assert!(aside.safe, "what leads away from it is free: {aside:?}");
 }
 
 #[test]
@@ -409,7 +430,8 @@ fn what_lidar_and_camera_both_see_only_the_lidar_has_to_see_gone() {
 
 /// The camera sees a place, in a frame of that number.
 fn sees(memory: &mut Memory, odom_from_robot: &Se2, place: Point, frame: u64) {
-    let by = super::Sighting { seen_ns: memory.stamp_ns, seen_at: memory.odometer, frame, odom_from_robot };
+    let by =
+        super::Sighting { seen_ns: memory.stamp_ns, seen_at: memory.odometer, frame, odom_from_robot, handler: None };
     memory.spots.see(&by, place, 0.0, super::Source::Camera, &memory.config);
 }
 
@@ -502,16 +524,16 @@ proptest! {
     }
 
     /// A hidden spot forbids a motion exactly where it lies in the swept hull, give or take what is not known of its
-    /// place; in the present hull only what comes nearer to it; and where the handler stands nothing.
+    /// place; in the present hull only what comes nearer to it; and where the handler stands nothing that may be theirs.
     #[test]
     fn a_hidden_spot_is_judged_as_a_point_of_its_uncertainty(
         (x, y, uncertainty_m) in (-2.0..1.2f64, -1.5..1.5f64, 0.0..0.3f64),
         (dx, dy, turn) in (-0.3..0.3f64, -0.3..0.3f64, -0.5..0.5f64),
-        escape in any::<bool>(),
+        (escape, is_apart) in any::<(bool, bool)>(),
     ) {
         let place = Point::new(x, y);
         let mut memory = memory();
-        memory.hidden.push(Remembered { place, uncertainty_m });
+        memory.hidden.push(Remembered { place, uncertainty_m, is_apart });
         let open = scan(&[HANDLER]);
         let motion = Pose2::new(dx, dy, turn);
         let robot = se2(motion);
@@ -530,7 +552,7 @@ proptest! {
             judgements[0]
         };
         let judgement = judge(&memory);
-        let in_the_way = swept_m < 0.0 && !handler().masks(place);
+        let in_the_way = swept_m < 0.0 && (is_apart || !handler().masks(place));
         if !in_the_way {
             prop_assert!(judgement.safe, "{:?}", judgement);
         } else if !escape || present_m > 0.0 {

@@ -373,21 +373,18 @@ impl<'a> Present<'a> {
     fn judge_points(&self, discs: &Discs, motion: &Motion, judgement: &mut Judgement) {
         let reach_m = discs.iter().map(|disc| disc.center.coords.norm() + disc.radius_m).fold(0.0, f64::max);
         let seen = self.depth.map_or(&[][..], DepthView::points).iter();
-        let seen = seen.map(|point| KeptOff { cause: UnsafeCause::Point, place: *point, kept_m: 0.0, step_m: 0.0 });
+        let seen = seen.map(|point| KeptOff::of(UnsafeCause::Point, *point, 0.0));
         let remembered = self.memory.map_or(&[][..], Memory::hidden).iter().map(|spot| KeptOff {
-            cause: UnsafeCause::Memory,
-            place: spot.place,
-            kept_m: spot.uncertainty_m,
-            step_m: 0.0,
+            may_be_theirs: !spot.is_apart,
+            ..KeptOff::of(UnsafeCause::Memory, spot.place, spot.uncertainty_m)
         });
         let second = self.second.map_or(&[][..], SecondView::points).iter();
-        let second =
-            second.map(|point| KeptOff { cause: UnsafeCause::Second, place: *point, kept_m: 0.0, step_m: 0.0 });
+        let second = second.map(|point| KeptOff::of(UnsafeCause::Second, *point, 0.0));
         let points = seen.chain(second).chain(remembered);
         // A high step comes before its points, whose cause says less. A low one comes last: it is the cause where
         // nothing else forbids.
         let all = self.high_steps(motion).chain(points).chain(self.edges(motion)).chain(self.low_steps(motion));
-        for KeptOff { cause, place: point, kept_m: uncertainty_m, step_m } in all {
+        for KeptOff { cause, place: point, may_be_theirs, kept_m: uncertainty_m, step_m } in all {
             if cause.is_low_step() && !judgement.safe && !judgement.cause.is_low_step() {
                 break;
             }
@@ -398,7 +395,7 @@ impl<'a> Present<'a> {
             }
             self.count(0, 0, 1);
             let Some(away_m) = self.swept.of(discs).nearer_m(point, uncertainty_m) else { continue };
-            if !cause.is_floor() && self.handler.is_some_and(|handler| handler.masks(point)) {
+            if may_be_theirs && self.handler.is_some_and(|handler| handler.masks(point)) {
                 continue;
             }
             let inside_m = away_m - uncertainty_m;
@@ -456,10 +453,19 @@ impl<'a> Present<'a> {
 struct KeptOff {
     cause: UnsafeCause,
     place: Point,
+    /// It may be the handler's own, where it is close to them.
+    may_be_theirs: bool,
     /// It keeps so much from it: what is kept from an edge, and how far off it may be, metres.
     kept_m: f64,
     /// How much the floor rises there by a step, metres; less than 0: it falls. 0: no step is measured.
     step_m: f64,
+}
+
+impl KeptOff {
+    /// What is no step.
+    fn of(cause: UnsafeCause, place: Point, kept_m: f64) -> Self {
+        Self { cause, place, may_be_theirs: !cause.is_floor(), kept_m, step_m: 0.0 }
+    }
 }
 
 /// Whether a robot is carried the way that it is to go, as far as it is carried at all.

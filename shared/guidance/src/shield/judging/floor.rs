@@ -106,7 +106,7 @@ impl Present<'_> {
         let needed_m = self.kept_from_edge_m(motion);
         all.map(move |(place, uncertainty_m)| {
             let kept_m = uncertainty_m + needed_m(place);
-            KeptOff { cause: UnsafeCause::DropOff, place, kept_m, step_m: 0.0 }
+            KeptOff::of(UnsafeCause::DropOff, place, kept_m)
         })
     }
 
@@ -123,8 +123,8 @@ impl Present<'_> {
                 (false, true) => UnsafeCause::LowStepUp,
                 (false, false) => UnsafeCause::StepUp,
             };
-            let Remembered { place, uncertainty_m } = step.at;
-            KeptOff { cause, place, kept_m: uncertainty_m + needed_m(place), step_m: rise_m }
+            let Remembered { place, uncertainty_m, .. } = step.at;
+            KeptOff { step_m: rise_m, ..KeptOff::of(cause, place, uncertainty_m + needed_m(place)) }
         })
     }
 
@@ -132,10 +132,10 @@ impl Present<'_> {
     pub(super) fn high_steps(&self, motion: &Motion) -> impl Iterator<Item = KeptOff> {
         let needed_m = self.kept_from_edge_m(motion);
         self.steps(motion).filter(|(.., is_low)| !is_low).map(move |(step, rise_m, _)| {
-            let Remembered { place, uncertainty_m } = step.at;
+            let Remembered { place, uncertainty_m, .. } = step.at;
             let (cause, needed_m) =
                 if rise_m < 0.0 { (UnsafeCause::DropOff, needed_m(place)) } else { (UnsafeCause::StepUp, 0.0) };
-            KeptOff { cause, place, kept_m: uncertainty_m + needed_m, step_m: rise_m }
+            KeptOff { step_m: rise_m, ..KeptOff::of(cause, place, uncertainty_m + needed_m) }
         })
     }
 
