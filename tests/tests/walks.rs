@@ -41,6 +41,12 @@ fn people_of_the_social_force_model_are_met_without_a_touch() {
     assert_eq!(report["collisions"]["hit_by_others"], 0, "{report:#}");
 }
 
+/// A leaf opens beside the way, and two open across it until they shut again.
+#[test]
+fn doors_that_open_before_the_robot_are_passed_without_a_touch() {
+    assert_good(&walk("opening-doors", &[]), "opening-doors", 30.0);
+}
+
 /// Kim et al. 2023, section 3: the robot makes up for the handler's errors.
 #[test]
 fn a_handler_who_faces_off_the_way_and_cues_too_early_or_too_late_gets_there() {
