@@ -237,6 +237,11 @@ fn cluttered() {
     scenario("cluttered");
 }
 
+#[test]
+fn opening_doors() {
+    scenario("opening-doors");
+}
+
 /// Real floor plans, where the data lies beside the checkout: 42 m of corridor past doors, up to where a doorway of
 /// 0.8 m ends it for the team; and along another one, then right.
 #[test]

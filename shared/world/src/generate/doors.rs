@@ -15,9 +15,9 @@ use crate::people::Moves;
 use crate::{SeenBy, World};
 
 /// A door is drawn in this share of the corridors, and this share of the doors opens inwards. Only some corridors have a
-/// door that may open so: then one in twelve has one, and a quarter of them opens inwards.
-const SHARE: f64 = 0.22;
-const INWARDS: f64 = 0.6;
+/// door that may open so: then one in twelve has one, and three of ten open inwards.
+const SHARE: f64 = 0.26;
+const INWARDS: f64 = 0.65;
 /// Shortest and longest leaf, metres.
 const LENGTH_M: [f64; 2] = [0.7, 1.1];
 /// The robot is so near to its hinge when it opens, metres; so far it opens, radians, so fast, radians per second, and
