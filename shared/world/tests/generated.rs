@@ -286,8 +286,8 @@ fn some_corridors_like_those_of_buildings_end_behind_a_square_corner() {
     let bare = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, ..GeneratorConfig::of_buildings() };
     let sites = sites(&bare);
     let ends_round_corner = |site: &&Site| {
-        let corners = site.course.openings.iter().filter(|o| !is_branch(site, o) && is_square(site, o));
-        corners.last().is_some_and(|corner| corner.line.length_m() < 15.0)
+        let mut corners = site.course.openings.iter().filter(|o| !is_branch(site, o) && is_square(site, o));
+        corners.next_back().is_some_and(|corner| corner.line.length_m() < 15.0)
     };
     let count = sites.iter().filter(ends_round_corner).count();
     println!("{count} of {} corridors end behind a square corner", sites.len());
