@@ -87,8 +87,9 @@ pub struct Rays {
 
 impl Rays {
     /// The geoms of these groups as they lie in `data`: what stands still, and what moves. A geom that stands still is
-    /// one of MuJoCo's world body; a door's leaf of its group moves; the robot's own are none, whatever their group. What is no plane, box, cylinder,
-    /// capsule or sphere is left out: MuJoCo ends the process where it is asked for such a geom.
+    /// one of MuJoCo's world body; a door's leaf of such a group moves; the robot's own are none, whatever their group.
+    /// What is no plane, box, cylinder, capsule or sphere is left out: MuJoCo ends the process where it is asked for
+    /// such a geom.
     #[must_use]
     pub fn new(data: &MjData<Box<MjModel>>, still: &[i32], moving: &[i32]) -> Self {
         let model = data.model();

@@ -249,6 +249,8 @@ pub(crate) fn leaf(number: usize) -> String {
 fn add_leaf(still: &mut MjsBody, number: usize, door: &Door) {
     let body = still.add_body().with_name(&leaf(number));
     body.set_mocap(true);
+    *body.pos_mut() = [door.hinge.x, door.hinge.y, 0.0];
+    *body.quat_mut() = turned(door.swing_rad[0]);
     let [length_m, thickness_m] = door.size_m;
     let middle = Se2::translation(length_m / 2.0, 0.0);
     add_box(body, middle, [length_m, thickness_m], door.z).set_group(group(door.seen_by));

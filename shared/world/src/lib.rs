@@ -2,8 +2,8 @@
 //! robot, handler and walking people in them.
 //!
 //! A world is a floor at z = 0 with [`Hole`]s in it, a ceiling, and [`Prism`]s: vertical faces over an outline, each
-//! from one height to another; a [`Door`]'s leaf is one that swings. [`Ramp`]s lie on the floor, for a physics that knows heights. A ROS map ([`GridMap`])
-//! adds cells that reach from floor to ceiling. Everything is in the world frame
+//! from one height to another; a [`Door`]'s leaf is one that swings. [`Ramp`]s lie on the floor, for a physics that
+//! knows heights. A ROS map ([`GridMap`]) adds cells that reach from floor to ceiling. Everything is in the world frame
 //! (metres, x right on a map, y up, z up, yaw counter-clockwise) unless a name says otherwise.
 //!
 //! Files are read only by [`World::load`], [`GridMap::load`], [`Scenario::load`] and [`Route::load`]. All else is a

@@ -14,8 +14,8 @@ use crate::door::{Door, Opens};
 use crate::people::Moves;
 use crate::{SeenBy, World};
 
-/// A door is drawn in this share of the corridors, and this share of the doors opens inwards. Only some corridors have a
-/// door that may open so: then one in twelve has one, and three of ten open inwards.
+/// A door is drawn in this share of the corridors, and this share of the doors opens inwards. Only some corridors have
+/// a door that may open so: then one in twelve has one, and three of ten open inwards.
 const SHARE: f64 = 0.26;
 const INWARDS: f64 = 0.65;
 /// Shortest and longest leaf, metres.

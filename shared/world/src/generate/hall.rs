@@ -9,11 +9,11 @@ use super::{GeneratorConfig, between};
 use crate::prism::Prism;
 use crate::site::Side;
 
-/// A hall is drawn in this share of the corridors. One in sixteen then has one: not every corridor has room for it. With
-/// more of them the widths would no longer lie within those of real floors.
+/// A hall is drawn in this share of the corridors. One in sixteen then has one: not every corridor has room for it.
+/// With more of them the widths would no longer lie within those of real floors.
 const SHARE: f64 = 0.1;
-/// Its length and its width, metres, and the power of the draw that makes small ones more frequent. So much of what it is
-/// wider than the corridor is to the left.
+/// Its length and its width, metres, and the power of the draw that makes small ones more frequent. So much of what it
+/// is wider than the corridor is to the left.
 const LENGTH_M: [f64; 2] = [5.0, 12.0];
 const WIDE_M: [f64; 2] = [4.0, 9.0];
 const SMALL: f64 = 2.0;
