@@ -2,7 +2,7 @@
 
 use std::process::{Child, Command};
 
-use guidedog_tests::{Place, data, touches};
+use guidedog_tests::{Place, data, has_legs, touches};
 use serde_json::Value;
 
 fn assert_good(report: &Value, scenario: &str, distance_m: f64) {
@@ -39,6 +39,20 @@ fn people_of_the_social_force_model_are_met_without_a_touch() {
     let report = walk("people", &[]);
     assert_good(&report, "people", 30.0);
     assert_eq!(report["collisions"]["hit_by_others"], 0, "{report:#}");
+}
+
+/// A leaf opens beside the way, and two open across it until they shut again.
+#[test]
+fn doors_that_open_before_the_robot_are_passed_without_a_touch() {
+    assert_good(&walk("opening-doors", &[]), "opening-doors", 30.0);
+}
+
+#[test]
+fn a_robot_on_legs_passes_doors_that_open() {
+    if has_legs() {
+        let report = walk("opening-doors", &["--physics", "mujoco"]);
+        assert_eq!((&report["reached"], touches(&report)), (&Value::Bool(true), [0, 0]), "{report:#}");
+    }
 }
 
 /// Kim et al. 2023, section 3: the robot makes up for the handler's errors.

@@ -55,7 +55,7 @@ impl FrameSource for SimulatedDepth {
         let Some(truth) = self.truth.take() else { return Ok(()) };
         let mut loan = frames.loan(self.pixels_max())?;
         *loan.meta_mut() = self.sensor.depth_header();
-        self.sensor.render(&Scene::from_truth(&self.world, &truth), number, loan.data_mut());
+        self.sensor.render(&Scene::from_truth(&mut self.world, &truth), number, loan.data_mut());
         frames.publish(truth.header.stamp_ns, loan).map(|_| ())
     }
 }

@@ -47,7 +47,7 @@ impl CameraThread {
     /// Where there can be no thread.
     pub fn begin(
         mut camera: EmulatedCamera,
-        world: Option<World>,
+        mut world: Option<World>,
         rate_hz: f64,
         started_ns: u64,
     ) -> Result<Self, TransportError> {
@@ -65,7 +65,7 @@ impl CameraThread {
                     return;
                 }
                 camera.suffer(fault);
-                match (seen, &world) {
+                match (seen, &mut world) {
                     (Some(Seen::Truth(truth)), Some(world)) => {
                         if let Some(number) = rhythm.due(truth.header.stamp_ns) {
                             camera.take(&Scene::from_truth(world, &truth), number, started_ns + truth.header.stamp_ns);

@@ -38,7 +38,7 @@ impl Sight {
     }
 
     /// The world has gone on; `truth` is the newest.
-    pub fn look(&self, truth: &WorldTruth, lidar: &mut EmulatedRplidar, camera: Option<&CameraThread>) {
+    pub fn look(&mut self, truth: &WorldTruth, lidar: &mut EmulatedRplidar, camera: Option<&CameraThread>) {
         let Self::Flat(world) = self else { return };
         if let Some(camera) = camera {
             camera.see(Seen::Truth(Box::new(*truth)));

@@ -54,8 +54,9 @@ impl ScanSource for SimulatedLidar {
         let Some(number) = self.rhythm.due(io.now_ns()) else { return Ok(()) };
         // Without news from the world there is nothing to measure.
         let Some(truth) = self.truth.take() else { return Ok(()) };
-        let (scene, header) = (Scene::from_truth(&self.world, &truth), self.sensor.scan_header());
-        scans.publish(truth.header.stamp_ns, self.beams_max(), header, |ranges_m| {
+        let (beams, header) = (self.beams_max(), self.sensor.scan_header());
+        let scene = Scene::from_truth(&mut self.world, &truth);
+        scans.publish(truth.header.stamp_ns, beams, header, |ranges_m| {
             self.sensor.scan(&scene, number, ranges_m);
         })
     }

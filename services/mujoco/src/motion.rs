@@ -167,20 +167,29 @@ impl LeggedMotion {
         Ok(self)
     }
 
-    /// Lets people walk for one quantum. Returns whether robot or handler blocks one of them.
+    /// Lets people walk and doors swing for one quantum. Returns whether robot or handler blocks one of them.
     fn move_people(&mut self) -> bool {
         let at = [self.world_from_robot(), self.person.place(&self.data)];
         let agent = |i: usize| Agent { at: Point::new(at[i].x_m, at[i].y_m), radius_m: self.radii_m[i] };
         let (time_s, agents) = (self.steps as f64 * STEP_S, [agent(0), agent(1)]);
+        let walkers = self.people.walkers().map(|walker| Agent::from(&walker));
+        let in_way: Vec<Agent> = agents.iter().copied().chain(walkers).collect();
+        self.world.swing(time_s, TICK_S, &in_way);
         let mut is_walked_into = false;
         self.people.step(&self.world, time_s, TICK_S, &agents, |_, _| is_walked_into = true);
         self.place_people();
         is_walked_into
     }
 
+    /// Puts people and leaves where they are, in the order in which they were added to the scene.
     fn place_people(&mut self) {
-        for (place, walker) in self.data.mocap_pos_mut().iter_mut().zip(self.people.walkers()) {
-            *place = [walker.x_m, walker.y_m, 0.0];
+        let people = self.people.walkers().map(|walker| ([walker.x_m, walker.y_m, 0.0], 0.0));
+        let doors = self.world.doors().zip(self.world.doors_rad());
+        let leaves = doors.map(|((door, _), at_rad)| ([door.hinge.x, door.hinge.y, 0.0], at_rad));
+        let places: Vec<_> = people.chain(leaves).collect();
+        for (number, (place, yaw_rad)) in places.into_iter().enumerate() {
+            self.data.mocap_pos_mut()[number] = place;
+            self.data.mocap_quat_mut()[number] = scene::turned(yaw_rad);
         }
     }
 
@@ -269,6 +278,7 @@ impl Motion for LeggedMotion {
             handler_falls: self.falls.handler(),
             walker_count: self.people.len() as u32,
             walkers: self.walkers(),
+            doors_rad: self.world.doors_rad(),
             ..WorldTruth::default()
         }
     }

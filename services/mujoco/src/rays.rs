@@ -87,8 +87,9 @@ pub struct Rays {
 
 impl Rays {
     /// The geoms of these groups as they lie in `data`: what stands still, and what moves. A geom that stands still is
-    /// one of MuJoCo's world body; the robot's own are none, whatever their group. What is no plane, box, cylinder,
-    /// capsule or sphere is left out: MuJoCo ends the process where it is asked for such a geom.
+    /// one of MuJoCo's world body; a door's leaf of such a group moves; the robot's own are none, whatever their group.
+    /// What is no plane, box, cylinder, capsule or sphere is left out: MuJoCo ends the process where it is asked for
+    /// such a geom.
     #[must_use]
     pub fn new(data: &MjData<Box<MjModel>>, still: &[i32], moving: &[i32]) -> Self {
         let model = data.model();
@@ -97,7 +98,10 @@ impl Rays {
                 |geom: &usize| groups.contains(&model.geom_group()[*geom]) && is_known(model.geom_type()[*geom]);
             (0..model.geom_group().len()).filter(is_of).collect()
         };
-        let is_still = |geom: &usize| model.body_weldid()[model.geom_bodyid()[*geom] as usize] == 0;
+        let body = |geom: &usize| model.geom_bodyid()[*geom] as usize;
+        let is_placed = |geom: &usize| model.body_mocapid()[body(geom)] >= 0;
+        let is_still = |geom: &usize| model.body_weldid()[body(geom)] == 0 && !is_placed(geom);
+        let moving = of(moving).into_iter().chain(of(still).into_iter().filter(is_placed));
         let solids: Vec<Solid> = of(still).into_iter().filter(is_still).map(|geom| Solid::new(data, geom)).collect();
         let bounds: Vec<_> = solids.iter().map(Solid::bounds).collect();
         let ends = |axis: usize, end: usize| bounds.iter().flatten().map(move |bounds| bounds[axis][end]);
@@ -107,7 +111,7 @@ impl Rays {
             if far_m.is_finite() { ((far_m - corner[axis]) / CELL_M) as usize + 1 } else { 0 }
         });
         let mut rays = Self {
-            moving: of(moving).into_iter().map(|geom| (geom, Solid::new(data, geom))).collect(),
+            moving: moving.map(|geom| (geom, Solid::new(data, geom))).collect(),
             asked: vec![0; solids.len()],
             solids,
             corner,

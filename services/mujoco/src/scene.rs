@@ -7,7 +7,7 @@ use messages::{MAX_WALKERS, Pose2};
 use mujoco_rs::prelude::*;
 use mujoco_rs::wrappers::mj_editing::{MjsBody, MjsGeom};
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
-use world::{GridMap, HANDLER_SEEN_RADIUS_M, Hole, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
+use world::{Door, GridMap, HANDLER_SEEN_RADIUS_M, Hole, PERSON_HEIGHT_M, Prism, Ramp, SeenBy, World};
 
 use crate::person::{BODY, JOINTS, PersonConfig};
 use crate::walls::{Block, blocks};
@@ -32,7 +32,7 @@ const FLOOR_WIDE_M: f64 = 500.0;
 pub(crate) const FLOOR_BIT: i32 = 2;
 const HANDLER_BIT: i32 = 4;
 
-/// Group of the geoms that stand still and that lidar and camera see. The Go2's own are in groups 2 and 3.
+/// Group of the geoms that stand still, and of doors, that lidar and camera see. The Go2's own are in groups 2 and 3.
 pub const SEEN: i32 = 1;
 /// Group of the handler's body, which moves.
 pub const PERSON: i32 = 0;
@@ -85,13 +85,17 @@ impl Scene<'_> {
         if let Some(map) = self.world.map() {
             add_map(still, map, self.world.ceiling_m());
         }
-        self.world.prisms().iter().for_each(|prism| add_prism(still, prism));
+        let is_leaf = |number: usize| self.world.doors().any(|(_, leaf)| leaf == number);
+        let prisms = self.world.prisms().iter().enumerate().filter(|(number, _)| !is_leaf(*number));
+        prisms.for_each(|(_, prism)| add_prism(still, prism));
         self.world.ramps().iter().for_each(|ramp| add_ramp(still, ramp));
         if let Some(person) = self.person {
             add_person(still, person);
         }
         let people = self.world.people().iter().take(MAX_WALKERS);
         people.enumerate().for_each(|(number, person)| add_passer(still, number, person.radius_m));
+        // Behind the people, among the bodies that are placed.
+        self.world.doors().enumerate().for_each(|(number, (door, _))| add_leaf(still, number, door));
         let model = spec.compile().map_err(|error| wrong(error.to_string()))?;
         let is_free = model.jnt_type().first() == Some(&MjtJoint::mjJNT_FREE);
         let is_base =
@@ -236,7 +240,23 @@ fn add_passer(still: &mut MjsBody, number: usize, radius_m: f64) {
     *geom.size_mut() = [radius_m, PERSON_HEIGHT_M / 2.0, 0.0];
 }
 
-fn turned(yaw_rad: f64) -> [f64; 4] {
+/// Name of a door's leaf in the model.
+pub(crate) fn leaf(number: usize) -> String {
+    format!("leaf_{number}")
+}
+
+/// Adds a door's leaf, which turns about its hinge; contacts do not move it.
+fn add_leaf(still: &mut MjsBody, number: usize, door: &Door) {
+    let body = still.add_body().with_name(&leaf(number));
+    body.set_mocap(true);
+    *body.pos_mut() = [door.hinge.x, door.hinge.y, 0.0];
+    *body.quat_mut() = turned(door.swing_rad[0]);
+    let [length_m, thickness_m] = door.size_m;
+    let middle = Se2::translation(length_m / 2.0, 0.0);
+    add_box(body, middle, [length_m, thickness_m], door.z).set_group(group(door.seen_by));
+}
+
+pub(crate) fn turned(yaw_rad: f64) -> [f64; 4] {
     let turned = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), yaw_rad);
     [turned.w, turned.i, turned.j, turned.k]
 }
@@ -267,13 +287,17 @@ fn add_map(still: &mut MjsBody, map: &GridMap, ceiling_m: f64) {
     add([width, width + 1.0], [0.0, height]);
 }
 
-fn add_prism(still: &mut MjsBody, prism: &Prism) {
-    let (z, outline) = ([prism.z0_m, prism.z1_m], &prism.outline);
-    let group = match prism.seen_by {
+fn group(seen_by: SeenBy) -> i32 {
+    match seen_by {
         SeenBy::Both => SEEN,
         SeenBy::Camera => SEEN_BY_CAMERA,
         SeenBy::Nobody => UNSEEN,
-    };
+    }
+}
+
+fn add_prism(still: &mut MjsBody, prism: &Prism) {
+    let (z, outline) = ([prism.z0_m, prism.z1_m], &prism.outline);
+    let group = group(prism.seen_by);
     let along = |a: Point, b: Point| Se2::new(nalgebra::center(&a, &b).coords, (b - a).y.atan2((b - a).x));
     match outline.len() {
         // A box; any other solid is a round pillar.

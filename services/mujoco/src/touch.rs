@@ -1,6 +1,6 @@
 //! What robot and handler touch: the physics' own contacts are the truth about collisions and falls.
 
-use messages::MAX_WALKERS;
+use messages::{MAX_DOORS, MAX_WALKERS};
 use mujoco_rs::prelude::*;
 
 use crate::person::BODY;
@@ -60,6 +60,8 @@ impl Touches {
         let handler = model.name_to_id(MjtObjBase::mjOBJ_BODY, BODY).ok_or_else(missing)?;
         let passer = |number| model.name_to_id(MjtObjBase::mjOBJ_BODY, &scene::passer(number));
         let passers: Vec<usize> = (0..MAX_WALKERS).map_while(passer).collect();
+        let leaf = |number| model.name_to_id(MjtObjBase::mjOBJ_BODY, &scene::leaf(number));
+        let leaves: Vec<usize> = (0..MAX_DOORS).map_while(leaf).collect();
         let owner = |geom: usize| {
             let body = model.geom_bodyid()[geom] as usize;
             let is_leg = || feet.iter().any(|foot| model.geom_bodyid()[*foot] as usize == body);
@@ -67,6 +69,7 @@ impl Touches {
                 0 if model.geom_type()[geom] == MjtGeomBase::mjGEOM_PLANE => Owner::Floor,
                 0 if model.geom_contype()[geom] == scene::FLOOR_BIT => Owner::Floor,
                 0 => Owner::World,
+                body if leaves.contains(&body) => Owner::World,
                 body if body == handler => Owner::Handler,
                 body if passers.contains(&body) => Owner::Passer,
                 _ if is_leg() => Owner::Leg,

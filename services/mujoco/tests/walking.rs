@@ -234,6 +234,24 @@ fn a_wall_stops_it() {
 }
 
 #[test]
+fn a_doors_leaf_is_met_where_it_is_turned_to() {
+    let text = "[[door]]\nhinge = [1.0, -1.0]\nlength_m = 2.0\nshut_deg = 90\nopen_deg = 0\nopens_s = 0\n";
+    let mut robot = Robot::new(&world(text), VelocityLoop::SOFT);
+    let mut rays = Rays::new(&robot.data, &[scene::SEEN], &[scene::PERSON]);
+    let mut ahead_m = |robot: &Robot| {
+        rays.look(&robot.data);
+        rays.cast(&[0.0, 0.0, 1.0], &[1.0, 0.0, 0.0], 5.0)
+    };
+    robot.walk(6.0, 0.5, 0.0, 0.0);
+    assert!((0.4..0.8).contains(&robot.pose().x_m), "the leaf stops it: {:?}", robot.pose());
+    assert!(ahead_m(&robot).is_some_and(|met_m| (met_m - 0.98).abs() < 1e-9));
+    robot.data.mocap_quat_mut()[0] = [1.0, 0.0, 0.0, 0.0];
+    robot.walk(6.0, 0.5, 0.0, 0.0);
+    assert!(robot.pose().x_m > 2.0, "it is open: {:?}", robot.pose());
+    assert_eq!(ahead_m(&robot), None);
+}
+
+#[test]
 fn a_ray_meets_what_mujocos_own_ray_meets() {
     let text = "[[wall]]\npoints = [[-3.0, 2.0], [8.0, 2.5]]\n\
                 [[box]]\nat = [2.0, 0.5]\nsize = [0.6, 0.4]\nyaw_deg = 30\nz = [0.5, 1.5]\n\

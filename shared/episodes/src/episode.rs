@@ -496,6 +496,9 @@ impl Episode {
         let velocity = self.velocities[action];
         let Some(scenery) = &mut self.scenery else { unreachable!("an episode has begun") };
         scenery.score.judged(all_unsafe, taken);
+        if scenery.site.world.doors().len() > 0 {
+            scenery.team.swing_doors(&mut Arc::make_mut(&mut scenery.site).world, self.config.dt_s);
+        }
         let stepped = scenery.team.step(&scenery.site.world, velocity, self.config.dt_s);
         self.awareness.permit(self.now_ns, velocity);
         let world_from_handler = scenery.team.world_from_handler();

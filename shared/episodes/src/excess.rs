@@ -188,7 +188,7 @@ impl OpenFloor {
     fn look(&mut self, truth: &WorldTruth, share: f64) {
         self.ticks += 10;
         let level = WorldTruth { attitude: Attitude::default(), ..*truth };
-        self.lidar.scan(&Scene::from_truth(&self.world, &level), self.ticks, &mut self.ranges_m);
+        self.lidar.scan(&Scene::from_truth(&mut self.world, &level), self.ticks, &mut self.ranges_m);
         let now_ns = self.ticks * 10_000_000;
         let header = Header { stamp_ns: now_ns, seq: self.ticks, ..Header::default() };
         let (odom_from_robot, twist) = (truth.world_from_robot, truth.robot_twist);

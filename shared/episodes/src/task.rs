@@ -30,6 +30,8 @@ const AFTER_CORNER_M: f64 = 4.0;
 const PASSED_M: f64 = 0.4;
 /// A cue to turn is due so far before the opening's middle, metres.
 const DUE_M: f64 = 1.5;
+/// Who has crossed a hall is so far in the corridor behind it, metres.
+const BEHIND_HALL_M: f64 = 1.0;
 /// The longest way of a decision, metres; and how many times longer a way takes with pauses.
 const DECISION_M: f64 = 0.25;
 const PAUSES: f64 = 2.0;
@@ -125,10 +127,10 @@ impl Task {
         let task =
             |line: TravelLine, goal: Goal| Some(Self { cue, world_from_robot, line, goal, width_m: course.width_m });
         let Some(side) = side_of(cue) else {
-            if cue == CueKind::Forward && !has_way_on(course, handler_way_m) {
+            if cue == CueKind::Forward && (!has_way_on(course, handler_way_m) || has_hall(course, [way_m; 2])) {
                 return None;
             }
-            let to_m = (handler_way_m + ON_M).min(course.line.length_m() - END_M);
+            let to_m = beyond_hall_m(course, (handler_way_m + ON_M).min(course.line.length_m() - END_M));
             return if cue == CueKind::Stop {
                 task(course.line.clone(), Goal::Stand(Vec::new()))
             } else if course.edge_m.is_some_and(|edge_m| to_m > edge_m - BEFORE_EDGE_M) {
@@ -150,6 +152,9 @@ impl Task {
         };
         let Some(meant) = meant else {
             let end_m = (way_m + TURN_REACH_M).min(course.line.length_m());
+            if has_hall(course, [way_m, end_m]) {
+                return None;
+            }
             return task(course.line.part(0.0, end_m)?, Goal::Stand(beside.into_iter().cloned().collect()));
         };
         if meant.edge_m.is_some() {
@@ -212,6 +217,21 @@ impl Task {
 /// Whether a corridor goes on as far as *forward* asks, or ends before: on a map it may fork, or lead into the open.
 fn has_way_on(course: &Course, handler_way_m: f64) -> bool {
     course.mapped.is_none_or(|mapped| mapped.has_end) || handler_way_m + ON_M <= course.line.length_m() - END_M
+}
+
+/// Where *forward* leads: who is sent across a hall has arrived in the corridor behind it.
+fn beyond_hall_m(course: &Course, to_m: f64) -> f64 {
+    match course.mapped.and_then(|mapped| mapped.hall_m) {
+        Some([from_m, far_m]) if (from_m..far_m + BEHIND_HALL_M).contains(&to_m) => far_m + BEHIND_HALL_M,
+        _ => to_m,
+    }
+}
+
+/// Whether there is some of a hall between two places along the corridor, metres: there it is not clear which way is
+/// meant, nor whether there is one to the side.
+fn has_hall(course: &Course, [from_m, to_m]: [f64; 2]) -> bool {
+    let hall_m = course.mapped.and_then(|mapped| mapped.hall_m);
+    hall_m.is_some_and(|[begins_m, ends_m]| begins_m <= to_m && from_m < ends_m)
 }
 
 /// Whether robot or handler are beside an opening: it is not clear whether they mean it, or have passed it.

@@ -87,7 +87,7 @@ impl Walk {
         if !tick.is_multiple_of(10) {
             return;
         }
-        let scene = Scene::from_truth(&self.world, truth);
+        let scene = Scene::from_truth(Arc::make_mut(&mut self.world), truth);
         self.lidar.scan(&scene, tick, &mut self.ranges_m);
         self.camera.render(&scene, tick, &mut self.pixels_mm);
         let header = Header { stamp_ns: tick * 10_000_000, seq: tick, ..Header::default() };

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use guidance::se2::{Point, se2};
 use guidedog_episodes::{Config, Goal, Task};
 use messages::{CueKind, Pose2};
-use world::FloorPlan;
+use world::{FloorPlan, GeneratorConfig, generate};
 
 /// A task of the table.
 struct Row<'a> {
@@ -81,4 +81,42 @@ fn tasks_on_floor_plans_are_what_readers_would_mean() {
     }
     assert!(set >= 175, "at {set} places of the table a task is set: the others were clear as well");
     assert!(right as f64 >= 0.97 * set as f64, "{right} of {set}:\n{}", lost.join("\n"));
+}
+
+/// Who is sent across a hall arrives in the corridor behind it. In the hall, and for a turn towards it, no task is set.
+#[test]
+fn forward_leads_across_a_hall_and_nothing_else_is_asked_for_there() {
+    let robot_from_handler = se2(Config::default().robot_from_handler);
+    let (mut across, mut halls) = (0, 0);
+    for seed in 0..400 {
+        let course = generate(&GeneratorConfig::of_buildings(), seed).course;
+        let Some([from_m, to_m]) = course.mapped.and_then(|mapped| mapped.hall_m) else { continue };
+        halls += 1;
+        for at in 8..(4.0 * course.line.length_m()) as usize - 8 {
+            let way_m = 0.25 * at as f64;
+            let task = |cue| Task::at(&course, cue, course.line.at(way_m), &robot_from_handler);
+            let turns = [CueKind::Left, CueKind::Right].map(task);
+            if (from_m..to_m).contains(&way_m) {
+                assert!(
+                    task(CueKind::Forward).is_none() && turns.iter().all(Option::is_none),
+                    "seed {seed}, {way_m} m"
+                );
+                continue;
+            }
+            let Some(Task { goal: Goal::Along(forward_m), .. }) = task(CueKind::Forward) else {
+                panic!("seed {seed}, {way_m} m: no task")
+            };
+            let is_before = way_m < from_m;
+            assert!(!(from_m..to_m + 0.9).contains(&forward_m), "seed {seed}, {way_m} m: to {forward_m} m");
+            across += usize::from(is_before && forward_m > to_m);
+            for turn in turns.into_iter().flatten().filter(|_| is_before) {
+                match turn.goal {
+                    Goal::Into(openings) => assert!(openings.iter().all(|opening| opening.way_m < from_m)),
+                    _ => assert!(turn.line.length_m() < from_m, "seed {seed}, {way_m} m"),
+                }
+            }
+        }
+    }
+    println!("{halls} of 400 corridors have a hall; forward leads across it from {across} places");
+    assert!((15..40).contains(&halls) && across > 200);
 }

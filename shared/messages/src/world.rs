@@ -8,6 +8,8 @@ use zerocopy::{FromBytes, TryFromBytes};
 
 /// The most walking people in a world.
 pub const MAX_WALKERS: usize = 16;
+/// The most doors of a world that open.
+pub const MAX_DOORS: usize = 8;
 
 mirrored! {
     /// A walking person: a disc.
@@ -29,7 +31,7 @@ mirrored! {
     /// The true state of the simulated world.
     #[derive(Debug, Clone, Copy, Default, PartialEq, TryFromBytes)]
     #[cfg_attr(feature = "ipc", derive(ZeroCopySend))]
-    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/5"))]
+    #[cfg_attr(feature = "ipc", type_name("guidedog/WorldTruth/6"))]
     #[repr(C)]
     pub struct WorldTruth {
         /// Stamp, seq, incarnation.
@@ -62,6 +64,8 @@ mirrored! {
         pub walker_count: u32,
         /// Walking people.
         pub walkers: [Walker; MAX_WALKERS],
+        /// How the world's doors are turned, in its order (world frame), radians.
+        pub doors_rad: [f64; MAX_DOORS] = default,
     }
 }
 

@@ -86,7 +86,7 @@ impl Guard {
 }
 
 fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
-    let world = Arc::new(world);
+    let mut world = Arc::new(world);
     let table = ActionTable::eight();
     let mut physics = Physics::new(Arc::clone(&world), PhysicsConfig::default(), start).expect("a free start");
     let mut lidar = LidarSensor::new(LidarConfig::default(), seed, 1).expect("the default lidar");
@@ -115,7 +115,7 @@ fn walk(world: World, start: Pose2, route: &Route, seed: u64) -> Report {
             let yaw = cue_start.rotation.angle() + axis;
             (cue, cue_start, new) = (CueKind::Forward, Se2::new(robot.translation.vector, yaw), true);
         }
-        let scene = Scene::from_truth(&world, &truth);
+        let scene = Scene::from_truth(Arc::make_mut(&mut world), &truth);
         lidar.scan(&scene, decision, &mut ranges);
         depth.render(&scene, decision, &mut pixels);
         guard.depth.fill(&depth.depth_header(), &pixels).expect("a good frame");
@@ -235,6 +235,11 @@ fn crossing() {
 #[test]
 fn cluttered() {
     scenario("cluttered");
+}
+
+#[test]
+fn opening_doors() {
+    scenario("opening-doors");
 }
 
 /// Real floor plans, where the data lies beside the checkout: 42 m of corridor past doors, up to where a doorway of

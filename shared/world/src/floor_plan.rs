@@ -196,7 +196,7 @@ impl FloorPlan {
         let ends_there =
             line.length_m() > whole.length_m() - 0.1 && walk.end == End::Wall && !self.leads_on(&line, width_m);
         let openings = self.openings(&line, width_m, walk, ends_there);
-        let mapped = Some(Mapped { has_end: ends_there });
+        let mapped = Some(Mapped { has_end: ends_there, hall_m: None });
         let mut course = Course { mapped, ..Course::new(line, width_m, openings) };
         let corners: Vec<usize> =
             (0..course.openings.len()).filter(|i| course.is_corner(&course.openings[*i])).collect();

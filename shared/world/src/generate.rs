@@ -6,8 +6,10 @@
 
 mod building;
 mod crowd;
+mod doors;
 mod drops;
 mod furnish;
+mod hall;
 mod layout;
 
 use guidance::se2::Point;
@@ -45,7 +47,7 @@ pub struct GeneratorConfig {
     /// What is left free beside a thing, at the least, metres.
     pub passage_m: f64,
     /// Share of corridors that are like those of buildings: rooms behind doorways, alcoves, narrow openings, uneven
-    /// walls, frames, doors across the corridor, radiators and benches.
+    /// walls, frames, doors across the corridor, doors that open while the team comes by, halls, radiators and benches.
     pub buildings: f64,
 }
 
@@ -89,9 +91,16 @@ pub fn generate(config: &GeneratorConfig, seed: u64) -> Site {
         furnish::things(config, &plan, &mut random)
     };
     prisms.extend(things);
+    prisms.extend(plan.furnish_hall(config, &mut random));
     let (world, course) = (World::new(DEFAULT_CEILING_M, prisms), plan.course());
     let people = populate_course(config, &course, &world, &mut random);
-    Site { place: GENERATED.into(), world: world.with_people(people), course, drop: DropKind::None }
+    let world = world.with_people(people);
+    // The last draw: worlds without such a door are what they were.
+    let world = match plan.draw_door(config, &world, &mut random) {
+        Some(door) => world.with_doors([door]),
+        None => world,
+    };
+    Site { place: GENERATED.into(), world, course, drop: DropKind::None }
 }
 
 /// A number between two.

@@ -2,8 +2,8 @@
 //! robot, handler and walking people in them.
 //!
 //! A world is a floor at z = 0 with [`Hole`]s in it, a ceiling, and [`Prism`]s: vertical faces over an outline, each
-//! from one height to another. [`Ramp`]s lie on the floor, for a physics that knows heights. A ROS map ([`GridMap`])
-//! adds cells that reach from floor to ceiling. Everything is in the world frame
+//! from one height to another; a [`Door`]'s leaf is one that swings. [`Ramp`]s lie on the floor, for a physics that
+//! knows heights. A ROS map ([`GridMap`]) adds cells that reach from floor to ceiling. Everything is in the world frame
 //! (metres, x right on a map, y up, z up, yaw counter-clockwise) unless a name says otherwise.
 //!
 //! Files are read only by [`World::load`], [`GridMap::load`], [`Scenario::load`] and [`Route::load`]. All else is a
@@ -11,6 +11,7 @@
 //! can be repeated to the bit.
 
 pub mod depth;
+pub mod door;
 pub mod error;
 pub mod floor;
 pub mod floor_plan;
@@ -46,6 +47,7 @@ pub mod world;
 mod world_file;
 
 pub use depth::{DepthConfig, DepthSensor};
+pub use door::{Door, Opens};
 pub use error::{ConfigError, WorldError};
 pub use floor::{DarkFloor, Hole, Stairs};
 pub use floor_plan::FloorPlan;

@@ -98,13 +98,19 @@ pub struct People {
     strolls: Strolls,
 }
 
-/// Robot or handler, as people see them.
+/// Robot or handler, as people and doors see them; or a person, as doors do.
 #[derive(Debug, Clone, Copy)]
 pub struct Agent {
     /// Place, world frame.
     pub at: Point,
     /// Radius of the body, metres.
     pub radius_m: f64,
+}
+
+impl From<&Walker> for Agent {
+    fn from(walker: &Walker) -> Self {
+        Self { at: Point::new(walker.x_m, walker.y_m), radius_m: walker.radius_m }
+    }
 }
 
 impl People {

@@ -286,12 +286,14 @@ impl Physics {
             handler_falls: self.falls.handler(),
             walker_count: self.people.len() as u32,
             walkers: self.walkers,
+            doors_rad: self.world.doors_rad(),
         }
     }
 
     /// One tick of [`TICK_S`] under a commanded velocity (robot frame). A command that is not finite counts as zero.
     /// Where robot or handler has fallen neither moves any more.
     pub fn step(&mut self, command: Twist2) {
+        self.swing_doors();
         self.move_people();
         if self.falls.any() {
             self.twist = Twist2::ZERO;
@@ -326,10 +328,8 @@ impl Physics {
         }
     }
 
-    fn move_people(&mut self) {
-        if self.people.is_empty() {
-            return;
-        }
+    /// The discs of robot and handler, and whose each of them is.
+    fn agents(&self) -> (Vec<Agent>, Vec<usize>) {
         let (mut agents, mut bodies) = (Vec::with_capacity(3), Vec::with_capacity(3));
         for body in [ROBOT, HANDLER] {
             for at in self.outline(body).iter() {
@@ -337,6 +337,23 @@ impl Physics {
                 bodies.push(body);
             }
         }
+        (agents, bodies)
+    }
+
+    fn swing_doors(&mut self) {
+        if self.world.doors().len() == 0 {
+            return;
+        }
+        let (mut agents, _) = self.agents();
+        agents.extend(self.walkers[..self.people.len()].iter().map(Agent::from));
+        Arc::make_mut(&mut self.world).swing(self.ticks as f64 * TICK_S, TICK_S, &agents);
+    }
+
+    fn move_people(&mut self) {
+        if self.people.is_empty() {
+            return;
+        }
+        let (agents, bodies) = self.agents();
         let (mut touches, mut count) = ([(0, 0); 3 * MAX_WALKERS], 0);
         self.people.step(&self.world, self.ticks as f64 * TICK_S, TICK_S, &agents, |person, agent| {
             touches[count] = (person, bodies[agent]);

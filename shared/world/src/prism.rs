@@ -22,9 +22,11 @@ pub struct Prism {
 }
 
 /// Which sensors see something.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, serde::Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum SeenBy {
     /// Lidar and camera.
+    #[default]
     Both,
     /// The camera alone: glass that is dirty, or has a print on it.
     Camera,

@@ -15,7 +15,7 @@ pub const PERSON_HEIGHT_M: f64 = 1.75;
 /// A world at one moment. Sensors do not see the robot that carries them.
 #[derive(Debug, Clone, Copy)]
 pub struct Scene<'a> {
-    /// What stands still.
+    /// What stands still, and doors.
     pub world: &'a World,
     /// The robot.
     pub world_from_robot: Pose2,
@@ -28,9 +28,10 @@ pub struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    /// The scene that a truth tells of.
+    /// The scene that a truth tells of: doors are turned as it says.
     #[must_use]
-    pub fn from_truth(world: &'a World, truth: &'a WorldTruth) -> Self {
+    pub fn from_truth(world: &'a mut World, truth: &'a WorldTruth) -> Self {
+        world.turn_doors(&truth.doors_rad);
         Self {
             world,
             world_from_robot: truth.world_from_robot,

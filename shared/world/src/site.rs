@@ -137,10 +137,13 @@ pub struct Course {
 }
 
 /// What is known of a corridor of a building, or of one that is like those.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Mapped {
     /// Its line ends where the corridor does: at a wall. Otherwise it forks there, or leads into the open.
     pub has_end: bool,
+    /// It widens into a hall from there to there along its middle, metres, and goes on behind it. A floor plan's
+    /// corridor ends at a hall.
+    pub hall_m: Option<[f64; 2]>,
 }
 
 /// A corridor that itself turns by so much, radians,

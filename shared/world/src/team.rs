@@ -282,6 +282,14 @@ impl Team {
         aside * robot_from_handler
     }
 
+    /// Lets a world's doors swing for `dt_s` before the team's next step.
+    pub fn swing_doors(&self, world: &mut World, dt_s: f64) {
+        let (agents, count) = self.agents();
+        let people = self.walkers[..self.people.len()].iter().map(Agent::from);
+        let all: Vec<Agent> = agents[..count].iter().copied().chain(people).collect();
+        world.swing(self.time_s, dt_s, &all);
+    }
+
     /// One decision: the robot moves at a constant velocity (robot frame) for `dt_s`.
     pub fn step(&mut self, world: &World, velocity: Twist2, dt_s: f64) -> Stepped {
         let (robot, offset, walked_s) = (self.world_from_robot, self.robot_from_handler, self.walked_s);
@@ -339,20 +347,25 @@ impl Team {
         world.is_blocked(from, to, radius_m, self.z(body)) || self.walkers[..self.people.len()].iter().any(into_person)
     }
 
+    /// Robot, handler, and the other disc of a long robot; and how many of them there are.
+    fn agents(&self) -> ([Agent; 3], usize) {
+        let outline = self.outline(&self.world_from_robot);
+        let agent = |body: usize, at: Point| Agent { at, radius_m: self.radius_m(body) };
+        let handler = agent(HANDLER, place(&self.world_from_handler()));
+        ([agent(ROBOT, outline[0]), handler, agent(ROBOT, outline[outline.len() - 1])], 1 + outline.len())
+    }
+
     /// Lets people walk on; how many of them walked into robot or handler, each touch once.
     fn move_people(&mut self, world: &World, dt_s: f64, velocity: Twist2) -> u32 {
+        let time_s = self.time_s;
+        self.time_s += dt_s;
         if self.people.is_empty() {
             return 0;
         }
         let places = [place(&self.world_from_robot), place(&self.world_from_handler())];
-        let outline = self.outline(&self.world_from_robot);
-        let agent = |body: usize, at: Point| Agent { at, radius_m: self.radius_m(body) };
-        let handler = agent(HANDLER, places[HANDLER]);
-        let agents = [agent(ROBOT, outline[0]), handler, agent(ROBOT, outline[outline.len() - 1])];
+        let (agents, count) = self.agents();
         let mut touches = [[false; 2]; MAX_WALKERS];
-        let agents = &agents[..=outline.len()];
-        self.people.step(world, self.time_s, dt_s, agents, |person, agent| touches[person][agent % 2] = true);
-        self.time_s += dt_s;
+        self.people.step(world, time_s, dt_s, &agents[..count], |person, agent| touches[person][agent % 2] = true);
         self.note_walkers();
         let towards = self.world_from_robot.rotation * Vector2::new(velocity.vx_mps, velocity.vy_mps);
         let mut hits = 0;

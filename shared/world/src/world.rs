@@ -1,16 +1,18 @@
-//! A world: floor, ceiling, prisms, a floor plan where there is one, and walking people.
+//! A world: floor, ceiling, prisms, a floor plan where there is one, doors that open, and walking people.
 
 use std::f64::consts::TAU;
 use std::path::Path;
 use std::sync::Arc;
 
 use guidance::se2::Point;
+use messages::MAX_DOORS;
 use nalgebra::Vector2;
 
+use crate::door::{Door, Leaf};
 use crate::floor::{self, DarkFloor, Hole};
 use crate::grid_map::GridMap;
 use crate::index::SideIndex;
-use crate::people::Person;
+use crate::people::{Agent, Person};
 use crate::prism::{Prism, SeenBy};
 use crate::ramp::{self, Ramp};
 use crate::sweep::{free_share, is_blocked, to_segment, ways_apart};
@@ -21,12 +23,15 @@ const RIM: usize = 32;
 /// Height of the ceiling where nothing else is said, metres.
 pub const DEFAULT_CEILING_M: f64 = 2.6;
 
-/// Everything that stands still, and who walks where. Walls of prisms and cells of a floor plan are asked together, so
-/// that sensors and collisions work on either or on both.
+/// Everything that stands still, doors as they are at one moment, and who walks where. Walls of prisms and cells of a
+/// floor plan are asked together, so that sensors and collisions work on either or on both. A door's leaf is a prism
+/// like others.
 #[derive(Debug, Clone)]
 pub struct World {
     ceiling_m: f64,
     prisms: Vec<Prism>,
+    /// Doors, and the number of each one's prism.
+    leaves: Vec<(Leaf, usize)>,
     index: SideIndex,
     map: Option<Arc<GridMap>>,
     people: Vec<Person>,
@@ -43,6 +48,7 @@ impl World {
         Self {
             ceiling_m,
             prisms,
+            leaves: Vec::new(),
             index,
             map: None,
             people: Vec::new(),
@@ -107,6 +113,60 @@ impl World {
         self
     }
 
+    /// The same world with these doors, which are shut: at most [`messages::MAX_DOORS`] of them fit into a truth.
+    #[must_use]
+    pub fn with_doors(mut self, doors: impl IntoIterator<Item = Door>) -> Self {
+        for door in doors {
+            let leaf = Leaf::new(door);
+            self.leaves.push((leaf.clone(), self.prisms.len()));
+            self.prisms.push(leaf.door.leaf(leaf.at_rad));
+        }
+        self.index = SideIndex::new(&self.prisms);
+        self
+    }
+
+    /// Its doors, and the number of the prism that is each one's leaf.
+    pub fn doors(&self) -> impl ExactSizeIterator<Item = (&Door, usize)> + '_ {
+        self.leaves.iter().map(|(leaf, prism)| (&leaf.door, *prism))
+    }
+
+    /// Lets the doors swing for `dt_s` from run time `time_s` on, seconds; whether one of them has moved. They stop for
+    /// all agents, of whom the first is the robot.
+    pub fn swing(&mut self, time_s: f64, dt_s: f64, agents: &[Agent]) -> bool {
+        let mut has_moved = false;
+        for (leaf, _) in &mut self.leaves {
+            has_moved |= leaf.swing(time_s, dt_s, agents);
+        }
+        if has_moved {
+            self.place_leaves();
+        }
+        has_moved
+    }
+
+    /// How its doors are turned (world frame), radians: as [`Self::turn_doors`] takes it.
+    #[must_use]
+    pub fn doors_rad(&self) -> [f64; MAX_DOORS] {
+        let mut doors_rad = [0.0; MAX_DOORS];
+        doors_rad.iter_mut().zip(&self.leaves).for_each(|(at_rad, (leaf, _))| *at_rad = leaf.at_rad);
+        doors_rad
+    }
+
+    /// Turns its doors (world frame), radians.
+    pub fn turn_doors(&mut self, doors_rad: &[f64; MAX_DOORS]) {
+        if self.leaves.is_empty() || *doors_rad == self.doors_rad() {
+            return;
+        }
+        self.leaves.iter_mut().zip(doors_rad).for_each(|((leaf, _), at_rad)| leaf.at_rad = *at_rad);
+        self.place_leaves();
+    }
+
+    fn place_leaves(&mut self) {
+        for (leaf, prism) in &self.leaves {
+            self.prisms[*prism] = leaf.door.leaf(leaf.at_rad);
+        }
+        self.index = SideIndex::new(&self.prisms);
+    }
+
     /// Reads a world file (TOML), or a ROS map (`.yaml`, `.yml`).
     ///
     /// # Errors
@@ -135,7 +195,7 @@ impl World {
         self.ceiling_m
     }
 
-    /// What the world is built of, the floor plan aside.
+    /// What the world is built of, the floor plan aside; doors as they are now.
     #[must_use]
     pub fn prisms(&self) -> &[Prism] {
         &self.prisms

@@ -30,6 +30,18 @@
 //! points = [[15, 3.5], [15, 0.5]]
 //! z = [0.1, 2.2]
 //!
+//! [[door]]                         # swings open once, and shut again; stops for robot, handler and people
+//! hinge = [12, -1.2]
+//! length_m = 0.9
+//! thickness_m = 0.04               # default 0.04
+//! z = [0, 2.05]                    # default
+//! shut_deg = 0                     # the way from the hinge along the leaf where it is shut,
+//! open_deg = 90                    # and where it is open
+//! speed_degps = 60                 # default 60
+//! opens_near_m = 3.5               # begins when the robot is so near to the hinge; or `opens_s`: at this run time
+//! stays_s = 5                      # default 5: for so long it stays open
+//! seen_by = "both"                 # default: lidar and camera; or "camera", "nobody": glass
+//!
 //! [[ramp]]                         # needs `--physics mujoco`; up, a plateau and down are three of them
 //! at = [4, 0]                      # middle of its foot
 //! yaw_deg = 0                      # the way up, default 0
@@ -70,6 +82,8 @@
 //! group = 1                        # of "social" alone: people of the same number walk together; default none
 //! pauses = [[6, 20]]               # of "social" alone: stops 6 m along the path for 20 s; default none
 //! ```
+
+mod door;
 
 use std::ops::Range;
 use std::path::Path;
@@ -124,6 +138,8 @@ struct File {
     pillar: Vec<Spanned<Pillar>>,
     #[serde(default)]
     curtain: Vec<Spanned<Curtain>>,
+    #[serde(default)]
+    door: Vec<Spanned<door::Swinging>>,
     #[serde(default)]
     ramp: Vec<Spanned<Incline>>,
     #[serde(default)]
@@ -252,13 +268,12 @@ pub(crate) fn parse(name: &str, text: &str, folder: &Path) -> Result<World, Worl
     let holes = reader.holes(&file, &flights)?;
     let dark = file.dark_floor.iter().map(|entry| reader.dark_floor(entry)).collect::<Result<Vec<_>, _>>()?;
     let people = file.person.iter().map(|entry| reader.person(entry)).collect::<Result<Vec<_>, _>>()?;
-    if let Some(surplus) = file.person.get(messages::MAX_WALKERS) {
-        let what = format!("there are over {} people", messages::MAX_WALKERS);
-        return Err(reader.toml.refuse(&surplus.span(), "person", what));
-    }
+    let doors = file.door.iter().map(|entry| reader.door(entry)).collect::<Result<Vec<_>, _>>()?;
+    reader.most("person", "people", &file.person, messages::MAX_WALKERS)?;
+    reader.most("door", "doors", &file.door, messages::MAX_DOORS)?;
     let ramps = file.ramp.iter().map(|entry| reader.ramp(entry)).collect::<Result<Vec<_>, _>>()?;
     let world = World::new(ceiling_m, prisms).with_people(people).with_ramps(ramps);
-    let world = world.with_holes(holes).with_dark_floor(dark);
+    let world = world.with_doors(doors).with_holes(holes).with_dark_floor(dark);
     Ok(match &file.map {
         Some(map) => world.with_map(GridMap::load(&folder.join(map))?),
         None => world,
@@ -334,6 +349,13 @@ impl Reader<'_> {
             prisms.push(prism);
         }
         Ok(prisms)
+    }
+
+    fn most<T>(&self, key: &'static str, what: &str, entries: &[Spanned<T>], most: usize) -> Result<(), WorldError> {
+        match entries.get(most) {
+            Some(surplus) => Err(self.toml.refuse(&surplus.span(), key, format!("there are over {most} {what}"))),
+            None => Ok(()),
+        }
     }
 
     fn wall(&self, entry: &Spanned<Wall>) -> Result<Prism, WorldError> {

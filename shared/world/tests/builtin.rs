@@ -57,7 +57,7 @@ fn every_world_parses() {
 fn every_scenario_starts_free_and_its_goal_can_be_reached() {
     let scenarios = toml_files("scenarios");
     let names: Vec<_> = scenarios.iter().filter_map(|file| file.file_stem()?.to_str()).collect();
-    for name in ["corridor", "curve", "l-turn", "left-at-tee", "crossing", "cluttered", "people"] {
+    for name in ["corridor", "curve", "l-turn", "left-at-tee", "crossing", "cluttered", "people", "opening-doors"] {
         assert!(names.contains(&name), "{name}");
     }
     for file in &scenarios {

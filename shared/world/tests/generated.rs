@@ -2,7 +2,7 @@
 
 use guidance::TravelLine;
 use guidance::se2::Point;
-use guidedog_world::{GeneratorConfig, Opening, SeenBy, Side, Site, World, generate};
+use guidedog_world::{Agent, Door, GeneratorConfig, Opening, SeenBy, Side, Site, World, generate};
 use nalgebra::Vector2;
 
 /// Robot and handler touch nothing between these heights, metres.
@@ -217,4 +217,79 @@ fn what_makes_real_floors_hard_is_in_generated_buildings() {
     ] {
         assert!(count >= 20, "{what}: {count} in {} worlds", sites.len());
     }
+}
+
+/// A door is shut at first, and shuts again. While it is open it may block the way.
+#[test]
+fn in_some_corridors_like_those_of_buildings_a_door_opens() {
+    let bare = GeneratorConfig { people: 0.0, ..GeneratorConfig::of_buildings() };
+    let sites: Vec<Site> = (0..1200).map(|seed| generate(&bare, seed)).collect();
+    let (mut inwards, mut blocking, mut outwards) = (0, 0, 0);
+    for site in &sites {
+        let (line, half_m) = (&site.course.line, site.course.width_m / 2.0);
+        for (door, leaf) in site.world.doors() {
+            assert_eq!(site.world.prisms()[leaf], door.leaf(door.swing_rad[0]), "it is shut");
+            assert!((3.0..8.0).contains(&door.stays_s));
+            let open = &door.leaf(door.swing_rad[1]).outline;
+            let nearest_m = open.iter().map(|corner| line.foot(*corner).left_m.abs()).fold(f64::INFINITY, f64::min);
+            inwards += u32::from(nearest_m > half_m - 0.1);
+            outwards += u32::from(nearest_m <= half_m - 0.1);
+            blocking += u32::from(half_m + nearest_m < bare.passage_m);
+            assert!(opens_and_shuts(site.world.clone(), door));
+        }
+    }
+    let with = sites.iter().filter(|site| site.world.doors().len() > 0).count();
+    println!("{with} of {}: {inwards} inwards, {outwards} into the corridor, {blocking} block it", sites.len());
+    assert!((80..120).contains(&with) && inwards > 15 && outwards > 40 && blocking > 10);
+}
+
+/// Whether a door opens for who comes near, and shuts when they are gone.
+fn opens_and_shuts(mut world: World, door: &Door) -> bool {
+    let agent = |x_m: f64| Agent { at: door.hinge + Vector2::new(x_m, 0.0), radius_m: 0.0 };
+    world.swing(0.0, 0.01, &[agent(1.9)]);
+    world.swing(0.01, 10.0, &[agent(99.0)]);
+    let open_rad = world.doors_rad()[0];
+    world.swing(10.0, 0.01, &[agent(99.0)]);
+    world.swing(30.0, 10.0, &[agent(99.0)]);
+    open_rad == door.swing_rad[1] && world.doors_rad()[0] == door.swing_rad[0]
+}
+
+/// It is wider than the corridor, has a wall to either side, and something stands in most of them.
+#[test]
+fn some_corridors_like_those_of_buildings_widen_into_a_hall() {
+    let bare = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, ..GeneratorConfig::of_buildings() };
+    let (mut halls, mut furnished, mut widths_m) = (0, 0, Vec::new());
+    for site in sites(&bare) {
+        let Some([from_m, to_m]) = site.course.mapped.and_then(|mapped| mapped.hall_m) else { continue };
+        halls += 1;
+        assert!((4.9..12.1).contains(&(to_m - from_m)) && from_m > 4.0 && to_m < site.course.line.length_m() - 4.0);
+        let at = site.course.line.at(from_m + 0.6);
+        let to_wall_m = |side: f64| {
+            let direction = at.rotation * Vector2::new(0.0, side);
+            site.world.cast(Point::from(at.translation.vector), direction, 2.3, 20.0).expect("a wall")
+        };
+        widths_m.push(to_wall_m(1.0) + to_wall_m(-1.0));
+        let stands = |prism: &guidedog_world::Prism| {
+            let foot = site.course.line.foot(prism.outline[0]);
+            prism.solid && (from_m + 1.0..to_m - 1.0).contains(&foot.way_m)
+        };
+        furnished += usize::from(site.world.prisms().iter().any(stands));
+    }
+    println!("{halls} halls, {furnished} with things in them, {widths_m:?}");
+    assert!((12..30).contains(&halls) && 2 * furnished > halls);
+    assert!(widths_m.iter().all(|width_m| (3.99..9.01).contains(width_m)), "{widths_m:?}");
+}
+
+/// The way forward goes round it.
+#[test]
+fn some_corridors_like_those_of_buildings_end_behind_a_square_corner() {
+    let bare = GeneratorConfig { clutter_per_m: 0.0, people: 0.0, ..GeneratorConfig::of_buildings() };
+    let sites = sites(&bare);
+    let ends_round_corner = |site: &&Site| {
+        let mut corners = site.course.openings.iter().filter(|o| !is_branch(site, o) && is_square(site, o));
+        corners.next_back().is_some_and(|corner| corner.line.length_m() < 15.0)
+    };
+    let count = sites.iter().filter(ends_round_corner).count();
+    println!("{count} of {} corridors end behind a square corner", sites.len());
+    assert!(count >= 15, "{count}");
 }

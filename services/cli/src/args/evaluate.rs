@@ -241,7 +241,9 @@ way for 10 to 60 s (in corridors of 2.3 m or more), or one who overtakes at 1.3 
 handler; the others take no notice of them until they touch. docs/people.md has the model.
 --worlds buildings: rooms behind doorways, alcoves, openings from 0.7 m of width on, oblique and uneven walls, door
 frames, doors across the corridor, pillars at corners, radiators, benches. Widths and counts lie within those of 11
-real floors. A side way is asked for from 1.2 m of width on.
+real floors. In one corridor of twelve a door opens when the robot comes by, stays open for 3 to 8 s, and shuts; it
+may block the way until then. One of sixteen widens into a hall of 4 to 9 m: forward leads across it to the corridor
+behind it, and no other task is set there. A side way is asked for from 1.2 m of width on.
 --tasks drops: one world in six has neither edge nor step, one in six has low steps. In the others the floor ends
 across the corridor, in a branch, beside it, or in a hole with a way past it. Before a low step the robot waits, and
 the handler says forward. low_steps_announced counts the steps that the robot took. Where a footprint leaves the

@@ -91,6 +91,10 @@ impl Drawing {
             let style = format!("fill=\"{fill}\" stroke=\"{stroke}\" stroke-width=\"2\"");
             self.lines(tag, prism.outline.iter(), &style);
         }
+        for (door, _) in world.doors() {
+            let open = door.leaf(door.swing_rad[1]);
+            self.lines("polygon", open.outline.iter(), "fill=\"none\" stroke=\"#333\" stroke-dasharray=\"4\"");
+        }
         for person in world.people() {
             let style = "fill=\"none\" stroke=\"#c3c\" stroke-width=\"2\" stroke-dasharray=\"4\"";
             self.lines("polyline", person.path.iter(), style);

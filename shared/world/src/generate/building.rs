@@ -48,7 +48,7 @@ const JAMB_M: [f64; 2] = [0.08, 0.3];
 const BEYOND_M: [f64; 2] = [0.1, 2.2];
 /// A frame stands out of the wall by so much, and is so wide, metres.
 const FRAME_M: [[f64; 2]; 2] = [[0.02, 0.05], [0.05, 0.1]];
-const LEAF_THICK_M: f64 = 0.04;
+pub(super) const LEAF_THICK_M: f64 = 0.04;
 /// A wall goes on evenly for so long, metres,
 const EVEN_M: [f64; 2] = [0.2, 2.0];
 /// stands back or out by up to this then, metres,
@@ -99,6 +99,12 @@ pub(super) struct Gate {
 /// The width of a corridor, metres.
 pub(super) fn draw_width_m(random: &mut ChaCha8Rng) -> f64 {
     WIDTH_M[0] + (WIDTH_M[1] - WIDTH_M[0]) * random.random::<f64>().powf(NARROW)
+}
+
+impl Branch {
+    pub(super) fn is_shut_door(&self) -> bool {
+        self.room.is_none() && self.length_m < SHUT_M[1][1]
+    }
 }
 
 impl Plan {
@@ -157,7 +163,7 @@ impl Plan {
         }
         let mut fittings: Vec<Prism> = self.gate.iter().flat_map(|gate| self.gate_walls(gate)).collect();
         for branch in &self.branches {
-            if branch.room.is_some() || branch.length_m < SHUT_M[1][1] {
+            if branch.room.is_some() || branch.is_shut_door() {
                 let [out_m, wide_m] = FRAME_M.map(|range_m| between(random, range_m));
                 fittings.extend(self.at_mouth(branch, out_m, wide_m));
             } else if branch.is_way() && random.random_bool(0.3) {

@@ -10,6 +10,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::building::{Gate, Room, draw_width_m, uneven};
+use super::hall::Hall;
 use super::{GeneratorConfig, between};
 use crate::prism::{Prism, SeenBy};
 use crate::site::{Course, Mapped, Opening, Side, rounded};
@@ -83,6 +84,8 @@ pub(super) struct Plan {
     pub(super) is_building: bool,
     /// The door across the corridor, where there is one.
     pub(super) gate: Option<Gate>,
+    /// The hall into which the corridor widens, where there is one.
+    pub(super) hall: Option<Hall>,
 }
 
 impl Plan {
@@ -91,9 +94,13 @@ impl Plan {
         let is_building = config.buildings > 0.0 && random.random_bool(config.buildings);
         let width_m = if is_building { draw_width_m(random) } else { between(random, config.width_m) };
         let (line, stretches) = corridor(config, width_m, random);
-        let mut plan = Self { line, width_m, stretches, branches: Vec::new(), is_building, gate: None };
+        let mut plan = Self { line, width_m, stretches, branches: Vec::new(), is_building, gate: None, hall: None };
         plan.draw_end(random);
         if is_building {
+            // Drawn apart: worlds without a hall are what they were.
+            let mut apart = random.clone();
+            apart.set_stream(1);
+            plan.draw_hall(&mut apart);
             plan.draw_sides(random);
             plan.gate = plan.draw_gate(random);
         } else {
@@ -260,7 +267,9 @@ impl Plan {
         };
         let openings = self.branches.iter().filter_map(opening).collect();
         // As on a floor plan, a cue beside an opening is not clear.
-        let mapped = self.is_building.then_some(Mapped { has_end: true });
+        let way_m = |way_m: f64| line.foot(Point::from(self.line.at(way_m).translation.vector)).way_m;
+        let hall_m = self.hall.map(|hall| [-0.5, 0.5].map(|share| way_m(hall.way_m + share * hall.length_m)));
+        let mapped = self.is_building.then_some(Mapped { has_end: true, hall_m });
         Course { mapped, ..Course::new(line, self.width_m, openings) }
     }
 
