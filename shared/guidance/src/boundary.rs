@@ -123,7 +123,7 @@ impl Boundary {
 
 /// Which discs count: not those that another holds, touching it from within or the same included. Of such a pair the
 /// walk could begin at the one from which no tangent leads on.
-fn not_held(discs: &[Disc]) -> [bool; Discs::MAX] {
+pub(crate) fn not_held(discs: &[Disc]) -> [bool; Discs::MAX] {
     let is_held = |i: usize| {
         let larger = |j: usize| (discs[j].radius_m, i) > (discs[i].radius_m, j);
         let reach_m = |j: usize| (discs[i].center - discs[j].center).norm() + discs[i].radius_m;

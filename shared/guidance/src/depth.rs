@@ -13,13 +13,14 @@ mod walkable;
 use std::ops::Range;
 
 use messages::DepthHeader;
+use multiversion::multiversion;
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 
 use crate::se2::{Point, Se2};
 use crate::tilt::Tilt;
 use column::{Column, Eye, Pixel};
 use floor::{Cells, Look, Plane};
-use frame::{agrees, apart_at_1_m, cell_rows, check, left_of, near_m, stride, up_of};
+use frame::{AHEAD_MIN, Row, agrees, apart_at_1_m, cell_rows, check, left_of, near_m, stride, up_of};
 use steps::Steps;
 
 pub use floor::FloorCell;
@@ -38,8 +39,6 @@ const SWAYING_FLOOR_M: f64 = 0.05;
 const SWAYING_FLOOR_PER_M: f64 = 0.015;
 /// Edges farther away are not told: a row of pixels is too wide there, metres.
 const EDGE_REACH_M: f64 = 3.0;
-/// Rays that hardly lead ahead are skipped: their column is not defined.
-const AHEAD_MIN: f64 = 0.05;
 /// Upper bound on columns, for any attitude of a real camera.
 const COLUMNS_MAX: f64 = 4096.0;
 /// One in this many rows, and of the sampled columns, is used to trim the floor.
@@ -54,21 +53,6 @@ const EDGE: f64 = 1e-9;
 
 fn place(camera: Point, forward: Vector2<f64>, along: f64, left: f64) -> Point {
     camera + forward * along + Vector2::new(-forward.y, forward.x) * left
-}
-
-/// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the
-/// camera.
-#[derive(Debug, Clone, Copy)]
-struct Row {
-    along: f64,
-    rise: f64,
-}
-
-impl Row {
-    /// Tangent of its rays' elevation; those that hardly lead ahead have none.
-    fn elevation(&self) -> f64 {
-        if self.along > AHEAD_MIN { self.rise / self.along } else { f64::NEG_INFINITY }
-    }
 }
 
 /// Image axis, image left and image up of a camera on a body that sways: along its axis over the floor, to the left of
@@ -115,17 +99,19 @@ impl Rays {
         }
         self
     }
+}
 
-    /// For a row whose middle ray is `row`.
-    fn fill(&mut self, row: Vector3<f64>, aside: Vector3<f64>, column: impl Fn(f64, f64) -> f64) {
-        let count = self.left.len();
-        let (x, y, z) = (&mut self.x[..count], &mut self.y[..count], &mut self.z[..count]);
-        let (per_ahead, columns) = (&mut self.per_ahead[..count], &mut self.column[..count]);
-        for (i, left) in self.left.iter().enumerate() {
-            (x[i], y[i], z[i]) = (row.x + aside.x * left, row.y + aside.y * left, row.z + aside.z * left);
-            per_ahead[i] = x[i].recip();
-            columns[i] = column(y[i], per_ahead[i]);
-        }
+/// For a row whose middle ray is `row`. The first column's tangent is `leftmost`, and for each 1 of it there are
+/// `per_column` columns.
+#[multiversion(targets("x86_64+avx2"))]
+fn fill_rays(rays: &mut Rays, row: Vector3<f64>, aside: Vector3<f64>, [leftmost, per_column]: [f64; 2]) {
+    let count = rays.left.len();
+    let (x, y, z) = (&mut rays.x[..count], &mut rays.y[..count], &mut rays.z[..count]);
+    let (per_ahead, columns) = (&mut rays.per_ahead[..count], &mut rays.column[..count]);
+    for (i, left) in rays.left.iter().enumerate() {
+        (x[i], y[i], z[i]) = (row.x + aside.x * left, row.y + aside.y * left, row.z + aside.z * left);
+        per_ahead[i] = x[i].recip();
+        columns[i] = (leftmost - y[i] * per_ahead[i]) * per_column;
     }
 }
 
@@ -156,8 +142,9 @@ pub struct DepthView {
     apart_at_1_m: f64,
     /// Height of the camera over the floor, metres.
     height_m: f64,
-    /// Room for the rays of a row.
+    /// Room for the rays of a row, and for the rows.
     rays: Rays,
+    rows: Vec<Row>,
     columns: Vec<Column>,
     /// The columns that every row of the image reaches. The others show obstacles, but cannot show that space is free.
     whole: Range<usize>,
@@ -195,6 +182,7 @@ impl Default for DepthView {
             apart_at_1_m: 0.0,
             height_m: 0.0,
             rays: Rays::default(),
+            rows: Vec::new(),
             columns: Vec::new(),
             whole: 0..0,
             low: Vec::new(),
@@ -286,17 +274,19 @@ impl DepthView {
         self.whole = 0..self.columns.len();
         let (sin, cos) = mount.pitch_rad.sin_cos();
         let eye = self.eye(header, mount.z_m);
-        for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
-            // The camera is tilted down: its axis loses height with distance.
-            let up = up_of(header, v);
-            let row = Row { along: cos + up * sin, rise: up * cos - sin };
-            for (column, u) in self.columns.iter_mut().zip((0..width).step_by(stride)) {
-                if row_mm[u] == 0 {
+        let mut rows = std::mem::take(&mut self.rows);
+        rows.clear();
+        rows.extend((0..header.height as usize).map(|v| Row::of(header, v, (sin, cos))));
+        // Column by column: what is known of one stays at hand.
+        for (column, u) in self.columns.iter_mut().zip((0..width).step_by(stride)) {
+            for (v, row) in rows.iter().enumerate() {
+                let pixel_mm = pixels_mm[v * width + u];
+                if pixel_mm == 0 {
                     column.take_unknown(header.fy_px);
                     continue;
                 }
-                column.top = column.top.max(row.elevation());
-                let depth_m = f64::from(row_mm[u]) / 1000.0;
+                column.top = column.top.max(row.elevation);
+                let depth_m = f64::from(pixel_mm) / 1000.0;
                 let height_m = mount.z_m + depth_m * row.rise;
                 let pixel = Pixel {
                     along_m: depth_m * row.along,
@@ -311,6 +301,7 @@ impl DepthView {
                 column.take(&pixel, &eye, || agrees(pixels_mm, width, v * width + u));
             }
         }
+        self.rows = rows;
     }
 
     /// A pixel's column is the one in whose direction its ray leads over the floor.
@@ -339,9 +330,7 @@ impl DepthView {
         let leftmost = self.columns.first().map_or(0.0, |column| column.left);
         let mut rays = std::mem::take(&mut self.rays).laid_out(header);
         for (v, row_mm) in pixels_mm.chunks_exact(width).enumerate() {
-            rays.fill(axes.ray(0.0, up_of(header, v)), axes.left, |y, per_ahead| {
-                (leftmost - y * per_ahead) * per_column
-            });
+            fill_rays(&mut rays, axes.ray(0.0, up_of(header, v)), axes.left, [leftmost, per_column]);
             let mut next = None;
             for (i, u) in (0..width).step_by(stride).enumerate() {
                 let number = index_of(rays.column[i] + 0.5);
@@ -529,6 +518,12 @@ impl DepthView {
     #[must_use]
     pub fn camera(&self) -> Point {
         self.now_from_stamped * self.camera
+    }
+
+    /// The direction of its axis as seen from above (robot frame).
+    #[must_use]
+    pub fn ahead(&self) -> Vector2<f64> {
+        self.now_from_stamped * self.forward
     }
 
     /// Whether the camera sees that nothing is at a point, nor on the way to it, at the heights that are in view there.

@@ -5,6 +5,7 @@
 
 use nalgebra::Vector2;
 
+use crate::boundary::not_held;
 use crate::se2::Point;
 
 /// A disc.
@@ -22,8 +23,8 @@ struct Tangent {
     from: Point,
     along: Vector2<f64>,
     normal: Vector2<f64>,
-    /// The disc that reaches farthest along the normal: of a tangent on the boundary one of its own.
-    farthest: usize,
+    /// One of its two discs. None reaches farther along the normal.
+    disc: usize,
 }
 
 /// A few discs. They need no memory of their own.
@@ -84,12 +85,14 @@ const AROUND: [Vector2<f64>; 8] = {
 };
 /// What is farther by this than asked for is farther whatever rounding says, metres.
 const FARTHER_M: f64 = 1e-9;
+/// A tangent over which a disc reaches by more than this lies within the hull, metres.
+const OVER_M: f64 = 1e-9;
 
 /// The convex hull of discs: robot and handler, now and at the end.
 #[derive(Debug, Clone)]
 pub struct Hull {
     discs: Discs,
-    /// Two for each pair of which neither holds the other.
+    /// Those on the boundary.
     tangents: Vec<Tangent>,
     /// How far it reaches in each of the directions [`AROUND`], metres.
     reach_m: [f64; AROUND.len()],
@@ -117,14 +120,21 @@ impl Hull {
     }
 
     /// Becomes the hull of other discs. A shield makes room for the greatest hull at its start: this allocates nothing.
+    /// What lies within the hull is left out: a disc that another holds, and a tangent over which a disc reaches.
     pub fn take(&mut self, discs: Discs) {
-        self.discs = discs;
+        self.discs = Discs::none();
+        let counts = not_held(&discs);
+        discs.iter().zip(counts).filter(|(_, counts)| *counts).for_each(|(disc, _)| self.discs.push(*disc));
         let discs = &self.discs;
         self.reach_m = AROUND.map(|u| discs.iter().map(|disc| disc.reach_m(u)).fold(f64::NEG_INFINITY, f64::max));
         self.tangents.clear();
         for (i, a) in discs.iter().enumerate() {
             for b in &discs[i + 1..] {
-                self.tangents.extend([1.0, -1.0].into_iter().filter_map(|side| tangent(a, b, side, discs)));
+                let both = [1.0, -1.0].into_iter().filter_map(|side| tangent(a, b, side));
+                let is_outer = |(tangent, reach_m): &(Tangent, f64)| {
+                    !discs.iter().any(|disc| disc.reach_m(tangent.normal) > reach_m + OVER_M)
+                };
+                self.tangents.extend(both.filter(is_outer).map(|(tangent, _)| Tangent { disc: i, ..tangent }));
             }
         }
     }
@@ -163,7 +173,7 @@ impl Hull {
         // reached where u points from a centre to the point, or is normal to a tangent.
         let from_centers = self.discs.iter().enumerate();
         let from_centers = from_centers.filter_map(|(i, disc)| Some(((point - disc.center).try_normalize(1e-12)?, i)));
-        let normals = self.tangents.iter().map(|tangent| (tangent.normal, tangent.farthest));
+        let normals = self.tangents.iter().map(|tangent| (tangent.normal, tangent.disc));
         let mut greatest_m = f64::NEG_INFINITY;
         for (u, first) in from_centers.chain(normals) {
             let away_m = |disc: &Disc| u.dot(&(point - disc.center)) - disc.radius_m;
@@ -205,8 +215,9 @@ impl Disc {
     }
 }
 
-/// The outer tangent of two discs of several on one side; none where one disc holds the other.
-fn tangent(a: &Disc, b: &Disc, side: f64, all: &[Disc]) -> Option<Tangent> {
+/// The outer tangent of two discs on one side, and how far it lies along its normal, metres; none where one disc holds
+/// the other.
+fn tangent(a: &Disc, b: &Disc, side: f64) -> Option<(Tangent, f64)> {
     let between = b.center - a.center;
     let distance = between.norm();
     if distance <= (a.radius_m - b.radius_m).abs() || distance < 1e-12 {
@@ -216,14 +227,8 @@ fn tangent(a: &Disc, b: &Disc, side: f64, all: &[Disc]) -> Option<Tangent> {
     let cos = (a.radius_m - b.radius_m) / distance;
     let normal = u * cos + Vector2::new(-u.y, u.x) * (side * (1.0 - cos * cos).sqrt());
     let from = a.center + normal * a.radius_m;
-    let (mut farthest, mut farthest_m) = (0, f64::NEG_INFINITY);
-    for (i, disc) in all.iter().enumerate() {
-        let reach_m = disc.reach_m(normal);
-        if reach_m > farthest_m {
-            (farthest, farthest_m) = (i, reach_m);
-        }
-    }
-    Some(Tangent { from, along: b.center + normal * b.radius_m - from, normal, farthest })
+    let tangent = Tangent { from, along: b.center + normal * b.radius_m - from, normal, disc: 0 };
+    Some((tangent, a.reach_m(normal)))
 }
 
 impl Tangent {
@@ -319,6 +324,16 @@ mod tests {
             let normals = hull.tangents.iter().map(|tangent| tangent.normal);
             let distance = from_centers.chain(normals).map(gap).fold(f64::NEG_INFINITY, f64::max);
             prop_assert_eq!(hull.signed_distance_m(point), distance);
+            // What lies within the hull adds nothing.
+            let all = [a, b, c, d];
+            let tangents = (0..4).flat_map(|i| (0..4).flat_map(move |j| [1.0, -1.0].map(|side| (i, j, side))));
+            let normals = tangents.filter_map(|(i, j, side)| Some(super::tangent(&all[i], &all[j], side)?.0.normal));
+            let from_centers = all.iter().filter_map(|disc| (point - disc.center).try_normalize(1e-12));
+            let gap_to_all = |u: Vector2<f64>| {
+                all.iter().map(|disc| u.dot(&(point - disc.center)) - disc.radius_m).fold(f64::INFINITY, f64::min)
+            };
+            let by_all = from_centers.chain(normals).map(gap_to_all).fold(f64::NEG_INFINITY, f64::max);
+            prop_assert!((distance - by_all).abs() < 1e-8, "{} by all {}", distance, by_all);
             prop_assert_eq!(hull.nearer_m(point, limit), Some(distance).filter(|distance| *distance < limit));
             prop_assert_eq!(hull.nearer_m(Point::new(x, f64::NAN), limit), None);
         }

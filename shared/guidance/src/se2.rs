@@ -30,6 +30,7 @@ pub fn wrap_angle(angle_rad: f64) -> f64 {
 /// The direction of a vector to 2e-5 rad, radians: a fourth of the time of `atan2`, for who only asks which beam or
 /// sector it is in (Hastings 1955, sheet 11).
 #[must_use]
+#[inline(always)]
 pub fn about_bearing_rad(vector: Vector2<f64>) -> f64 {
     let (x, y) = (vector.x.abs(), vector.y.abs());
     let ratio = x.min(y) / x.max(y).max(f64::MIN_POSITIVE);

@@ -11,6 +11,7 @@ use guidance::Tilt;
 use guidance::se2::{Point, Se2, se2};
 use guidance::seed::mixed;
 use messages::{DepthHeader, Header, Pose2, Pose3};
+use multiversion::multiversion;
 use nalgebra::{Point3, Rotation3, Vector2, Vector3};
 use serde::{Deserialize, Serialize};
 
@@ -228,6 +229,8 @@ impl DepthSensor {
     /// 1/metres, 0 where nothing is seen, for each row from the top.
     pub fn measure(&mut self, mut draw: impl FnMut(usize, &mut [f32]), frame: u64, pixels: &mut [u16]) {
         let mut random = generator(Source::Depth, self.seed, self.incarnation, frame);
+        let [nearest, farthest] =
+            [self.config.range_min_m, self.config.range_max_m].map(|range_m| 1.0 / range_m as f32);
         for (row, out) in pixels.chunks_exact_mut(self.config.width).take(self.config.height).enumerate() {
             draw(row, &mut self.row);
             if self.config.noise_per_m > 0.0 {
@@ -237,20 +240,10 @@ impl DepthSensor {
                     *inverse += noise * normal;
                 }
             }
-            self.write(out);
+            write(&self.row, [nearest, farthest], out);
         }
         if let Some(redwood) = &mut self.redwood {
             redwood.disturb(pixels, || normals(&mut random, 3 * self.config.width));
-        }
-    }
-
-    /// Turns the row's inverse depths into millimetres.
-    fn write(&self, out: &mut [u16]) {
-        let (nearest, farthest) = (1.0 / self.config.range_min_m as f32, 1.0 / self.config.range_max_m as f32);
-        for (pixel, &inverse) in out.iter_mut().zip(&self.row) {
-            let seen = inverse <= nearest && inverse >= farthest;
-            let depth_mm = if seen { 1000.0 / inverse + 0.5 } else { 0.0 };
-            *pixel = whole(depth_mm) as u16;
         }
     }
 
@@ -281,6 +274,16 @@ impl DepthSensor {
             pitch: (sin, cos),
             roll: held.roll,
         }
+    }
+}
+
+/// Turns a row's inverse depths into millimetres.
+#[multiversion(targets("x86_64+avx2"))]
+fn write(row: &[f32], [nearest, farthest]: [f32; 2], out: &mut [u16]) {
+    for (pixel, &inverse) in out.iter_mut().zip(row) {
+        let seen = inverse <= nearest && inverse >= farthest;
+        let depth_mm = if seen { 1000.0 / inverse + 0.5 } else { 0.0 };
+        *pixel = whole(depth_mm) as u16;
     }
 }
 
@@ -467,8 +470,8 @@ impl View {
         let (sin, cos) = self.half_angle;
         let aside = |p: Point, y: f64| y * cos - p.x * sin > margin_m;
         let beyond = (aside(a, a.y) && aside(b, b.y)) || (aside(a, -a.y) && aside(b, -b.y));
-        let near = nalgebra::center(&a, &b).coords.norm() <= self.reach_m + margin_m + (b - a).norm() / 2.0;
-        near && (self.half_angle_rad == PI || !beyond)
+        let is_near = || nalgebra::center(&a, &b).coords.norm() <= self.reach_m + margin_m + (b - a).norm() / 2.0;
+        (self.half_angle_rad == PI || !beyond) && is_near()
     }
 
     /// A place of the world in the camera frame.

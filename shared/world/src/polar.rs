@@ -7,6 +7,7 @@ use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
 use guidance::se2::{Point, about_bearing_rad};
+use multiversion::multiversion;
 use nalgebra::Vector2;
 
 use crate::raster::rounded_up;
@@ -27,6 +28,21 @@ pub(crate) struct PolarImage {
     increment_rad: f64,
     mirrored: bool,
     farthest: f64,
+}
+
+/// The beams that a face spans, and the inverse of its range by their directions.
+struct Spanned {
+    runs: [Range<usize>; 2],
+    by: [f64; 2],
+}
+
+/// Raises inverse ranges to those of a face.
+#[multiversion(targets("x86_64+avx2"))]
+fn raise(inverse: &mut [f64], x: &[f64], y: &[f64], [by_x, by_y]: [f64; 2]) {
+    for ((inverse, x), y) in inverse.iter_mut().zip(x).zip(y) {
+        let here = by_x * x + by_y * y;
+        *inverse = if here > *inverse { here } else { *inverse };
+    }
 }
 
 impl PolarImage {
@@ -101,33 +117,40 @@ impl PolarImage {
 
     /// A straight face between two points of the lidar frame, seen from both sides.
     pub(crate) fn draw_face(&mut self, a: Point, b: Point) {
-        self.draw_face_where(a, b, |_, _| true);
+        let Some(Spanned { runs, by }) = self.spanned(a, b) else { return };
+        for run in runs.into_iter().filter(|run| !run.is_empty()) {
+            raise(&mut self.inverse[run.clone()], &self.x[run.clone()], &self.y[run], by);
+        }
     }
 
     /// The same of a face that some beams pass over or under: `meets` tells of a beam, and of the inverse of its range
     /// to the face, whether it ends there.
     pub(crate) fn draw_face_where(&mut self, a: Point, b: Point, meets: impl Fn(usize, f64) -> bool) {
-        let (a, b) = (self.mirror(a), self.mirror(b));
-        let cross = a.coords.perp(&b.coords);
-        let ((a, b), cross) = if cross >= 0.0 { ((a, b), cross) } else { ((b, a), -cross) };
-        // Seen edge-on: no beam meets it.
-        if cross < 1e-12 {
-            return;
-        }
-        let (from_rad, to_rad) = (about_bearing_rad(a.coords), about_bearing_rad(b.coords));
-        let turn_rad = (to_rad - from_rad).rem_euclid(TAU);
-        let (by_x, by_y) = ((b.y - a.y) / cross, (a.x - b.x) / cross);
-        // The bearings are about right; which beam is the first and which the last is told exactly.
-        let slack_rad = self.increment_rad + BEARING_RAD;
-        let turn_rad = if turn_rad > PI + BEARING_RAD { 0.0 } else { turn_rad };
-        for run in self.span(from_rad - slack_rad, turn_rad + 2.0 * slack_rad) {
-            let run = self.between(run, a, b);
+        let Some(Spanned { runs, by: [by_x, by_y] }) = self.spanned(a, b) else { return };
+        for run in runs {
             let (first, x, y) = (run.start, &self.x[run.clone()], &self.y[run.clone()]);
             for (i, ((inverse, x), y)) in self.inverse[run].iter_mut().zip(x).zip(y).enumerate() {
                 let here = by_x * x + by_y * y;
                 *inverse = if here > *inverse && meets(first + i, here) { here } else { *inverse };
             }
         }
+    }
+
+    /// What a face spans; none where it is seen edge-on.
+    fn spanned(&self, a: Point, b: Point) -> Option<Spanned> {
+        let (a, b) = (self.mirror(a), self.mirror(b));
+        let cross = a.coords.perp(&b.coords);
+        let ((a, b), cross) = if cross >= 0.0 { ((a, b), cross) } else { ((b, a), -cross) };
+        if cross < 1e-12 {
+            return None;
+        }
+        let (from_rad, to_rad) = (about_bearing_rad(a.coords), about_bearing_rad(b.coords));
+        let turn_rad = (to_rad - from_rad).rem_euclid(TAU);
+        // The bearings are about right; which beam is the first and which the last is told exactly.
+        let slack_rad = self.increment_rad + BEARING_RAD;
+        let turn_rad = if turn_rad > PI + BEARING_RAD { 0.0 } else { turn_rad };
+        let runs = self.span(from_rad - slack_rad, turn_rad + 2.0 * slack_rad).map(|run| self.between(run, a, b));
+        Some(Spanned { runs, by: [(b.y - a.y) / cross, (a.x - b.x) / cross] })
     }
 
     /// A disc about a point of the lidar frame; from inside it everything is touched.

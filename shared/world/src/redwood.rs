@@ -7,6 +7,7 @@
 //! statistics are kept: how much the distortion spreads at each depth, and how many pixels are dumb. The field itself
 //! is drawn anew for each camera, so that nothing can be learnt by heart.
 
+use multiversion::multiversion;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -104,7 +105,7 @@ impl Redwood {
             let (aside, rest) = normals().split_at(self.width);
             let (above, jitter) = rest.split_at(self.width);
             self.read_neighbours(row, aside, above);
-            self.distort(row, jitter, out);
+            distort(self, row, jitter, out);
         }
     }
 
@@ -122,27 +123,28 @@ impl Redwood {
             *depth_m = f32::from(self.clean[y * self.width + x]) * 0.001;
         }
     }
+}
 
-    /// What a row's pixels make of what they have read. No branches and no gathers: the compiler does four at once.
-    fn distort(&self, row: usize, jitter: &[f32], out: &mut [u16]) {
-        let sigma = DISPARITY_SIGMA * self.intensity;
-        let own = row * self.width..(row + 1) * self.width;
-        let factors: [&[f32]; DEPTHS_M.len()] = std::array::from_fn(|bin| &self.factors[bin][own.clone()]);
-        let says = &self.says[own];
-        for (i, (pixel, &depth_m)) in out.iter_mut().zip(&self.read_m).enumerate() {
-            // Between the depths of the table on either side.
-            let at = ((depth_m - DEPTHS_M[0]) * 0.5).clamp(0.0, (DEPTHS_M.len() - 1) as f32);
-            let mut factor = 0.0;
-            for (bin, factors) in factors.iter().enumerate() {
-                factor += factors[i] * (1.0 - (at - bin as f32).abs()).max(0.0);
-            }
-            let disparity = DISPARITY_M * factor / depth_m.max(0.001) + jitter[i] * sigma;
-            // Less than half a step from infinity is nothing.
-            let steps = nearest((disparity * STEPS).clamp(0.0, 1e6));
-            let depth_mm = nearest((1000.0 * DISPARITY_M * STEPS / steps.max(1) as f32).min(65_535.0));
-            let seen = says[i] & u32::from(depth_m > 0.0) & u32::from(depth_m < FARTHEST_M) & u32::from(steps > 0);
-            *pixel = (depth_mm * seen) as u16;
+/// What a row's pixels make of what they have read. No branches and no gathers: the compiler does several at once.
+#[multiversion(targets("x86_64+avx2"))]
+fn distort(redwood: &Redwood, row: usize, jitter: &[f32], out: &mut [u16]) {
+    let sigma = DISPARITY_SIGMA * redwood.intensity;
+    let own = row * redwood.width..(row + 1) * redwood.width;
+    let factors: [&[f32]; DEPTHS_M.len()] = std::array::from_fn(|bin| &redwood.factors[bin][own.clone()]);
+    let says = &redwood.says[own];
+    for (i, (pixel, &depth_m)) in out.iter_mut().zip(&redwood.read_m).enumerate() {
+        // Between the depths of the table on either side.
+        let at = ((depth_m - DEPTHS_M[0]) * 0.5).clamp(0.0, (DEPTHS_M.len() - 1) as f32);
+        let mut factor = 0.0;
+        for (bin, factors) in factors.iter().enumerate() {
+            factor += factors[i] * (1.0 - (at - bin as f32).abs()).max(0.0);
         }
+        let disparity = DISPARITY_M * factor / depth_m.max(0.001) + jitter[i] * sigma;
+        // Less than half a step from infinity is nothing.
+        let steps = nearest((disparity * STEPS).clamp(0.0, 1e6));
+        let depth_mm = nearest((1000.0 * DISPARITY_M * STEPS / steps.max(1) as f32).min(65_535.0));
+        let seen = says[i] & u32::from(depth_m > 0.0) & u32::from(depth_m < FARTHEST_M) & u32::from(steps > 0);
+        *pixel = (depth_mm * seen) as u16;
     }
 }
 
@@ -177,12 +179,14 @@ impl Neighbours {
 const WHOLE: f32 = (1 << 23) as f32;
 
 /// The nearest whole number to one between 0 and 4e6: where a float has no digits left for less, it rounds by itself.
+#[inline(always)]
 fn nearest(value: f32) -> u32 {
     (value + WHOLE).to_bits() - WHOLE.to_bits()
 }
 
 /// The greatest whole number that is not greater than one between 0 and 4e6. The compiler does four at once; a cast
 /// looks at each of them.
+#[inline(always)]
 pub(crate) fn whole(value: f32) -> u32 {
     let above = value + WHOLE - WHOLE > value;
     nearest(value) - u32::from(above)

@@ -1,5 +1,7 @@
 //! What no age tells: a sensor that sends the same bytes again and again, and scans that cannot follow one another.
 
+use multiversion::multiversion;
+
 use crate::scan::{BeamKind, Beams};
 use crate::se2::{Point, Se2, about_bearing_rad};
 
@@ -92,15 +94,17 @@ pub struct Succession {
     newest: Vec<Point>,
 }
 
-/// The nearest thing in each direction from the robot; infinite where none is. `place` tells where an end is now.
-fn sectors(ends: &[Point], place: impl Fn(&Point) -> Point) -> Sectors {
+/// The nearest thing in each direction from the robot; infinite where none is. The ends are seen from where the robot
+/// was.
+#[multiversion(targets("x86_64+avx2"))]
+fn sectors(ends: &[Point], now_from_then: &Se2) -> Sectors {
     let mut nearest2 = [f64::INFINITY; SECTORS];
     let (mut sector, mut square) = ([0.0; SIDE_BY_SIDE], [0.0; SIDE_BY_SIDE]);
     for ends in ends.chunks(SIDE_BY_SIDE) {
         // The compiler works on several of them at a time.
         for ((end, sector), square) in ends.iter().zip(&mut sector).zip(&mut square) {
             // Of less than a turn either way: `rem_euclid` costs more than all the rest.
-            let end = place(end);
+            let end = now_from_then * end;
             let share = about_bearing_rad(end.coords) / std::f64::consts::TAU;
             *sector = (if share < 0.0 { share + 1.0 } else { share }) * SECTORS as f64;
             *square = end.coords.norm_squared();
@@ -125,7 +129,7 @@ impl Succession {
         self.newest.extend(hits(beams));
         if let Some(odom_from_then) = &self.odom_from_then {
             let now_from_then = odom_from_robot.inverse() * odom_from_then;
-            let (now, then) = (sectors(&self.newest, |end| *end), sectors(&self.ends, |end| now_from_then * end));
+            let (now, then) = (sectors(&self.newest, &Se2::identity()), sectors(&self.ends, &now_from_then));
             let both = || now.iter().zip(&then).filter(|(now, then)| now.is_finite() && then.is_finite());
             let differ =
                 both().filter(|(now, then)| (*now - *then).abs() > NEAR_M + NEAR_SHARE * now.min(**then)).count();

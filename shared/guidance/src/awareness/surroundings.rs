@@ -26,9 +26,11 @@ struct Waiting {
 /// See the module.
 #[derive(Debug, Clone)]
 pub struct Surroundings {
-    /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now.
+    /// The newest scan in the robot frame of its stamp, and the same seen from where the robot is now, if it has moved
+    /// since.
     stamped_beams: Beams,
-    beams: Beams,
+    moved_beams: Beams,
+    has_moved: bool,
     /// Its ranges over the level floor, in the lidar's order, metres; empty where the body was level.
     level_ranges_m: Vec<f32>,
     scan: Option<Header>,
@@ -63,7 +65,8 @@ impl Surroundings {
     pub fn new(memory: Option<MemoryConfig>, depth_max_age_ns: u64, depth_min_m: f64) -> Self {
         Self {
             stamped_beams: Beams::default(),
-            beams: Beams::default(),
+            moved_beams: Beams::default(),
+            has_moved: false,
             level_ranges_m: Vec::new(),
             scan: None,
             scan_usable: false,
@@ -217,7 +220,12 @@ impl Surroundings {
         };
         if let Some(header) = self.scan {
             match then_in_now(header) {
-                Some(shift) => self.stamped_beams.seen_from(&shift, &mut self.beams),
+                Some(shift) => {
+                    self.has_moved = shift != Se2::identity();
+                    if self.has_moved {
+                        self.stamped_beams.seen_from(&shift, &mut self.moved_beams);
+                    }
+                }
                 None => self.scan_usable = false,
             }
         }
@@ -241,8 +249,9 @@ impl Surroundings {
     /// Remembers the newest scan, of that stamp, and frame.
     pub fn remember(&mut self, now_ns: u64, stamp_ns: u64, odom_from_robot: &Se2, handler: Option<&HandlerBody>) {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
+        let beams = if self.has_moved { &self.moved_beams } else { &self.stamped_beams };
         if let Some(memory) = &mut self.memory {
-            memory.update(stamp_ns, odom_from_robot, &self.beams, depth, handler);
+            memory.update(stamp_ns, odom_from_robot, beams, depth, handler);
         }
     }
 
@@ -271,7 +280,7 @@ impl Surroundings {
     pub fn evidence(&self, now_ns: u64, moves: Twist2) -> Evidence<'_> {
         let depth = self.depth_is_fresh(now_ns).then_some(&self.depth);
         let second = self.second().map(|_| &self.second);
-        Evidence { beams: &self.beams, depth, second, memory: self.memory.as_ref(), moves }
+        Evidence { beams: self.beams(), depth, second, memory: self.memory.as_ref(), moves }
     }
 
     /// The ranges of the newest scan over the level floor, metres, where the body was tilted.
@@ -281,7 +290,7 @@ impl Surroundings {
 
     /// The newest scan, from where the robot is now.
     pub fn beams(&self) -> &Beams {
-        &self.beams
+        if self.has_moved { &self.moved_beams } else { &self.stamped_beams }
     }
 
     /// The newest scan's header, usable or not.
@@ -333,7 +342,7 @@ impl Surroundings {
     }
 
     fn stands_before_something(&self, header: &DepthHeader) -> bool {
-        DepthView::stands_before_something(header, self.depth_min_m, &self.beams)
+        DepthView::stands_before_something(header, self.depth_min_m, self.beams())
     }
 }
 

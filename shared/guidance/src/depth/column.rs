@@ -160,6 +160,8 @@ impl Column {
     }
 
     /// A pixel that says something; `agrees` tells whether its neighbours are about as near.
+    // Within the loop over a column's pixels the compiler keeps what it knows of the column in registers.
+    #[inline(always)]
     pub fn take(&mut self, pixel: &Pixel, eye: &Eye, agrees: impl FnOnce() -> bool) {
         self.known += 1;
         let unknown = std::mem::take(&mut self.unknown);
@@ -185,7 +187,9 @@ impl Column {
         }
         self.far_m = self.far_m.max(along_m);
         // The foot of what stands here is higher than the floor that it hides.
-        (self.floors, self.lip) = ([NONE; 2], NONE);
+        if self.floors[0].along_m.is_finite() {
+            (self.floors, self.lip) = ([NONE; 2], NONE);
+        }
         if along_m >= self.near_m {
             return;
         }

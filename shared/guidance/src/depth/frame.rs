@@ -2,6 +2,8 @@
 
 use messages::DepthHeader;
 
+/// Rays that hardly lead ahead are skipped: their column is not defined.
+pub(super) const AHEAD_MIN: f64 = 0.05;
 /// A camera lower than this is counted as so high, metres: the spacing of rows on the floor has a bound.
 const CAMERA_MIN_M: f64 = 0.1;
 /// About this many columns are looked at, but every row: a bar across the way is thin in height.
@@ -75,6 +77,25 @@ pub(super) fn left_of(header: &DepthHeader, u: usize) -> f64 {
 /// Tangent of the angle above it.
 pub(super) fn up_of(header: &DepthHeader, v: usize) -> f64 {
     -(v as f64 - header.cy_px) / header.fy_px
+}
+
+/// What all pixels of a row have in common: a depth of 1 m is so far along the floor, and so much higher than the
+/// camera.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Row {
+    pub along: f64,
+    pub rise: f64,
+    /// Tangent of its rays' elevation; those that hardly lead ahead have none.
+    pub elevation: f64,
+}
+
+impl Row {
+    /// A row of a camera with such a sine and cosine of its pitch: tilted down, its axis loses height with distance.
+    pub fn of(header: &DepthHeader, v: usize, (sin, cos): (f64, f64)) -> Self {
+        let up = up_of(header, v);
+        let (along, rise) = (cos + up * sin, up * cos - sin);
+        Self { along, rise, elevation: if along > AHEAD_MIN { rise / along } else { f64::NEG_INFINITY } }
+    }
 }
 
 /// Two depths that differ by less are about the same, metres.

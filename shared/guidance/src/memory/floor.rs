@@ -129,8 +129,12 @@ impl FloorMap {
     /// Takes in what a frame shows of each cell in view.
     fn look(&mut self, here: &Here<'_>, view: &DepthView) {
         let (middle, robot_from_odom) = (here.odom_from_robot * view.camera(), here.odom_from_robot.inverse());
+        let ahead = here.odom_from_robot * view.ahead();
         for (key, at) in cells_about(middle, REACH_M) {
-            // Most of them are out of view.
+            // Most of them are out of view, and half of them behind the camera, which shows sooner.
+            if (at - middle).dot(&ahead) < -ROUNDING_M {
+                continue;
+            }
             let Some(beside) = view.beside(robot_from_odom * at) else { continue };
             let floor = if beside.shows_floor() {
                 Floor::Seen
