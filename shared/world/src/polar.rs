@@ -7,7 +7,6 @@ use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
 use guidance::se2::{Point, about_bearing_rad};
-use multiversion::multiversion;
 use nalgebra::Vector2;
 
 use crate::raster::rounded_up;
@@ -37,7 +36,6 @@ struct Spanned {
 }
 
 /// Raises inverse ranges to those of a face.
-#[multiversion(targets("x86_64+avx2"))]
 fn raise(inverse: &mut [f64], x: &[f64], y: &[f64], [by_x, by_y]: [f64; 2]) {
     for ((inverse, x), y) in inverse.iter_mut().zip(x).zip(y) {
         let here = by_x * x + by_y * y;
