@@ -250,8 +250,8 @@ impl GeometricEngine {
     }
 
     /// Of the probabilities that are proposed those that lead on ahead, or turn to the side that the cue asks for, and
-    /// leave some room. Nearly all of the others goes to stop: where the shield forbids to stand, what is left tells the
-    /// way out.
+    /// leave some room. Nearly all of the others goes to stop: where the shield forbids to stand, what is left tells
+    /// the way out.
     pub(crate) fn onward(&self, proposed: &[f32; MAX_ACTIONS]) -> [f32; MAX_ACTIONS] {
         let mut onward = [0.0; MAX_ACTIONS];
         let side = guidance::cue::target_yaw_rad(self.cue);

@@ -524,7 +524,8 @@ proptest! {
     }
 
     /// A hidden spot forbids a motion exactly where it lies in the swept hull, give or take what is not known of its
-    /// place; in the present hull only what comes nearer to it; and where the handler stands nothing that may be theirs.
+    /// place; in the present hull only what comes nearer to it; and where the handler stands nothing that may be
+    /// theirs.
     #[test]
     fn a_hidden_spot_is_judged_as_a_point_of_its_uncertainty(
         (x, y, uncertainty_m) in (-2.0..1.2f64, -1.5..1.5f64, 0.0..0.3f64),
