@@ -6,7 +6,9 @@ use guidance::cue::CueTrack;
 use guidance::observation::{Frames, Senses};
 use guidance::se2::{Point, Se2, pose2};
 use guidance::shield::{leaves_only_stop, masked_at_edge};
-use guidance::{ActionTable, Awareness, Evidence, HandlerBody, Judgement, Measure, Reward, Shield, Work};
+use guidance::{
+    ActionTable, Awareness, Evidence, HandlerBody, InteractionModel, Judgement, Measure, Reward, Shield, Work,
+};
 use messages::{Attitude, CueKind, DepthHeader, Header, Odometry, ScanHeader, Twist2, UnsafeCause};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -162,6 +164,7 @@ impl Episode {
             sensor.reseed(part_seed(seed, 2));
         }
         self.odometry.reseed(part_seed(seed, 3));
+        self.shield.take_place(&told);
         self.awareness = Awareness::new(told, self.config.awareness.clone());
         (self.cue, self.cue_is_new, self.decision, self.looks, self.now_ns) = (cue, true, 0, 0, 0);
         let start_from_robot = self.config.draw_walked_before(cue, &mut random);
@@ -397,6 +400,12 @@ impl Episode {
     #[must_use]
     pub fn handler_estimate(&self) -> &Se2 {
         self.awareness.handler().robot_from_handler()
+    }
+
+    /// How the handler follows, as a fit to them would tell: shield and policy know no more.
+    #[must_use]
+    pub fn handler_model(&self) -> &InteractionModel {
+        self.awareness.handler().model()
     }
 
     /// Decisions of the episode.

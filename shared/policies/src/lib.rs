@@ -13,7 +13,7 @@ use std::path::Path;
 
 use guidance::cue::CueTrack;
 use guidance::se2::pose2;
-use guidance::{ActionTable, Evidence, HandlerBody, Se2};
+use guidance::{ActionTable, Evidence, HandlerBody, InteractionModel, Se2};
 use messages::{CueKind, Formation, MAX_ACTIONS, ScanHeader};
 use settings::{PlannerUse, PolicyModel};
 
@@ -82,6 +82,10 @@ pub trait Engine: Send {
     fn walks_in_single_file(&self) -> bool {
         false
     }
+
+    /// Another handler takes the handle, who follows by that model beside the robot. Networks see where the handler is,
+    /// and ask for no model.
+    fn take_handler(&mut self, _model: &InteractionModel) {}
 }
 
 impl<'a> From<&Situation<'a>> for geometric::Observation<'a> {
@@ -113,6 +117,10 @@ impl Engine for GeometricEngine {
 
     fn walks_in_single_file(&self) -> bool {
         true
+    }
+
+    fn take_handler(&mut self, model: &InteractionModel) {
+        Self::take_handler(self, model);
     }
 }
 
@@ -151,6 +159,11 @@ impl Pilot {
         }
         self.formation = self.engine.asks_for().unwrap_or(situation.formation);
         Ok(decided)
+    }
+
+    /// See [`Engine::take_handler`].
+    pub fn take_handler(&mut self, model: &InteractionModel) {
+        self.engine.take_handler(model);
     }
 
     /// Where the last decision wants the handler to walk.

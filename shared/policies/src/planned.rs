@@ -8,7 +8,7 @@
 
 use std::collections::VecDeque;
 
-use guidance::{ActionTable, Se2};
+use guidance::{ActionTable, InteractionModel, Se2};
 use messages::{Formation, MAX_ACTIONS};
 use settings::PlannerUse;
 
@@ -132,6 +132,10 @@ impl Engine for PlannedEngine {
 
     fn walks_in_single_file(&self) -> bool {
         true
+    }
+
+    fn take_handler(&mut self, model: &InteractionModel) {
+        self.planner.take_handler(model);
     }
 }
 

@@ -7,7 +7,7 @@
 mod support;
 
 use guidance::se2::{Point, pose2, se2, wrap_angle};
-use guidance::{ActionTable, Se2};
+use guidance::{ActionTable, DelayedHarness, Se2};
 use guidedog_policies::geometric::{GeometricConfig, GeometricEngine, Observation, Plan};
 use messages::{CueKind, MAX_ACTIONS, Pose2, ScanHeader};
 use nalgebra::Vector2;
@@ -550,6 +550,17 @@ fn two_walks_are_the_same_to_the_bit() {
     let (first, second) = (walk.run(), walk.run());
     assert_eq!(first.end, second.end);
     assert_eq!(first.decisions, second.decisions);
+}
+
+#[test]
+fn another_handler_walks_where_their_model_says() {
+    let mut engine = GeometricEngine::new(GeometricConfig::default(), ActionTable::eight());
+    let offset = Pose2::new(-0.9, -0.3, 0.1);
+    let model = DelayedHarness::new(offset, 0.5, 0.5).expect("a handler").into();
+    engine.take_handler(&model);
+    let there = engine.robot_from_handler();
+    let off = [there.x_m - offset.x_m, there.y_m - offset.y_m, there.yaw_rad - offset.yaw_rad];
+    assert!(off.iter().all(|off| off.abs() < 1e-9), "{there:?}");
 }
 
 #[test]

@@ -98,6 +98,7 @@ pub fn walk(
     way: Way,
 ) -> Result<Outcome, Failure> {
     episode.begin(seed);
+    pilot.take_handler(episode.handler_model());
     let draw = way.choice.seeded(seed);
     let count = config.table.len();
     let chosen = |episode: &Episode, probabilities: policies::Probabilities, decision: u64| {

@@ -1,7 +1,7 @@
 //! Side by side, or in single file: where the way ends for the team as it walks, and goes on for the other formation.
 
 use guidance::se2::Point;
-use guidance::{Interaction, Se2};
+use guidance::{Interaction, InteractionModel, Se2};
 use messages::{CueKind, Formation};
 
 use super::GeometricEngine;
@@ -85,6 +85,16 @@ impl GeometricEngine {
         }
         self.robot_from_handler = self.team.robot_from_handler();
         self.forming = Forming { formation, ..Forming::default() };
+    }
+
+    /// Another handler, who follows by that model beside the robot.
+    pub fn take_handler(&mut self, model: &InteractionModel) {
+        self.config.model = model.clone();
+        if self.forming.formation == Formation::Beside {
+            self.team = Team::beside(&self.config);
+            self.robot_from_handler = self.team.robot_from_handler();
+            self.shield.iter_mut().for_each(|shield| shield.take_place(model));
+        }
     }
 
     /// Whether a team that is held side by side would get on in single file, under the cue *forward*: its way goes on
