@@ -52,7 +52,7 @@ fn the_same_seed_gives_the_same_figures_on_any_number_of_cores() {
 /// The digest of a few episodes, in some of which people are in the way.
 fn outcomes_among(place: &Place, people: &[&str]) -> Value {
     let episodes = ["--policy", "guide", "--planner", "off", "--noise", "ideal", "--camera", "16x8"];
-    let found = report(place, &[&episodes[..], &["--episodes", "3", "--seed", "4"], people].concat());
+    let found = report(place, &[&episodes[..], &["--episodes", "6", "--seed", "4"], people].concat());
     assert!(found["outcomes_sha256"].is_string(), "{found:#}");
     found["outcomes_sha256"].clone()
 }

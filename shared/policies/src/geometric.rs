@@ -526,8 +526,8 @@ fn one_hot_stop() -> [f32; MAX_ACTIONS] {
     shares
 }
 
-/// What an action costs that leaves little beside the shield's margin, metres.
+/// What an action costs that the shield allows and that leaves little beside its margin, metres.
 fn tight_m(judged: &guidance::Judgement) -> f64 {
     let [most_m, within_m] = TIGHT_M;
-    most_m * (1.0 - judged.margin_m / within_m).clamp(0.0, 1.0)
+    if judged.safe { most_m * (1.0 - judged.margin_m / within_m).clamp(0.0, 1.0) } else { 0.0 }
 }
