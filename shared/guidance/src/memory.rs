@@ -81,7 +81,8 @@ pub struct Remembered {
     pub place: Point,
     /// It may be this far from there, metres.
     pub uncertainty_m: f64,
-    /// It was seen while the handler was far from it: it is none of theirs, also where it is close beside them now.
+    /// A sensor saw it while the handler was far away, so it is not a part of the handler. This holds when they come
+    /// close to it.
     pub is_apart: bool,
 }
 
@@ -332,8 +333,8 @@ impl Memory {
     ) {
         let robot_from_odom = odom_from_robot.inverse();
         let (stamp_ns, odometer) = (self.stamp_ns, self.odometer);
-        // The mask is wider than the handler by what the lidar is off: there something else may stand. A wall that they
-        // walk along is off by as much, and stays.
+        // The mask is wider than the handler by the lidar's error, and something else may stand there. A wall beside
+        // them has the same error, and stays.
         let off_m = 3.0 * beams.sigma_m();
         let body = handler.and_then(|body| Some((body.center, body.mask_radius_m? - off_m)));
         let on_handler = |spot: &Spot, place: Point| {
@@ -556,8 +557,8 @@ fn sees_as_far_as(beams: &Beams, place: Point, is_apart: bool, handler: Option<&
     let distance_m = (place - beams.origin()).norm();
     let on_handler = beam.kind == BeamKind::Hit && handler.is_some_and(|handler| handler.masks(beam.end));
     let off_m = CELL_M + 3.0 * beams.sigma_m();
-    // What the handler hides begins where the beam ends. A wall close beside them ends beams as well that count as
-    // theirs.
+    // What the handler hides begins where the beam ends. A beam that ends on a wall close beside them counts as theirs,
+    // too.
     let noise_m = if !on_handler {
         off_m
     } else if is_apart {

@@ -7,10 +7,10 @@ use crate::people::Agent;
 use crate::prism::{Prism, SeenBy};
 use crate::sweep::to_segment;
 
-/// A leaf comes no nearer to robot, handler and people than this, metres: who opens a door stops for them. The team
-/// comes no farther in a decision.
+/// A leaf keeps this distance from robot, handler and people, metres. The team moves no farther than this in a
+/// decision.
 pub const HOLDS_OFF_M: f64 = 0.5;
-/// The end of a leaf moves by no more than this at once, metres: it swings over nobody.
+/// The end of a leaf moves by at most this in one step, metres: it cannot jump over a person.
 const STEP_M: f64 = 0.1;
 
 /// When a door begins to open. It does so once.
@@ -76,7 +76,7 @@ impl Door {
         self.hinge + Vector2::new(at_rad.cos(), at_rad.sin()) * self.size_m[0]
     }
 
-    /// The room between the leaf at an angle and somebody, metres.
+    /// The distance between the leaf at an angle and an agent's disc, metres.
     fn room_m(&self, at_rad: f64, agent: &Agent) -> f64 {
         to_segment(agent.at, self.hinge, self.tip(at_rad)) - self.size_m[1] / 2.0 - agent.radius_m
     }
@@ -114,7 +114,7 @@ impl Leaf {
         }
     }
 
-    /// Swings towards an angle as far as the time lasts, or until somebody is in the way; whether it has come there.
+    /// Swings towards an angle until the time is over or an agent is in the way. Returns whether the leaf is there.
     fn reaches(&mut self, to_rad: f64, dt_s: f64, agents: &[Agent]) -> bool {
         let mut left_rad = self.door.speed_radps * dt_s;
         while left_rad > 0.0 && self.at_rad != to_rad {

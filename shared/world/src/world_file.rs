@@ -40,7 +40,7 @@
 //! speed_degps = 60                 # default 60
 //! opens_near_m = 3.5               # begins when the robot is so near to the hinge; or `opens_s`: at this run time
 //! stays_s = 5                      # default 5: for so long it stays open
-//! seen_by = "both"                 # default: lidar and camera; or "camera", "nobody": glass
+//! seen_by = "both"                 # default: lidar and camera. "camera" is dirty glass, "nobody" is clean glass
 //!
 //! [[ramp]]                         # needs `--physics mujoco`; up, a plateau and down are three of them
 //! at = [4, 0]                      # middle of its foot

@@ -95,7 +95,7 @@ fn a_leaf_stops_before_who_is_in_its_way_and_tries_again() {
     assert_eq!(world.doors_rad()[0], 0.0);
 }
 
-/// Nobody who stands is touched, and nobody is swung over, however long a step is.
+/// A leaf neither touches nor jumps over an agent that stands, whatever the length of a step.
 #[test]
 fn a_leaf_comes_to_nobody() {
     let mut random = ChaCha8Rng::seed_from_u64(1);

@@ -34,7 +34,7 @@ const JOINED_CELLS: i32 = 3;
 const ALLOWED_FOR_M: f64 = 3.0;
 /// It is allowed where it is so high as told, give or take, metres.
 const ALLOWED_OFF_M: f64 = 0.03;
-/// What is farther than this from the middle of the handler is none of theirs, metres: not an arm, nor a bag.
+/// Farther than this from their middle nothing belongs to the handler, neither an arm nor a bag, metres.
 const APART_M: f64 = 0.5;
 /// More evidence than this makes no edge surer: frames that see floor there can still take it away.
 const EDGE_SURE: f64 = 4.0;
@@ -85,7 +85,7 @@ pub(super) struct Spot {
     pub onward: Vector2<f64>,
     /// How far the robot had come when the handler allowed this step, metres.
     allowed_at_m: f64,
-    /// It was seen while the handler was so far from it that it is none of theirs.
+    /// A sensor saw it while the handler was farther than [`APART_M`] away: it is not a part of the handler.
     pub is_apart: bool,
 }
 

@@ -204,8 +204,8 @@ impl Route {
         Goal { plan: Plan::Follow, seeds, facing_rad }
     }
 
-    /// Into the next opening of that side; where there is none, round the corridor's bend to the other side: the
-    /// opening may come behind it.
+    /// Turns into the next opening of that side. Where there is none, the team goes round the corridor's bend to the
+    /// other side: the opening may come behind it.
     fn turn_or_bend(&mut self, view: &View, side: Side, cue_place: Point) -> Option<Goal> {
         if self.branch.is_some_and(|branch| branch.plan == Plan::Bend) {
             return self.bend(view, None);

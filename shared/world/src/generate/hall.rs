@@ -18,9 +18,10 @@ const LENGTH_M: [f64; 2] = [5.0, 12.0];
 const WIDE_M: [f64; 2] = [4.0, 9.0];
 const SMALL: f64 = 2.0;
 const LEFT: [f64; 2] = [0.2, 0.8];
-/// The corridor goes on for so long before it and behind it, metres: whoever is sent on comes out of it.
+/// Least length of the corridor before the hall and behind it, metres: a team that is sent on can leave the hall.
 const ENDS_M: f64 = 4.5;
-/// So many things are tried in it, half as long and wide as this, or round, metres; and their heights, metres.
+/// Number of things that are tried in a hall; half of their length and width (or their radius), metres; and their
+/// heights, metres.
 const THINGS: usize = 8;
 const HALF_M: [f64; 2] = [0.2, 0.6];
 const RADIUS_M: [f64; 2] = [0.15, 0.35];
