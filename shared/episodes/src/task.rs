@@ -22,7 +22,8 @@ pub const AXIS_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 pub const STILL_M: f64 = 0.3;
 /// in so many decisions.
 pub const STILL_DECISIONS: usize = 10;
-/// Whoever gives a cue beside an opening's edge may mean it or the next one, metres.
+/// Whoever gives a cue while the robot is no more than this before an opening's farther edge, and the handler not past
+/// it, may mean this opening or the next one, metres.
 const BESIDE_M: f64 = 1.0;
 /// An opening within this distance after a corner to the same side may be meant as well, metres.
 const AFTER_CORNER_M: f64 = 4.0;
@@ -144,7 +145,8 @@ impl Task {
         {
             return None;
         }
-        let first = course.next(side, way_m, TURN_REACH_M);
+        let from_m = handler_way_m.min(way_m);
+        let first = course.next(side, from_m, way_m - from_m + TURN_REACH_M);
         let beside = first.filter(|first| first.far_edge_m() - way_m < BESIDE_M);
         let meant = match beside {
             Some(beside) => course.next(side, beside.far_edge_m(), TURN_REACH_M),

@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use guidance::se2::{Point, se2};
 use guidedog_episodes::{Config, Goal, Task};
 use messages::{CueKind, Pose2};
-use world::{FloorPlan, GeneratorConfig, generate};
+use world::{FloorPlan, GeneratorConfig, Side, generate};
 
 /// A task of the table.
 struct Row<'a> {
@@ -119,4 +119,32 @@ fn forward_leads_across_a_hall_and_nothing_else_is_asked_for_there() {
     }
     println!("{halls} of 400 corridors have a hall; forward leads across it from {across} places");
     assert!((15..40).contains(&halls) && across > 200);
+}
+
+/// Whoever says *left* while they or the robot are beside an opening may mean it. A pair that has passed it may not.
+#[test]
+fn an_opening_may_be_meant_until_the_handler_has_passed_it() {
+    let robot_from_handler = se2(Config::default().robot_from_handler);
+    let (mut beside, mut passed) = (0, 0);
+    for seed in 0..100 {
+        let course = generate(&GeneratorConfig::default(), seed).course;
+        for opening in &course.openings {
+            let cue = if opening.side == Side::Left { CueKind::Left } else { CueKind::Right };
+            for past_m in [-0.3, 0.1, 0.3, 1.5] {
+                let way_m = opening.far_edge_m() + past_m;
+                if way_m > course.line.length_m() {
+                    continue;
+                }
+                let robot = course.line.at(way_m);
+                let handler = robot * robot_from_handler;
+                let handler_m = course.line.foot(Point::from(handler.translation.vector)).way_m;
+                let Some(task) = Task::at(&course, cue, robot, &robot_from_handler) else { continue };
+                let (Goal::Into(allowed) | Goal::Stand(allowed)) = &task.goal else { panic!("{:?}", task.goal) };
+                let may_be_meant = allowed.contains(opening);
+                assert_eq!(may_be_meant, handler_m < opening.far_edge_m(), "seed {seed}, {past_m} m past {opening:?}");
+                if may_be_meant { beside += 1 } else { passed += 1 }
+            }
+        }
+    }
+    assert!(beside > 50 && passed > 50, "{beside} {passed}");
 }
