@@ -120,7 +120,9 @@ impl Task {
         Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)), robot_from_handler)
     }
 
-    /// The task of who gives a cue there; `None` where what is next is a niche, and nobody can say whether it is meant.
+    /// The task of a handler who gives that cue there. `None` where nobody can say what is meant: the next opening is a
+    /// niche, there is a hall, an edge comes behind an opening beside the pair, or the pair is beside an opening of a
+    /// floor plan.
     #[must_use]
     pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2, robot_from_handler: &Se2) -> Option<Self> {
         let way_m = |pose: Se2| course.line.foot(Point::from(pose.translation.vector)).way_m;
@@ -160,6 +162,9 @@ impl Task {
             return task(course.line.part(0.0, end_m)?, Goal::Stand(beside.into_iter().cloned().collect()));
         };
         if meant.edge_m.is_some() {
+            if beside.is_some() {
+                return None;
+            }
             return task(course.line_into(meant)?, Goal::BeforeEdge);
         }
         let is_deep = |opening: &Opening| opening.line.length_m() >= course.width_m / 2.0 + INSIDE_M + BEFORE_M;

@@ -271,7 +271,7 @@ impl Memory {
     }
 
     /// Takes in a scan of the second lidar of that stamp, from where the robot was then, and where the handler was:
-    /// what ends on them is never remembered. The second lidar alone lets go of an edge that it saw. What stands at the
+    /// what ends on them is never remembered, but what was seen while they were elsewhere stays. The second lidar alone lets go of an edge that it saw. What stands at the
     /// height of its plane is remembered where it looks down: nearer to the robot it is below that plane.
     pub fn update_second<'a>(
         &mut self,
@@ -295,7 +295,7 @@ impl Memory {
             let age_ns = stamp_ns.saturating_sub(thing.seen_ns);
             let walked_on = odometer.walked_m - thing.seen_at.walked_m > WALKED_MIN_M;
             let is_old = age_ns > kept_ns && (walked_on || thing.is_doubtful()) || age_ns > STANDING_MAX_NS;
-            !is_old && !masks(place) && !second.showed_floor(place) && place.coords.norm() < REACH_M
+            !is_old && (thing.is_apart || !masks(place)) && !second.showed_floor(place) && place.coords.norm() < REACH_M
         });
         let center = handler.map(|handler| handler.center);
         let sighting =

@@ -509,6 +509,15 @@ fn a_turn_is_looked_for_behind_a_bend_to_the_other_side() {
 }
 
 #[test]
+fn a_person_in_the_opening_that_is_asked_for_does_not_send_the_team_the_other_way() {
+    let mut world = junction([true, false, true, true]);
+    world.walkers.push((Point::new(10.0, -1.3), Vector2::zeros(), 0.25));
+    let walk =
+        Walk::new("somebody stands in the right arm", world, (0.0, 0.0, 0.0), 60.0).cue(CueKind::Right, (7.0, 0.0));
+    walk.stands(10.2, 0.9, Plan::End).check();
+}
+
+#[test]
 fn a_person_across_the_corridor_is_not_its_end() {
     // Beside an opening, a person crosses the corridor and fills it for a moment.
     let mut world = junction([true, true, true, false]);

@@ -18,7 +18,7 @@ const STEP_M: f64 = 0.1;
 pub enum Opens {
     /// At this run time, seconds.
     At(f64),
-    /// When the middle of the robot is so near to the hinge, metres.
+    /// When the robot is so near to the hinge, metres: its front disc, in MuJoCo its middle.
     Near(f64),
 }
 

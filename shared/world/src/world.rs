@@ -113,7 +113,10 @@ impl World {
         self
     }
 
-    /// The same world with these doors, which are shut: at most [`messages::MAX_DOORS`] of them fit into a truth.
+    /// The same world with these doors, which are shut.
+    ///
+    /// # Panics
+    /// With more than [`messages::MAX_DOORS`] doors: no more of them fit into a truth.
     #[must_use]
     pub fn with_doors(mut self, doors: impl IntoIterator<Item = Door>) -> Self {
         for door in doors {
@@ -121,6 +124,7 @@ impl World {
             self.leaves.push((leaf.clone(), self.prisms.len()));
             self.prisms.push(leaf.door.leaf(leaf.at_rad));
         }
+        assert!(self.leaves.len() <= messages::MAX_DOORS, "{} doors", self.leaves.len());
         self.index = SideIndex::new(&self.prisms);
         self
     }

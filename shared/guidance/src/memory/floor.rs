@@ -20,8 +20,8 @@ const KEPT_M: f64 = 3.0;
 const KEPT_NS: u64 = 10_000_000_000;
 const WALKED_MIN_M: f64 = 1.0;
 const PAIR_M: f64 = 1.5;
-/// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres, and
-/// under the pair until they have passed.
+/// The strip between the pair and the first floor that is seen is assumed for so much way from the start, metres. Then
+/// it is let go where the pair is no longer near.
 const FIRST_M: f64 = 1.0;
 /// A robot that turned by less still stands at its start, radians.
 const BEGUN_RAD: f64 = 0.1;
@@ -91,6 +91,8 @@ pub(super) struct FloorMap {
     frame: u64,
     /// Some floor is known to lie beyond an edge.
     has_beyond: bool,
+    /// Some floor is assumed.
+    has_assumed: bool,
     /// How far the robot had come when it was first placed in this odometry frame.
     began: Odometer,
 }
@@ -98,7 +100,7 @@ pub(super) struct FloorMap {
 impl FloorMap {
     pub fn new() -> Self {
         let cells = vec![Cell::UNSEEN; (SIDE * SIDE) as usize];
-        Self { spare: cells.clone(), cells, frame: 0, has_beyond: false, began: Odometer::ZERO }
+        Self { spare: cells.clone(), cells, frame: 0, has_beyond: false, has_assumed: false, began: Odometer::ZERO }
     }
 
     /// Takes in where robot and handler are (discs in the robot frame), the first of which surely stand there, and what
@@ -113,17 +115,35 @@ impl FloorMap {
                 _ => Some(Floor::Trodden),
             });
         }
+        self.let_go_of_assumed(here);
         let Some(view) = view.filter(|view| view.number() != self.frame) else { return };
         self.frame = view.number();
         if self.is_first_way(here)
             && let Some(strip) = Strip::before(bodies, view)
         {
+            self.has_assumed = true;
             let assumed = |place: Point, old: Floor| old == Floor::Unseen && strip.contains(place);
             self.each(here, strip.middle(), strip.reach_m(), |place, old| {
                 assumed(place, old).then_some(Floor::Assumed)
             });
         }
         self.look(here, view);
+    }
+
+    /// The handler comes behind: what was assumed under the pair is not lost before they have passed. A pair that comes
+    /// back does not find it again.
+    fn let_go_of_assumed(&mut self, here: &Here<'_>) {
+        if !self.has_assumed || self.is_first_way(here) {
+            return;
+        }
+        self.has_assumed = false;
+        for cell in self.cells.iter_mut().filter(|cell| cell.floor == Floor::Assumed) {
+            if here.is_near(cell.key) {
+                self.has_assumed = true;
+            } else {
+                *cell = Cell::UNSEEN;
+            }
+        }
     }
 
     /// Takes in what a frame shows of each cell in view.
@@ -184,8 +204,6 @@ impl FloorMap {
         let unseen = || if self.is_beside_edge(key, here) { Floor::Beyond } else { Floor::Unseen };
         let Some(cell) = self.known(key, here) else { return unseen() };
         match cell.floor {
-            // The handler comes behind: the floor under the pair is not lost before they have passed.
-            Floor::Assumed if !self.is_first_way(here) && !here.is_near(key) => unseen(),
             Floor::Seen | Floor::Trodden => {
                 let middle = middle_of(key);
                 let distance_m = (middle - Point::from(here.odom_from_robot.translation.vector)).norm();
@@ -223,7 +241,7 @@ impl FloorMap {
     pub fn anchor(&mut self, before: &Here<'_>, odom_from_robot: &Se2, off_m: f64, drift: f64) {
         std::mem::swap(&mut self.cells, &mut self.spare);
         self.cells.fill(Cell::UNSEEN);
-        self.has_beyond = false;
+        (self.has_beyond, self.has_assumed) = (false, false);
         let old = Self { cells: std::mem::take(&mut self.spare), spare: Vec::new(), ..*self };
         let is_beyond = |key| {
             let cell = old.known(key, before);

@@ -16,6 +16,10 @@ const NICHE_M: f64 = 0.6;
 const WIDE_M: f64 = 0.85;
 /// Something on the line itself is passed over up to this width, metres.
 const ON_LINE_M: f64 = 0.8;
+/// Fewer looks do not tell where a wall is.
+const LOOKS_MIN: usize = 5;
+/// A wall is still there where this part of the looks ends on it: a quarter.
+const STILL_SHARE: usize = 4;
 /// A wall farther away than this bounds a hall, not a corridor, metres.
 const WALL_MAX_M: f64 = 4.0;
 
@@ -98,8 +102,9 @@ impl Profile {
         Self { looks }
     }
 
-    /// Distance of the wall from the line, metres: the usual look that ends on something near the robot.
-    pub fn wall_m(&self) -> Option<f64> {
+    /// Distance of the wall from the line, metres: the usual look that ends on something near the robot. While enough
+    /// looks end on the wall that was there before (`before_m`), what lies farther is the far end of an opening.
+    pub fn wall_m(&self, before_m: Option<f64>) -> Option<f64> {
         let mut walls: Vec<f64> = (0..self.looks.len())
             .filter(|i| (-2.0..4.0).contains(&along(*i)))
             .filter_map(|i| match self.looks[i] {
@@ -108,7 +113,15 @@ impl Profile {
             })
             .collect();
         walls.sort_by(f64::total_cmp);
-        (walls.len() >= 5).then(|| walls[walls.len() / 2])
+        if walls.len() < LOOKS_MIN {
+            return None;
+        }
+        let median = |walls: &[f64]| walls[walls.len() / 2];
+        let is_before = |wall_m: &f64| before_m.is_some_and(|before_m| (wall_m - before_m).abs() < NICHE_M);
+        let still: Vec<f64> = walls.iter().copied().filter(is_before).collect();
+        let is_farther = before_m.is_some_and(|before_m| median(&walls) >= before_m + NICHE_M);
+        let is_there = still.len() >= LOOKS_MIN && still.len() * STILL_SHARE >= walls.len();
+        Some(median(if is_farther && is_there { &still } else { &walls }))
     }
 
     /// The openings in a wall at that distance, from behind to ahead.
@@ -166,4 +179,41 @@ fn look(window: &Window, odom_from_line: &Se2, along_m: f64, side: Side) -> Look
         across_m += CELL_M;
     }
     Look::Unseen(ACROSS_M)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Look, Profile};
+
+    /// A corridor that ends soon: its wall from 2 m behind, then the short arm of a bend.
+    fn at_a_bend() -> Profile {
+        let mut looks = vec![Look::Nowhere; 100];
+        looks[10..25].fill(Look::Wall(1.5));
+        looks[25..45].fill(Look::Wall(3.6));
+        Profile { looks }
+    }
+
+    #[test]
+    fn the_far_end_of_an_opening_is_not_taken_for_the_wall_that_was_seen_before() {
+        let profile = at_a_bend();
+        assert_eq!(profile.wall_m(Some(1.4)), Some(1.5));
+        let [opening] = profile.openings(1.5)[..] else { panic!("one opening") };
+        assert!((opening.begin_m + 0.5).abs() < 1e-9 && (opening.end_m - 1.5).abs() < 1e-9, "{opening:?}");
+        // Clutter before the wall is not the wall that was seen.
+        let mut clutter = at_a_bend();
+        clutter.looks[10..25].fill(Look::Wall(0.5));
+        assert_eq!(clutter.wall_m(Some(1.5)), Some(3.6));
+        // Nothing tells it from a wall where none was seen before, and a corridor may become wider.
+        assert_eq!(profile.wall_m(None), Some(3.6));
+        assert_eq!(profile.wall_m(Some(0.5)), Some(3.6));
+    }
+
+    #[test]
+    fn a_wall_that_comes_nearer_is_taken_at_once() {
+        assert_eq!(at_a_bend().wall_m(Some(3.6)), Some(3.6));
+        let looks = vec![Look::Wall(1.2); 100];
+        assert_eq!(Profile { looks }.wall_m(Some(3.6)), Some(1.2));
+        let few = vec![Look::Wall(1.2); 14];
+        assert_eq!(Profile { looks: few }.wall_m(Some(3.6)), None);
+    }
 }

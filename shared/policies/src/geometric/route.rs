@@ -18,6 +18,8 @@ const NEAR_END_M: f64 = 2.5;
 const AT_END_M: f64 = 1.0;
 /// Number of decisions that find a bend before the team takes it: a person who crosses is not the corridor's end.
 const BEND_SURE: u32 = 4;
+/// And where the cue asks for the other side.
+const BEND_SURE_ASIDE: u32 = 8;
 /// Way ahead under which the corridor is at its end, metres.
 const END_M: f64 = 0.4;
 /// Way ahead over which an end was none after all, metres.
@@ -35,6 +37,8 @@ const SLANT: f64 = 0.5;
 /// The longest way that the team goes back, metres; on the way into an opening it may be longer.
 const BEHIND_M: f64 = 1.8;
 const TURN_BEHIND_M: f64 = 3.0;
+/// A wall that was not seen yet is taken to be so far away, metres.
+const UNSEEN_WALL_M: f64 = 1.0;
 /// Decisions without a way after which a chosen opening is given up.
 const LOST_COUNT: u32 = 6;
 
@@ -81,6 +85,17 @@ struct Branch {
 }
 
 impl Branch {
+    /// Whether the team faces into it.
+    fn is_ahead(&self, odom_from_robot: &Se2) -> bool {
+        let off_rad = self.odom_from_branch.rotation.angle() - odom_from_robot.rotation.angle();
+        wrap_angle(off_rad).abs() < FRAC_PI_4
+    }
+
+    /// Whether the team has turned into it.
+    fn is_round(&self, odom_from_robot: &Se2) -> bool {
+        self.is_ahead(odom_from_robot) && self.is_entered(odom_from_robot)
+    }
+
     /// A team that faces a bend has entered it. An opening that it turned into is entered between its walls.
     fn is_entered(&self, odom_from_robot: &Se2) -> bool {
         let robot = self.odom_from_branch.inverse() * Point::from(odom_from_robot.translation.vector);
@@ -93,7 +108,8 @@ impl Branch {
 pub struct Route {
     line: TravelLine,
     branch: Option<Branch>,
-    wall_m: [f64; 2],
+    /// How far the walls are to the left and to the right, metres, as last seen.
+    wall_m: [Option<f64>; 2],
     ended: bool,
     /// An opening of the side asked for was found: the way behind a turn is the next cue's.
     turned: bool,
@@ -132,7 +148,7 @@ impl Route {
         Self {
             line,
             branch: None,
-            wall_m: [1.0; 2],
+            wall_m: [None; 2],
             ended: false,
             turned: false,
             bends: (0, Side::Left),
@@ -157,21 +173,32 @@ impl Route {
             self.line.leave();
         }
         let view = self.view(seen);
+        self.take_walls(&view);
+        let had_branch = self.branch.is_some();
         let goal = match cue {
             CueKind::Stop => None,
             CueKind::Forward => self.bend(&view, None),
             CueKind::Left => self.turn_or_bend(&view, Side::Left, cue_place),
             CueKind::Right => self.turn_or_bend(&view, Side::Right, cue_place),
         };
-        goal.unwrap_or_else(|| self.along(&view, cue))
+        goal.unwrap_or_else(|| {
+            // Round a bend the way goes on along another line.
+            let is_round = had_branch && self.branch.is_none();
+            let view = if is_round { self.view(seen) } else { view };
+            self.along(&view, cue)
+        })
+    }
+
+    fn wall_m(&self, side: Side) -> f64 {
+        self.wall_m[side as usize].unwrap_or(UNSEEN_WALL_M)
     }
 
     /// How far the way goes on ahead from the robot, along the travel line, metres.
-    pub fn ahead_m(&mut self, seen: &Seen) -> f64 {
+    pub fn ahead_m(&self, seen: &Seen) -> f64 {
         self.view(seen).ahead_m
     }
 
-    fn view<'a>(&mut self, seen: &Seen<'a>) -> View<'a> {
+    fn view<'a>(&self, seen: &Seen<'a>) -> View<'a> {
         let Seen { window, odom_from_robot: robot, trail } = *seen;
         let odom_from_line = Se2::new(robot.translation.vector, self.line.yaw_rad);
         let line_from_odom = odom_from_line.inverse();
@@ -180,11 +207,14 @@ impl Route {
         let is_ahead = |place: Point| (line_from_odom * place).x > -behind_m && !back.contains(place);
         let reached = reachable(window, Point::from(robot.translation.vector), is_ahead);
         let profiles = [Side::Left, Side::Right].map(|side| Profile::look(window, &odom_from_line, side));
-        for (wall_m, profile) in self.wall_m.iter_mut().zip(&profiles) {
-            *wall_m = profile.wall_m().unwrap_or(*wall_m);
-        }
         let ahead_m = forward_cells(window, &reached, &odom_from_line).map(|(_, at)| at.x).fold(0.0, f64::max);
         View { window, robot, odom_from_line, reached, profiles, ahead_m }
+    }
+
+    fn take_walls(&mut self, view: &View) {
+        for (wall_m, profile) in self.wall_m.iter_mut().zip(&view.profiles) {
+            *wall_m = profile.wall_m(*wall_m).or(*wall_m);
+        }
     }
 
     /// Along the corridor as far as it is seen; stands at its end.
@@ -207,32 +237,47 @@ impl Route {
     /// Turns into the next opening of that side. Where there is none, the team goes round the corridor's bend to the
     /// other side: the opening may come behind it.
     fn turn_or_bend(&mut self, view: &View, side: Side, cue_place: Point) -> Option<Goal> {
-        if self.branch.is_some_and(|branch| branch.plan == Plan::Bend) {
+        let bend = self.branch.filter(|branch| branch.plan == Plan::Bend);
+        if bend.is_some_and(|bend| bend.is_round(view.robot)) {
             return self.bend(view, None);
         }
+        // On the way to a bend the opening may still be found: who stood in it has gone on.
+        if bend.is_some() {
+            self.branch = None;
+        }
         let turn = self.turn(view, side, cue_place);
-        self.turned |= turn.is_some();
-        if turn.is_none() && !self.turned { self.bend(view, Some(side.other())) } else { turn }
+        if turn.is_some() {
+            self.turned = true;
+            return turn;
+        }
+        self.branch = self.branch.or(bend);
+        if self.turned { None } else { self.bend(view, Some(side.other())) }
     }
 
     /// Round the only way on, where the corridor is about to end with one, on that side alone where one is named.
     fn bend(&mut self, view: &View, only: Option<Side>) -> Option<Goal> {
         if let Some(branch) = self.branch {
-            let branch_rad = branch.odom_from_branch.rotation.angle();
-            let is_ahead = wrap_angle(branch_rad - view.robot.rotation.angle()).abs() < FRAC_PI_4;
-            let goal = if is_ahead && branch.is_entered(view.robot) { None } else { self.seek_branch(view) };
-            if goal.is_none() && (is_ahead || self.branch.is_none()) {
-                *self = Self::new(branch_rad);
+            let goal = if branch.is_round(view.robot) { None } else { self.seek_branch(view) };
+            if goal.is_none() && (branch.is_ahead(view.robot) || self.branch.is_none()) {
+                *self = Self::new(branch.odom_from_branch.rotation.angle());
             }
             return goal;
         }
-        let seen = self.bend_ahead(view).filter(|(side, _)| only.is_none_or(|only| only == *side));
+        let seen = match only {
+            // The wall has to be seen on the side that was asked for: somebody may stand in an opening there.
+            Some(only) => self.bend_ahead(view).filter(|(side, _)| only == *side && self.is_shut(view, side.other())),
+            None => {
+                let is_at_end = view.ahead_m < END_M;
+                self.bend_ahead(view).filter(|(side, _)| is_at_end || self.is_shut(view, side.other()))
+            }
+        };
         self.bends = match &seen {
             Some((side, _)) if self.bends.1 == *side => (self.bends.0 + 1, *side),
             Some((side, _)) => (1, *side),
             None => (0, self.bends.1),
         };
-        let (side, opening) = seen.filter(|_| self.bends.0 >= BEND_SURE)?;
+        let sure = if only.is_some() { BEND_SURE_ASIDE } else { BEND_SURE };
+        let (side, opening) = seen.filter(|_| self.bends.0 >= sure)?;
         self.branch = Some(branch(view, side, &opening, Plan::Bend));
         self.seek_branch(view)
     }
@@ -243,21 +288,22 @@ impl Route {
             return None;
         }
         let find = |slack_m| [Side::Left, Side::Right].map(|side| self.opening_at_end(view, side, slack_m));
-        let (side, opening) = match (find(AT_END_M), find(NEAR_END_M)) {
-            ([Some(opening), None], [_, None]) => (Side::Left, opening),
-            ([None, Some(opening)], [None, _]) => (Side::Right, opening),
-            _ => return None,
-        };
-        let other = side.other();
-        let wall_m = self.wall_m[other as usize];
-        let shut = view.profiles[other as usize].closed(-0.3, view.ahead_m + view.window.fits_m, wall_m);
-        (shut || view.ahead_m < END_M).then_some((side, opening))
+        match (find(AT_END_M), find(NEAR_END_M)) {
+            ([Some(opening), None], [_, None]) => Some((Side::Left, opening)),
+            ([None, Some(opening)], [None, _]) => Some((Side::Right, opening)),
+            _ => None,
+        }
+    }
+
+    /// Whether a wall is seen on that side as far as the corridor goes on.
+    fn is_shut(&self, view: &View, side: Side) -> bool {
+        view.profiles[side as usize].closed(-0.3, view.ahead_m + view.window.fits_m, self.wall_m(side))
     }
 
     /// Into the next opening of that side, once it is near.
     fn turn(&mut self, view: &View, side: Side, cue_place: Point) -> Option<Goal> {
         let since_cue_m = -(view.odom_from_line.inverse() * cue_place).x;
-        let openings = view.profiles[side as usize].openings(self.wall_m[side as usize]);
+        let openings = view.profiles[side as usize].openings(self.wall_m(side));
         let not_passed = |opening: &Opening| {
             opening.end_m + since_cue_m > -LATE_END_M && opening.middle_m() + since_cue_m > -LATE_MIDDLE_M
         };
@@ -288,6 +334,8 @@ impl Route {
         branch.lost = if seeds.is_empty() { branch.lost + 1 } else { 0 };
         let goal = Goal { plan: branch.plan, seeds, facing_rad: branch.odom_from_branch.rotation.angle() };
         if branch.lost > LOST_COUNT {
+            // What was no opening after all tells nothing of the next cue.
+            self.turned &= branch.is_entered(view.robot);
             self.branch = None;
         }
         (!goal.seeds.is_empty()).then_some(goal)
@@ -300,7 +348,7 @@ impl Route {
         let at_end = |opening: &Opening| {
             opening.end_m > end_m - slack_m && opening.begin_m < COMMIT_M && opening.middle_m() > -1.0
         };
-        let openings = view.profiles[side as usize].openings(self.wall_m[side as usize]);
+        let openings = view.profiles[side as usize].openings(self.wall_m(side));
         openings.into_iter().rev().find(|opening| at_end(opening) && view.reaches(side, opening))
     }
 }

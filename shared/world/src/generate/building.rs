@@ -103,7 +103,8 @@ pub(super) fn draw_width_m(random: &mut ChaCha8Rng) -> f64 {
 
 impl Branch {
     pub(super) fn is_shut_door(&self) -> bool {
-        self.room.is_none() && self.length_m < SHUT_M[1][1]
+        let [[_, widest_m], [_, deepest_m]] = SHUT_M;
+        self.room.is_none() && self.width_m <= widest_m && self.length_m < deepest_m
     }
 }
 
