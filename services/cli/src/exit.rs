@@ -33,7 +33,8 @@ Exit codes:
   4  no such run is alive, or several are and none is named with --run
   5  the supervisor refused (a cue that cannot be taken now, a resume where nothing is locked)
   6  a policy swap failed; the policy before goes on
-  7  a replay decides differently from its recording (replay --against, bench replay)
+  7  a replay decides differently from its recording (replay --against, bench replay),
+     or evaluate --replay walks an episode otherwise than the same program did
   8  the caller may not do that to this run: its own user and root may, and the group may read";
 
 /// Why the command could not do what it was asked, with its exit code.

@@ -151,7 +151,8 @@ pub struct Observation<'a> {
     pub scan: &'a ScanHeader,
     /// The lidar's readings, metres; see [`messages::LidarScan`].
     pub ranges: &'a [f32],
-    /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera.
+    /// Obstacles that the camera saw, robot frame, metres; empty where there is no camera. Where `shield` has a frame
+    /// of the camera, they are that frame's.
     pub obstacles: &'a [Point],
     /// What the shield judges on, if there is one: it tells where the floor ends, and where it was not seen.
     pub shield: Option<(Evidence<'a>, HandlerBody)>,
@@ -282,8 +283,9 @@ impl GeometricEngine {
         self.take_pose(observation);
         let handler = Point::from(self.robot_from_handler.translation.vector);
         let beams = Beams::read(observation.scan, observation.ranges, handler, self.config.handler_mask_m)?;
-        self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, Some(handler));
-        let remembered = observation.shield.and_then(|(evidence, _)| evidence.memory);
+        let (depth, remembered) =
+            observation.shield.map_or((None, None), |(evidence, _)| (evidence.depth, evidence.memory));
+        self.memory.update(&self.odom_from_robot, &beams, observation.obstacles, depth, Some(handler));
         if let Some(remembered) = remembered {
             let edges = remembered.edges().iter().map(|edge| edge.place);
             self.memory.block(&self.odom_from_robot, edges.chain(remembered.beyond_edges()));

@@ -142,7 +142,7 @@ impl SoloEngine {
         let Some(beams) = Beams::read_but(situation.scan, situation.ranges, |_| false) else { return crate::stand() };
         let near: Vec<Point> =
             situation.obstacles.iter().copied().filter(|place| place.coords.norm() < CAMERA_M).collect();
-        self.memory.update(&situation.odom_from_robot, &beams, &near, None);
+        self.memory.update(&situation.odom_from_robot, &beams, &near, None, None);
         let place = Point::from(situation.odom_from_robot.translation.vector);
         let window = self.memory.window(place, self.config.radius_m, []);
         let cost = CostToGo::spread_by(&window, &seeds(&window, situation.goal), place, |window, cell| {

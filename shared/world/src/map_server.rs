@@ -4,7 +4,7 @@
 //! map_server does not know are passed over, as it does.
 
 use std::io::{BufRead, BufReader, Seek};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use image::codecs::pnm::PnmDecoder;
 use image::{DynamicImage, ImageDecoder, ImageFormat, ImageReader};
@@ -64,20 +64,22 @@ impl GridMap {
     /// or has over 64 million pixels. The error names the file, and for the YAML line and key.
     pub fn load(path: &Path) -> Result<Self, WorldError> {
         let file = path.display().to_string();
-        let text = text_file::read(path)?;
-        let description: Description = serde_saphyr::from_str(&text).map_err(|error| WorldError::Parse {
-            file: file.clone(),
-            line: error.location().map_or(1, |location| location.line().max(1) as usize),
-            what: without_place(&first_line(&error.without_snippet().to_string())),
-        })?;
+        let description = Description::load(path)?;
         let classify = description.classifier(&file)?;
-        let folder = path.parent().unwrap_or(Path::new(""));
-        let (width, pixels) = read_image(&folder.join(&description.image.value))?;
+        let (width, pixels) = read_image(&description.image_beside(path))?;
         // Row 0 of the image is the upper edge, row 0 of a map the lower one.
         let rows = pixels.chunks_exact(width).rev();
         let cells = rows.flat_map(|row| row.iter().map(|&pixel| classify(pixel))).collect();
         let [x_m, y_m, yaw_rad] = description.origin.value;
         Ok(Self::new(width, description.resolution.value, Pose2::new(x_m, y_m, yaw_rad), cells))
+    }
+
+    /// The image that a map_server YAML names.
+    ///
+    /// # Errors
+    /// Where the YAML cannot be read, or a key is missing or wrong.
+    pub fn image(path: &Path) -> Result<PathBuf, WorldError> {
+        Description::load(path).map(|description| description.image_beside(path))
     }
 }
 
@@ -85,6 +87,19 @@ impl GridMap {
 type Pixel = Option<u8>;
 
 impl Description {
+    fn load(path: &Path) -> Result<Self, WorldError> {
+        let text = text_file::read(path)?;
+        serde_saphyr::from_str(&text).map_err(|error| WorldError::Parse {
+            file: path.display().to_string(),
+            line: error.location().map_or(1, |location| location.line().max(1) as usize),
+            what: without_place(&first_line(&error.without_snippet().to_string())),
+        })
+    }
+
+    fn image_beside(&self, path: &Path) -> PathBuf {
+        path.parent().unwrap_or(Path::new("")).join(&self.image.value)
+    }
+
     /// What a pixel says, by the thresholds; refuses keys out of bounds.
     fn classifier(&self, file: &str) -> Result<impl Fn(Pixel) -> Cell + use<>, WorldError> {
         let refuse = |line: u64, key, what| WorldError::Value { file: file.to_owned(), line: line as usize, key, what };

@@ -59,7 +59,7 @@ pub struct EvaluateArgs {
     pub pictures: Option<PathBuf>,
     /// Walk nothing: tell what the first N tasks ask for; with --pictures draw them, too (task-0.svg, ...)
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=100_000))]
-    #[arg(conflicts_with_all = ["outcomes", "paired", "merge"])]
+    #[arg(conflicts_with_all = ["outcomes", "resume", "shard", "paired", "merge"])]
     pub explain: Option<u32>,
     /// Store each episode that fails as a file for --replay in this folder, with index.html (what fails most comes
     /// first, with pictures) and failures.json
@@ -253,6 +253,7 @@ within 1.6 m; those at dark floor are counted separately. The figures beside an 
 robot or handler begins nearer to it than 0.15 m.
 --failures: an episode fails where robot or handler touches something or falls, where the cue is not followed, where
 the robot is stuck for 20 s, or moves after stop. Each failure has one class; docs/evaluation.md defines them. Whom a
-person walked into is listed, and is not counted. --replay compares an episode with what is stored: same, fixed,
+person walked into is listed, and is not counted. The folder's failures of an earlier evaluation are replaced; files
+of others are not. --pictures replaces its own first-N.svg and wrong-N.svg. --replay compares an episode with what is stored: same, fixed,
 fails otherwise (the same class, other figures), other class. An equal program has to give the same (exit code 7).
 outcomes_sha256 is a digest of all outcomes without timings: equal on any number of cores and machines.";

@@ -25,6 +25,9 @@ pub fn explain(evaluation: &Evaluation, args: &EvaluateArgs, count: u32, as_json
         let (task, site) = (episode.task(), episode.site());
         let words = in_words(task, &site.course);
         let handler = episode.team().world_from_handler();
+        if !as_json {
+            out::raw(&format!("{number:>4}  {}  {words}", site.place))?;
+        }
         tasks.push(json!({
             "number": number,
             "place": &*site.place,
@@ -39,14 +42,7 @@ pub fn explain(evaluation: &Evaluation, args: &EvaluateArgs, count: u32, as_json
             write(&folder.join(picture_name("task", number)), &drawn)?;
         }
     }
-    if as_json {
-        return out::json(&json!({ "tasks": tasks }));
-    }
-    let text = |key: &str, task: &Value| task[key].as_str().unwrap_or_default().to_owned();
-    for task in &tasks {
-        out::raw(&format!("{:>4}  {}  {}", task["number"], text("place", task), text("explanation", task)))?;
-    }
-    Ok(())
+    if as_json { out::json(&json!({ "tasks": tasks })) } else { Ok(()) }
 }
 
 fn goal(goal: &Goal) -> Value {

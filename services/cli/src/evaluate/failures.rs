@@ -22,7 +22,7 @@ const FORMAT: u32 = 1;
 /// Number of episodes of each class that have a picture.
 const PICTURES: usize = 3;
 const INDEX: &str = "index.html";
-const LIST: &str = "failures.json";
+pub const LIST: &str = "failures.json";
 
 /// An episode that failed, with all that it takes to walk it again.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -64,6 +64,7 @@ pub fn number_of(name: &str, kind: &str) -> Option<usize> {
 /// Where it cannot be read, or is no such file.
 pub fn load(path: &Path) -> Result<Stored, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
+    super::log::regular(path)?;
     let text = std::fs::read_to_string(path).map_err(|error| wrong(&error))?;
     let none = |why: &dyn std::fmt::Display| wrong(&format!("this is no failure of an evaluation: {why}"));
     let value: Value = serde_json::from_str(&text).map_err(|error| none(&error))?;
@@ -126,7 +127,7 @@ pub fn summary(outcomes: &Outcomes, arguments: Option<&[String]>, folder: Option
 /// What fails most, in a line for people.
 pub fn line(summary: &Value) -> String {
     let Some(most) = elements(summary, "/clusters").iter().find(|cluster| cluster["is_failure"] == json!(true)) else {
-        return "no episode failed".to_owned();
+        return if summary["share"].is_null() { "no episode was walked" } else { "no episode failed" }.to_owned();
     };
     let (what, of, all) = (text(most, "/words"), count(most, "/count"), count(summary, "/count"));
     let share = 100.0 * number(most, "/share");
@@ -237,6 +238,20 @@ const STYLE: &str = "body{font-family:sans-serif;margin:2em;max-width:90em}pre{b
 
 fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
+}
+
+/// Refuses a folder that has a page, or a list, which is of no evaluation.
+///
+/// # Errors
+/// Where it has one.
+pub fn may_replace(folder: &Path) -> Result<(), Failure> {
+    let is_list = |text: String| serde_json::from_str::<Value>(&text).is_ok_and(|list| list.get("clusters").is_some());
+    let is_ours = std::fs::read_to_string(folder.join(LIST)).is_ok_and(is_list);
+    let others = [INDEX, LIST].into_iter().find(|name| !is_ours && folder.join(name).exists());
+    others.map_or(Ok(()), |name| {
+        let path = folder.join(name);
+        Err(Failure::input(format!("{}: it is there already, and of no evaluation", path.display())))
+    })
 }
 
 /// The files of an earlier evaluation.

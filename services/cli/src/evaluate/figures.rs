@@ -116,6 +116,8 @@ pub fn text(report: &Value) -> String {
     ];
     lines.extend(rows.into_iter().filter_map(|(name, at, digits)| row(name, at, digits)));
     let us = |key: &str| number(report, &format!("/decision_us/{key}"));
-    lines.push(format!("{:<34}{:>9.0}  p99 {:.0} us", "decision, p50", us("p50"), us("p99")));
+    if us("n") > 0.0 {
+        lines.push(format!("{:<34}{:>9.0}  p99 {:.0} us", "decision, p50", us("p50"), us("p99")));
+    }
     lines.join("\n")
 }

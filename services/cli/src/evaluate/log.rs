@@ -94,6 +94,9 @@ impl Log {
         file.read_to_end(&mut bytes).map_err(|error| failed(path, &error))?;
         let whole = whole(&bytes);
         if whole.is_empty() {
+            if !format!("{head}\n").into_bytes().starts_with(&bytes) {
+                return Err(Failure::input(format!("{}: this is no file of outcomes", path.display())));
+            }
             file.set_len(0).map_err(|error| failed(path, &error))?;
             return Ok((Self::begin(path, file, head)?, Outcomes::new()));
         }
@@ -199,8 +202,11 @@ fn same(path: &Path, theirs: &Value, ours: &Value, but: &[&str]) -> Result<(), F
     })
 }
 
-/// Folders, pipes and devices are not opened.
-fn regular(path: &Path) -> Result<(), Failure> {
+/// Refuses folders, pipes and devices.
+///
+/// # Errors
+/// Where a path is no regular file.
+pub fn regular(path: &Path) -> Result<(), Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
     let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
     if metadata.is_file() { Ok(()) } else { Err(wrong(&"it is no regular file")) }

@@ -19,7 +19,7 @@ use policies::{GeometricConfig, Model, Pilot};
 use serde_json::{Map, Value, json};
 use settings::{Choice, HandlerModel, PlannerUse, PolicyModel, Profile, Settings};
 use sha2::{Digest as _, Sha256};
-use world::{Crowd, FloorPlan, GeneratorConfig};
+use world::{Crowd, FloorPlan, GeneratorConfig, GridMap};
 
 use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, PeopleArg, TasksArg};
 use crate::exit::Failure;
@@ -56,6 +56,7 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     check(args)?;
     let evaluation = Evaluation::of(args, settings_of(args)?)?;
     [&args.pictures, &args.failures].into_iter().flatten().try_for_each(|folder| may_write(folder))?;
+    args.failures.as_ref().map_or(Ok(()), |folder| failures::may_replace(folder))?;
     if let Some(count) = args.explain {
         return explain::explain(&evaluation, args, count, as_json);
     }
@@ -173,11 +174,10 @@ fn picture_name(kind: &str, number: usize) -> String {
     format!("{kind}-{number}.svg")
 }
 
-/// The maps and the images that they name, where they are beside them under their own name.
+/// The maps and the images that they name.
 fn maps(worlds: &[PathBuf]) -> Vec<PathBuf> {
-    let images =
-        |map: &PathBuf| ["pgm", "png"].map(|kind| map.with_extension(kind)).into_iter().filter(|p| p.is_file());
-    worlds.iter().flat_map(|map| std::iter::once(map.clone()).chain(images(map))).collect()
+    let image = |map: &PathBuf| GridMap::image(map).ok();
+    worlds.iter().flat_map(|map| std::iter::once(map.clone()).chain(image(map))).collect()
 }
 
 fn sha256(bytes: &[u8]) -> String {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use episodes::{Failure as Failed, explain, part_seed};
 use serde_json::{Map, Value, json};
 
-use super::failures::{Stored, file_name, load, number_of};
+use super::failures::{LIST, Stored, file_name, load, number_of};
 use super::outcome::Outcome;
 use super::{Evaluation, check, may_write, picture, settings_of, words};
 use crate::args::evaluate::EvaluateArgs;
@@ -34,6 +34,13 @@ pub fn replay(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
     for again in args.replay.iter().map(|what| named(what)).collect::<Result<Vec<_>, _>>()?.into_iter().flatten() {
         let theirs = again.stored.as_ref().map_or(&[][..], |(_, stored)| &stored.arguments);
         by_words.entry(words::replaced(theirs, &now)).or_default().push(again);
+    }
+    let all_numbers: Vec<usize> = by_words.values().flatten().map(|again| again.number).collect();
+    let twice = all_numbers.iter().enumerate().find(|(i, number)| all_numbers[..*i].contains(number));
+    if let (Some(_), Some((_, number))) = (&args.pictures, twice) {
+        return Err(Failure::input(format!(
+            "--pictures: there are several episodes {number}; replay one folder at a time"
+        )));
     }
     let mut told = Vec::new();
     for (words, all) in by_words {
@@ -69,7 +76,7 @@ fn named(what: &str) -> Result<Vec<Again>, Failure> {
     let number = |path: &PathBuf| number_of(path.file_name()?.to_str()?, "json");
     let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(|p| number(p).is_some()).collect();
     files.sort_by_key(number);
-    if files.is_empty() {
+    if files.is_empty() && !path.join(LIST).is_file() {
         return Err(Failure::input(format!("{what}: there are no failures of an evaluation (episode-N.json)")));
     }
     files.into_iter().map(of).collect()

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 use yardsticks::Passage;
 use yardsticks::barn::{Score, Task, worlds};
 
-use super::{How, Outcome, check, write};
+use super::{How, Outcome, check, conclude, write};
 use crate::args::yardstick::BarnArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
@@ -28,7 +28,7 @@ pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
         let picture = args.how.pictures.is_some().then(|| how.picture(walked[number], trace, &words));
         Outcome { figures: figures(task, number % repeats, &score), picture }
     })?;
-    write(&args.how, &outcomes, |figures| format!("world-{}-{}", figures["world"], figures["repeat"]))?;
+    let written = write(&args.how, &outcomes, |figures| format!("world-{}-{}", figures["world"], figures["repeat"]));
     let all: Vec<&Value> = outcomes.iter().map(|outcome| &outcome.figures).collect();
     let is = |key: &'static str| ratio(all.iter().map(move |walk| walk[key] == json!(true)));
     let number = |walk: &Value, key: &str| walk[key].as_f64().unwrap_or(0.0);
@@ -44,11 +44,7 @@ pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
         "time_s": mean(all.iter().filter(|walk| walk["success"] == json!(true)).map(|walk| number(walk, "time_s"))),
         "walks": all,
     });
-    if as_json {
-        return out::json(&report);
-    }
-    tell(&report);
-    Ok(())
+    conclude(report, written, as_json, tell)
 }
 
 fn ending(score: &Score) -> &'static str {

@@ -9,13 +9,14 @@ use std::path::Path;
 use guidance::se2::Point;
 use guidance::{ActionTable, InteractionModel};
 use policies::{GeometricConfig, Model, Pilot, SoloConfig, SoloEngine};
-use serde_json::Value;
+use serde_json::{Value, json};
 use settings::{PlannerUse, PolicyModel, Profile, Settings};
 use yardsticks::{Body, Config, Noise, Passage, Trace, Walk};
 
 use crate::args::yardstick::{BodyArg, HowArgs, Yardstick, YardstickArgs, YardstickNoise};
 use crate::evaluate::{may_write, picture};
 use crate::exit::Failure;
+use crate::out;
 use crate::workers::Work;
 
 /// Decision period of a robot that walks alone, seconds.
@@ -123,9 +124,22 @@ fn check(args: &HowArgs) -> Result<(), Failure> {
     args.pictures.as_deref().map_or(Ok(()), may_write)?;
     if let Some(path) = &args.outcomes {
         let failed = |error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
-        std::fs::File::create(path).map_err(failed)?;
+        std::fs::File::create_new(path).and_then(|_| std::fs::remove_file(path)).map_err(failed)?;
     }
     Ok(())
+}
+
+/// Reports figures, and with them what could not be written of the outcomes.
+fn conclude(mut report: Value, written: Result<(), Failure>, as_json: bool, tell: fn(&Value)) -> Result<(), Failure> {
+    if let Err(failure) = &written {
+        report["error"] = json!(failure.message);
+    }
+    if as_json {
+        out::json(&report)?;
+        return written.map_err(|failure| Failure { told: true, ..failure });
+    }
+    tell(&report);
+    written
 }
 
 /// Writes what is wanted of the outcomes; `name` gives a picture's name.
@@ -133,7 +147,7 @@ fn write(args: &HowArgs, outcomes: &[Outcome], name: impl Fn(&Value) -> String) 
     let failed = |path: &Path, error: std::io::Error| Failure::run(format!("{}: {error}", path.display()));
     if let Some(path) = &args.outcomes {
         let lines: String = outcomes.iter().map(|outcome| format!("{}\n", outcome.figures)).collect();
-        let write = || std::fs::File::create(path)?.write_all(lines.as_bytes());
+        let write = || std::fs::File::create_new(path)?.write_all(lines.as_bytes());
         write().map_err(|error| failed(path, error))?;
     }
     if let Some(folder) = &args.pictures {

@@ -8,7 +8,7 @@ use world::Tracks;
 use yardsticks::Passage;
 use yardsticks::socnavbench::{Dataset, Episode, datasets, episodes, metrics, tracks, tracks_file};
 
-use super::{How, Outcome, check, write};
+use super::{How, Outcome, check, conclude, write};
 use crate::args::yardstick::SocnavbenchArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
@@ -40,13 +40,8 @@ pub fn socnavbench(args: &SocnavbenchArgs, as_json: bool) -> Result<(), Failure>
         Outcome { figures, picture }
     })?;
     let name = |figures: &Value| format!("{}-{}", out::text(figures, "/episode"), figures["repeat"]);
-    write(&args.how, &outcomes, name)?;
-    let report = report(args, &outcomes, &left_out);
-    if as_json {
-        return out::json(&report);
-    }
-    tell(&report);
-    Ok(())
+    let written = write(&args.how, &outcomes, name);
+    conclude(report(args, &outcomes, &left_out), written, as_json, tell)
 }
 
 /// The episodes that can be walked, and of the others why not.

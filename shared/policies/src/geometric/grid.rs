@@ -1,8 +1,8 @@
 //! What is known of the surroundings: a rolling memory of scans and depth points, and the window that a decision reads.
 
 use super::beams::Beams;
-use guidance::Se2;
 use guidance::se2::Point;
+use guidance::{DepthView, Se2};
 
 /// Side of a cell, metres.
 pub const CELL_M: f64 = 0.1;
@@ -18,6 +18,9 @@ const STANDING_M: f64 = 0.25;
 const GLIMPSED: u64 = 3;
 /// What it saw in this number of updates is no noise.
 const OFTEN: u64 = 4;
+/// What it saw there is gone once it has seen past it in this number of updates, and not seen it in between: from afar,
+/// what it sees at the rim of things lies beside them. Through glass it sees now and then.
+const SEEN_PAST: u64 = 3;
 
 /// What is known of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -43,6 +46,10 @@ struct Cell {
     glimpsed: u64,
     /// Number of updates in which the camera saw something there since the cell was last known to be free.
     glimpses: u64,
+    /// Up to how high over the camera it saw something there, metres; 0 where nothing else is known.
+    rise_m: f64,
+    /// Number of updates in which it has seen past that since.
+    seen_past: u64,
 }
 
 /// The rolling memory, in the odometry frame.
@@ -99,25 +106,39 @@ impl Memory {
         self.cells.fill(Cell::default());
     }
 
-    /// Takes in one scan and the camera's obstacle points (robot frame); where the handler is, if there is one.
-    pub fn update(&mut self, odom_from_robot: &Se2, beams: &Beams, obstacles: &[Point], handler: Option<Point>) {
+    /// Takes in one scan and the camera's obstacle points (robot frame); where the handler is, if there is one. `depth`
+    /// is the frame of these points, if it is known: it tells how high they are, and where there is nothing any more.
+    pub fn update(
+        &mut self,
+        odom_from_robot: &Se2,
+        beams: &Beams,
+        obstacles: &[Point],
+        depth: Option<&DepthView>,
+        handler: Option<Point>,
+    ) {
         self.now += 1;
         self.free_what_beams_pass(odom_from_robot, beams, handler);
         for hit in beams.hits.iter().flatten() {
             self.occupy(odom_from_robot * hit, false);
         }
-        for place in obstacles.iter().filter(|place| place.coords.norm() < SIDE as f64 * CELL_M / 2.0) {
+        let rises_m = depth.map_or(&[][..], DepthView::rises_m).iter().map(Some).chain(std::iter::repeat(None));
+        for (place, rise_m) in obstacles.iter().zip(rises_m) {
             let at = odom_from_robot * place;
-            if !self.lidar_sees_it(at) {
-                self.glimpse(at);
+            if place.coords.norm() < SIDE as f64 * CELL_M / 2.0 && !self.lidar_sees_it(at) {
+                self.glimpse(at, rise_m.copied().unwrap_or(f64::INFINITY));
             }
+        }
+        if let Some(depth) = depth {
+            self.free_what_the_camera_sees_past(&odom_from_robot.inverse(), depth);
         }
     }
 
-    /// Takes in where the floor ends (robot frame). No beam tells that it goes on.
+    /// Takes in where the floor ends (robot frame). Neither beam nor camera tells that it goes on.
     pub fn block(&mut self, odom_from_robot: &Se2, places: impl Iterator<Item = Point>) {
         for place in places {
-            self.occupy(odom_from_robot * place, true);
+            let at = odom_from_robot * place;
+            self.occupy(at, true);
+            self.rise_to(at, f64::INFINITY);
         }
     }
 
@@ -149,15 +170,28 @@ impl Memory {
         }
     }
 
+    fn free_what_the_camera_sees_past(&mut self, robot_from_odom: &Se2, depth: &DepthView) {
+        let now = self.now;
+        for cell in self.cells.iter_mut().filter(|cell| cell.known == Known::Occupied && cell.camera_only) {
+            if cell.seen == now || !depth.sees_free_up_to(robot_from_odom * cell.hit, cell.rise_m) {
+                continue;
+            }
+            cell.seen_past += 1;
+            if cell.seen_past >= SEEN_PAST {
+                *cell = Cell { key: cell.key, known: Known::Free, seen: now, ..Cell::default() };
+            }
+        }
+    }
+
     fn occupy(&mut self, at: Point, camera_only: bool) {
         let key = key_of(at);
         let cell = &mut self.cells[slot_of(key)];
         if cell.key == key {
-            *cell = Cell { known: Known::Occupied, hit: at, seen: self.now, camera_only, ..*cell };
+            *cell = Cell { known: Known::Occupied, hit: at, seen: self.now, camera_only, seen_past: 0, ..*cell };
         }
     }
 
-    fn glimpse(&mut self, at: Point) {
+    fn glimpse(&mut self, at: Point, rise_m: f64) {
         let recent = self.now.saturating_sub(GLIMPSED)..self.now;
         let is_known = |cell: &Cell| cell.known == Known::Occupied && cell.camera_only;
         if self.is_about(at, |cell| is_known(cell) || cell.glimpsed > 0 && recent.contains(&cell.glimpsed)) {
@@ -167,6 +201,16 @@ impl Memory {
         let cell = &mut self.cells[slot_of(key)];
         if cell.key == key && cell.glimpsed != self.now {
             (cell.glimpsed, cell.glimpses) = (self.now, cell.glimpses + 1);
+        }
+        self.rise_to(at, rise_m);
+    }
+
+    /// What is there reaches at least so high over the camera, metres.
+    fn rise_to(&mut self, at: Point, rise_m: f64) {
+        let key = key_of(at);
+        let cell = &mut self.cells[slot_of(key)];
+        if cell.key == key {
+            cell.rise_m = cell.rise_m.max(rise_m);
         }
     }
 
