@@ -188,6 +188,10 @@ fn shards_that_were_interrupted_come_to_the_same_figures_as_one_evaluation() {
     assert_eq!(of(&["--shard", "1/2", "--outcomes", &first, "--resume"]).1, 0);
     let (empty, code) = of(&["--shard", "7/7", "--outcomes", &file("7")]);
     assert_eq!((code, &empty["episodes"]), (0, &0.into()), "{empty:#}");
+    std::fs::write(file("mine"), "my only copy").expect("written");
+    let (mine, code) = of(&["--outcomes", &file("mine"), "--resume"]);
+    assert!(code == 2 && mine["error"].to_string().contains("this is no file of outcomes"), "{mine:#}");
+    assert_eq!(std::fs::read_to_string(file("mine")).expect("readable"), "my only copy");
     std::fs::write(file("null"), "null\n").expect("written");
     let (none, code) = place.json(&["evaluate", "--json", "--merge", &file("null")]);
     assert!(code == 2 && none["error"].to_string().contains("null.jsonl, line 1"), "{none:#}");

@@ -153,3 +153,27 @@ fn a_file_that_is_no_failure_or_was_changed_is_refused_by_name() {
         assert!(code == 2 && told["error"].to_string().contains(why), "{told:#}");
     }
 }
+
+#[test]
+fn what_is_of_others_is_neither_replaced_nor_read() {
+    let place = Place::new();
+    let folder = place.path().join("site");
+    fs::create_dir_all(&folder).expect("a folder");
+    fs::write(folder.join("index.html"), "mine").expect("written");
+    let site = folder.to_string_lossy().into_owned();
+    let few =
+        ["evaluate", "--policy", "geometric", "--noise", "ideal", "--camera", "16x8", "--episodes", "1", "--json"];
+    let (told, code) = place.json(&[&few[..], &["--failures", &site]].concat());
+    assert!(code == 2 && told["error"].to_string().contains("index.html: it is there already"), "{told:#}");
+    assert_eq!(fs::read_to_string(folder.join("index.html")).expect("readable"), "mine");
+    let (told, code) = place.json(&["evaluate", "--replay", "/dev/null", "--json"]);
+    assert!(code == 2 && told["error"].to_string().contains("/dev/null: it is no regular file"), "{told:#}");
+    let (told, code) = place.json(&["evaluate", "--explain", "3", "--shard", "1/2", "--json"]);
+    assert!(code == 2 && told["error"].to_string().contains("cannot be used with"), "{told:#}");
+    // Where nothing failed there is nothing to walk again.
+    let none = place.path().join("none").to_string_lossy().into_owned();
+    let (report, code) = place.json(&[&few[..], &["--failures", &none]].concat());
+    assert_eq!((code, &report["failures"]["count"]), (0, &json!(0)), "{report:#}");
+    let (told, code) = place.json(&["evaluate", "--replay", &none, "--json"]);
+    assert_eq!((code, &told["replays"]), (0, &json!([])), "{told:#}");
+}

@@ -96,7 +96,9 @@ fn a_world_of_barn_is_walked_and_scored_the_same_on_any_number_of_threads() {
         assert!((number("score") - number("optimal_s") / clipped_s).abs() < 1e-9, "{walk:#}");
     }
     assert_ne!(walks[0]["time_s"], walks[1]["time_s"], "each repeat has other noise");
-    let lines = fs::read_to_string(outcomes).expect("outcomes");
+    let lines = fs::read_to_string(&outcomes).expect("outcomes");
+    refused(&place, &["barn", &folder, "--outcomes", &outcomes.to_string_lossy()], &["walks.jsonl: File exists"]);
+    assert_eq!(fs::read_to_string(&outcomes).expect("outcomes"), lines, "it was emptied");
     let lines: Vec<Value> = lines.lines().map(|line| serde_json::from_str(line).expect("JSON")).collect();
     assert_eq!(&lines, walks);
     for repeat in 0..2 {

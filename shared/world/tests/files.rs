@@ -111,6 +111,16 @@ fn map(yaml: &str, image: &[u8]) -> Result<GridMap, String> {
 }
 
 #[test]
+fn a_map_tells_the_image_that_it_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("floor-3.yaml");
+    std::fs::write(&file, YAML).unwrap();
+    assert_eq!(GridMap::image(&file).unwrap(), folder.path().join("m.pgm"));
+    std::fs::write(&file, "resolution: 0.5\n").unwrap();
+    assert!(GridMap::image(&file).unwrap_err().to_string().contains("floor-3.yaml"));
+}
+
+#[test]
 fn a_map_stands_on_its_origin() {
     let map_a = map(YAML, &pgm()).unwrap();
     assert_eq!(map_a.size(), (3, 2));

@@ -346,3 +346,79 @@ impl Window {
         [west, east, south, north].into_iter().flatten()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::{Beams, CELL_M, Known, Memory, SEEN_PAST};
+    use guidance::se2::{Point, Se2};
+    use guidance::{DepthView, Tilt};
+    use messages::{Attitude, Pose2, Pose3, ScanHeader};
+    use world::{DepthConfig, DepthSensor, Prism, Scene, World};
+
+    /// What the camera sees of a room with a wall 4 m ahead, in which a box lower than the lidar's plane stands 2 m ahead,
+    /// or nothing.
+    fn view(has_box: bool) -> DepthView {
+        let robot_from_camera = Pose3 { x_m: 0.28, z_m: 0.40, ..Pose3::default() };
+        let config = DepthConfig { width: 128, height: 64, redwood: 0.0, robot_from_camera, ..DepthConfig::default() };
+        let mut camera = DepthSensor::new(config, 1, 1).expect("a camera");
+        let tilt = Tilt::of(&Attitude::at_height(1, 0.0, 0.0, 0.30)).expect("level");
+        let low = Prism::cuboid(Point::new(2.0, 0.0), [0.3, 0.3], 0.0, [0.0, 0.2]);
+        let wall = Prism::wall(vec![Point::new(4.0, -4.0), Point::new(4.0, 4.0)], [0.0, 2.6]);
+        let world = World::new(2.6, if has_box { vec![wall, low] } else { vec![wall] });
+        let scene = Scene {
+            world: &world,
+            world_from_robot: Pose2::default(),
+            tilt: Some(tilt),
+            world_from_handler: None,
+            walkers: &[],
+        };
+        let (mut view, mut pixels_mm) = (DepthView::default(), vec![0; camera.pixels()]);
+        camera.render(&scene, 1, &mut pixels_mm);
+        view.fill_tilted(&camera.depth_header(), &pixels_mm, Some(&tilt)).expect("a frame");
+        view
+    }
+
+    /// A lidar that sees nothing.
+    fn beams() -> Beams {
+        let header = ScanHeader { angle_increment_rad: 0.1, range_max_m: 10.0, ..ScanHeader::default() };
+        Beams::read(&header, &[f32::INFINITY; 62], Point::new(-0.75, -0.35), 0.4).expect("a scan")
+    }
+
+    fn updated(memory: &mut Memory, view: &DepthView, count: u64) {
+        for _ in 0..count {
+            memory.update(&Se2::identity(), &beams(), view.points(), Some(view), None);
+        }
+    }
+
+    fn is_occupied(memory: &Memory, at: Point) -> bool {
+        let window = memory.window(Point::origin(), 0.4, []);
+        window.hits.iter().any(|hit| (hit - at).norm() < CELL_M)
+    }
+
+    #[test]
+    fn what_the_camera_saw_is_gone_once_it_has_seen_past_it_some_times() {
+        let (there, gone) = (view(true), view(false));
+        let edge = there.points().iter().copied().min_by(|a, b| a.y.abs().total_cmp(&b.y.abs())).expect("the box");
+        assert!((edge.x - 1.85).abs() < 0.1, "{edge}");
+        let mut memory = Memory::new(1000).with_camera_kept(1000, 1000);
+        updated(&mut memory, &there, 10);
+        updated(&mut memory, &gone, SEEN_PAST - 1);
+        assert!(is_occupied(&memory, edge), "through glass it sees now and then");
+        updated(&mut memory, &there, 1);
+        updated(&mut memory, &gone, SEEN_PAST - 1);
+        assert!(is_occupied(&memory, edge), "it was seen again");
+        updated(&mut memory, &gone, 1);
+        assert!(!is_occupied(&memory, edge));
+        assert_eq!(memory.window(Point::origin(), 0.4, []).known_at(edge), Known::Free);
+    }
+
+    #[test]
+    fn where_the_floor_ends_no_camera_sees_past_it() {
+        let (gone, edge) = (view(false), Point::new(1.85, 0.0));
+        let mut memory = Memory::new(1000).with_camera_kept(1000, 1000);
+        updated(&mut memory, &gone, 1);
+        memory.block(&Se2::identity(), [edge].into_iter());
+        updated(&mut memory, &gone, 10);
+        assert!(is_occupied(&memory, edge));
+    }
+}
