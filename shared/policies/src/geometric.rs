@@ -46,8 +46,8 @@ const POSE_MAX_M: f64 = 1e6;
 const STOP_M: f64 = 1e3;
 const UNSAFE_M: f64 = 1e4;
 const UNSEEN_M: f64 = 1e5;
-/// What leaves the shield's margin and nothing beside costs so much, metres; less where it leaves up to so much beside,
-/// metres: the handler sways by centimetres, and a robot on legs does.
+/// An action costs so much where its hull leaves no room between the shield's margin and the nearest beam, metres. The
+/// cost falls to nothing where it leaves so much room, metres: handler and legs sway by centimetres.
 const TIGHT_M: [f64; 2] = [0.2, 0.05];
 /// A way out of a wedge costs so much less than to stop, metres; and takes away no more room than this, metres.
 const WAY_OUT_M: f64 = 100.0;

@@ -97,7 +97,7 @@ fn a_leaf_stops_before_who_is_in_its_way_and_tries_again() {
 
 /// A leaf neither touches nor jumps over an agent that stands, whatever the length of a step.
 #[test]
-fn a_leaf_comes_to_nobody() {
+fn a_leaf_touches_nobody() {
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let mut held = 0;
     for _ in 0..500 {
