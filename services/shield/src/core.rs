@@ -443,7 +443,13 @@ impl Core {
             return Outcome::ActionEnded;
         }
         match running.drawn {
-            Outcome::Granted => self.judge_remainder(now_ns, &running, permit),
+            Outcome::Granted => {
+                let (outcome, judgement) = self.judge_remainder(now_ns, &running, permit);
+                if outcome == Outcome::RemainderUnsafe {
+                    self.running = Some(Running { drawn: outcome, judgement, ..running });
+                }
+                outcome
+            }
             other => {
                 explain(&running.judgement, permit);
                 other
@@ -452,8 +458,10 @@ impl Core {
     }
 
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
-    /// it.
-    fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Outcome {
+    /// it. Where it is not, the rest of the action is refused for good: a robot that stops and goes on with each scan
+    /// stumbles, and the handler runs into it.
+    fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> (Outcome, Judgement) {
+        let mut last = running.judgement;
         for end_ns in [running.end_ns + self.scan_period_ns(), running.end_ns] {
             if end_ns <= now_ns {
                 break;
@@ -466,10 +474,11 @@ impl Core {
             if judgement.safe {
                 permit.velocity = running.velocity;
                 permit.expiry_ns = self.expiry_ns(now_ns, end_ns);
-                return Outcome::Granted;
+                return (Outcome::Granted, judgement);
             }
+            last = judgement;
         }
-        Outcome::RemainderUnsafe
+        (Outcome::RemainderUnsafe, last)
     }
 
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.

@@ -289,6 +289,18 @@ fn something_in_the_way_makes_the_rest_of_the_action_unsafe() {
     // It says by which beam: 0.45 m are read where the hull of the rest reaches farther.
     assert_eq!((permit.unsafe_cause, permit.reading_m as f32), (UnsafeCause::Beam, 0.45));
     assert!((178..=182).contains(&permit.beam) && permit.threshold_m > 0.45, "{permit:?}");
+    // The next scan shows nothing there: the robot does not go on and stop with each scan. The next action may.
+    core.take_mode(&mode(ModeClass::Run, 1190));
+    core.take_odometry(&odometry(1190, 0.0));
+    core.take_depth(&depth_header(1190), &wall_mm(5000));
+    let permit = core.on_scan(1200 * MS, &scan_header(1190), &open_scan());
+    assert_eq!((permit.outcome, permit.unsafe_cause), (Outcome::RemainderUnsafe, UnsafeCause::Beam));
+    core.take_mode(&mode(ModeClass::Run, 1490));
+    core.take_odometry(&odometry(1490, 0.0));
+    core.take_depth(&depth_header(1490), &wall_mm(5000));
+    core.on_scan(1495 * MS, &scan_header(1490), &open_scan());
+    let permit = core.on_action(1500 * MS, &action(3, 1)).expect("a permit");
+    assert_eq!(permit.outcome, Outcome::Granted);
 }
 
 #[test]
