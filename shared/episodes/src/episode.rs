@@ -180,7 +180,8 @@ impl Episode {
     }
 
     /// They come to where the cue is given, beside the middle of the way as they are there: what was seen on the way is
-    /// remembered. Where something stands at one of these places they came another way, and have seen what comes behind it.
+    /// remembered. Where something stands at one of these places they came another way, and have seen what comes behind
+    /// it.
     fn arrive(&mut self) {
         if !self.config.judges || self.config.awareness.memory.is_none() {
             return;

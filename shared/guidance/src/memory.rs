@@ -271,8 +271,9 @@ impl Memory {
     }
 
     /// Takes in a scan of the second lidar of that stamp, from where the robot was then, and where the handler was:
-    /// what ends on them is never remembered, but what was seen while they were elsewhere stays. The second lidar alone lets go of an edge that it saw. What stands at the
-    /// height of its plane is remembered where it looks down: nearer to the robot it is below that plane.
+    /// what ends on them is never remembered, but what was seen while they were elsewhere stays. The second lidar alone
+    /// lets go of an edge that it saw. What stands at the height of its plane is remembered where it looks down: nearer
+    /// to the robot it is below that plane.
     pub fn update_second<'a>(
         &mut self,
         stamp_ns: u64,

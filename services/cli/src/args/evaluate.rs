@@ -254,6 +254,7 @@ robot or handler begins nearer to it than 0.15 m.
 --failures: an episode fails where robot or handler touches something or falls, where the cue is not followed, where
 the robot is stuck for 20 s, or moves after stop. Each failure has one class; docs/evaluation.md defines them. Whom a
 person walked into is listed, and is not counted. The folder's failures of an earlier evaluation are replaced; files
-of others are not. --pictures replaces its own first-N.svg and wrong-N.svg. --replay compares an episode with what is stored: same, fixed,
-fails otherwise (the same class, other figures), other class. An equal program has to give the same (exit code 7).
+of others are not. --pictures replaces its own first-N.svg and wrong-N.svg. --replay compares an episode with what is
+stored: same, fixed, fails otherwise (the same class, other figures), other class. An equal program has to give the
+same (exit code 7).
 outcomes_sha256 is a digest of all outcomes without timings: equal on any number of cores and machines.";

@@ -355,8 +355,8 @@ mod tests {
     use messages::{Attitude, Pose2, Pose3, ScanHeader};
     use world::{DepthConfig, DepthSensor, Prism, Scene, World};
 
-    /// What the camera sees of a room with a wall 4 m ahead, in which a box lower than the lidar's plane stands 2 m ahead,
-    /// or nothing.
+    /// What the camera sees of a room with a wall 4 m ahead. A box lower than the lidar's plane stands 2 m ahead, or
+    /// nothing.
     fn view(has_box: bool) -> DepthView {
         let robot_from_camera = Pose3 { x_m: 0.28, z_m: 0.40, ..Pose3::default() };
         let config = DepthConfig { width: 128, height: 64, redwood: 0.0, robot_from_camera, ..DepthConfig::default() };
