@@ -443,13 +443,13 @@ impl Core {
             return Outcome::ActionEnded;
         }
         match running.drawn {
-            Outcome::Granted => {
-                let (outcome, judgement) = self.judge_remainder(now_ns, &running, permit);
-                if outcome == Outcome::RemainderUnsafe {
-                    self.running = Some(Running { drawn: outcome, judgement, ..running });
+            Outcome::Granted => match self.judge_remainder(now_ns, &running, permit) {
+                Ok(()) => Outcome::Granted,
+                Err(judgement) => {
+                    self.running = Some(Running { drawn: Outcome::RemainderUnsafe, judgement, ..running });
+                    Outcome::RemainderUnsafe
                 }
-                outcome
-            }
+            },
             other => {
                 explain(&running.judgement, permit);
                 other
@@ -458,9 +458,9 @@ impl Core {
     }
 
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
-    /// it. Where it is not, the rest of the action is refused for good: a robot that stops and goes on with each scan
-    /// stumbles, and the handler runs into it.
-    fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> (Outcome, Judgement) {
+    /// it. The judgement of a rest that is not free is an error, and ends the action: a robot that stops and goes on with
+    /// each scan stumbles, and the handler walks into it.
+    fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Result<(), Judgement> {
         let mut last = running.judgement;
         for end_ns in [running.end_ns + self.scan_period_ns(), running.end_ns] {
             if end_ns <= now_ns {
@@ -474,11 +474,11 @@ impl Core {
             if judgement.safe {
                 permit.velocity = running.velocity;
                 permit.expiry_ns = self.expiry_ns(now_ns, end_ns);
-                return (Outcome::Granted, judgement);
+                return Ok(());
             }
             last = judgement;
         }
-        (Outcome::RemainderUnsafe, last)
+        Err(last)
     }
 
     /// The earliest of stamp + max age of what was judged on, the end of the hull, and the permit's longest life.

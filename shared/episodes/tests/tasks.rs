@@ -121,7 +121,7 @@ fn forward_leads_across_a_hall_and_nothing_else_is_asked_for_there() {
     assert!((15..40).contains(&halls) && across > 200);
 }
 
-/// Whoever says *left* while they or the robot are beside an opening may mean it. A pair that has passed it may not.
+/// *Left* can mean the opening that robot or handler are beside. It does not mean one that both have passed.
 #[test]
 fn an_opening_may_be_meant_until_the_handler_has_passed_it() {
     let robot_from_handler = se2(Config::default().robot_from_handler);

@@ -58,13 +58,7 @@ impl Senses {
         let mut camera = DepthSensor::new(config, 1, 1).expect("a camera");
         let tilt = Tilt::of(&Attitude::at_height(1, 0.0, 0.0, STANDING_M)).expect("level");
         let world = World::new(2.6, Vec::new());
-        let scene = Scene {
-            world: &world,
-            world_from_robot: Pose2::default(),
-            tilt: Some(tilt),
-            world_from_handler: None,
-            walkers: &[],
-        };
+        let scene = Scene::without_people(&world, Pose2::default(), Some(tilt));
         let mut pixels_mm = vec![0; camera.pixels()];
         for frame in 1..=5 {
             camera.render(&scene, frame, &mut pixels_mm);

@@ -28,6 +28,12 @@ pub struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
+    /// A robot there, its body held like that, and nobody about it.
+    #[must_use]
+    pub fn without_people(world: &'a World, world_from_robot: Pose2, tilt: Option<Tilt>) -> Self {
+        Self { world, world_from_robot, tilt, world_from_handler: None, walkers: &[] }
+    }
+
     /// The scene that a truth tells of: doors are turned as it says.
     #[must_use]
     pub fn from_truth(world: &'a mut World, truth: &'a WorldTruth) -> Self {

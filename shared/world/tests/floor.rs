@@ -130,7 +130,7 @@ impl Eye {
 
     /// Looks at the world from a place, held so, with what the source tells of that. Whether the frame can be used.
     fn looks(&mut self, world: &World, at: Pose2, [held, told]: &[Tilt; 2], frame: u64) -> bool {
-        let scene = Scene { world, world_from_robot: at, tilt: Some(*held), world_from_handler: None, walkers: &[] };
+        let scene = Scene::without_people(world, at, Some(*held));
         self.camera.render(&scene, frame, &mut self.pixels_mm);
         let header = self.camera.depth_header();
         let tilt = match self.source {

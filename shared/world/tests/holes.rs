@@ -28,7 +28,7 @@ fn camera(pitch_rad: f64) -> DepthConfig {
 fn frame(config: &DepthConfig, world: &World, tilt: Option<Tilt>, number: u64) -> Vec<u16> {
     let mut sensor = DepthSensor::new(config.clone(), 1, 1).expect("a camera");
     let mut pixels = vec![0; sensor.pixels()];
-    let scene = Scene { world, world_from_robot: Pose2::default(), tilt, world_from_handler: None, walkers: &[] };
+    let scene = Scene::without_people(world, Pose2::default(), tilt);
     sensor.render(&scene, number, &mut pixels);
     pixels
 }

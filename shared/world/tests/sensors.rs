@@ -18,7 +18,7 @@ use rand_chacha::ChaCha8Rng;
 const FULL: [f64; 2] = [0.0, 2.6];
 
 fn scene(world: &World, x: f64, y: f64, yaw: f64) -> Scene<'_> {
-    Scene { world, world_from_robot: Pose2::new(x, y, yaw), tilt: None, world_from_handler: None, walkers: &[] }
+    Scene::without_people(world, Pose2::new(x, y, yaw), None)
 }
 
 /// A wall across the way, `distance` ahead of the origin.

@@ -25,18 +25,19 @@ pub fn explain(evaluation: &Evaluation, args: &EvaluateArgs, count: u32, as_json
         let (task, site) = (episode.task(), episode.site());
         let words = in_words(task, &site.course);
         let handler = episode.team().world_from_handler();
-        if !as_json {
+        if as_json {
+            tasks.push(json!({
+                "number": number,
+                "place": &*site.place,
+                "cue": task.cue.name(),
+                "goal": goal(&task.goal),
+                "world_from_robot": told(&task.world_from_robot),
+                "world_from_handler": told(&handler),
+                "explanation": words,
+            }));
+        } else {
             out::raw(&format!("{number:>4}  {}  {words}", site.place))?;
         }
-        tasks.push(json!({
-            "number": number,
-            "place": &*site.place,
-            "cue": task.cue.name(),
-            "goal": goal(&task.goal),
-            "world_from_robot": told(&task.world_from_robot),
-            "world_from_handler": told(&handler),
-            "explanation": words,
-        }));
         if let Some(folder) = &args.pictures {
             let drawn = picture::task(task, site, &handler, &words, &evaluation.config.bodies);
             write(&folder.join(picture_name("task", number)), &drawn)?;

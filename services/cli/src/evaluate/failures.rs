@@ -11,7 +11,7 @@ use serde_json::{Map, Value, json};
 
 use super::log::Outcomes;
 use super::outcome::Outcome;
-use super::{Evaluation, picture, words};
+use super::{Evaluation, picture, regular, words};
 use crate::args::evaluate::EvaluateArgs;
 use crate::exit::Failure;
 use crate::out::{count, elements, number, text};
@@ -64,7 +64,7 @@ pub fn number_of(name: &str, kind: &str) -> Option<usize> {
 /// Where it cannot be read, or is no such file.
 pub fn load(path: &Path) -> Result<Stored, Failure> {
     let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
-    super::log::regular(path)?;
+    regular(path)?;
     let text = std::fs::read_to_string(path).map_err(|error| wrong(&error))?;
     let none = |why: &dyn std::fmt::Display| wrong(&format!("this is no failure of an evaluation: {why}"));
     let value: Value = serde_json::from_str(&text).map_err(|error| none(&error))?;

@@ -13,6 +13,7 @@ use serde_json::Value;
 use sha2::{Digest as _, Sha256};
 
 use super::outcome::Outcome;
+use super::regular;
 use crate::exit::Failure;
 
 /// Key of a head that tells which part of the episodes a file has.
@@ -200,16 +201,6 @@ fn same(path: &Path, theirs: &Value, ours: &Value, but: &[&str]) -> Result<(), F
         let (theirs, ours) = (&theirs[&key], &ours[&key]);
         Err(Failure::input(format!("{}: its {key} is {theirs}, not {ours}", path.display())))
     })
-}
-
-/// Refuses folders, pipes and devices.
-///
-/// # Errors
-/// Where a path is no regular file.
-pub fn regular(path: &Path) -> Result<(), Failure> {
-    let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
-    let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
-    if metadata.is_file() { Ok(()) } else { Err(wrong(&"it is no regular file")) }
 }
 
 fn lock(path: &Path, file: &File) -> Result<(), Failure> {

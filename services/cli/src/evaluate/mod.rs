@@ -150,6 +150,16 @@ pub fn may_write(folder: &Path) -> Result<(), Failure> {
     std::fs::write(&probe, "").and_then(|()| std::fs::remove_file(&probe)).map_err(failed)
 }
 
+/// Refuses folders, pipes and devices.
+///
+/// # Errors
+/// Where a path is no regular file.
+fn regular(path: &Path) -> Result<(), Failure> {
+    let wrong = |why: &dyn std::fmt::Display| Failure::input(format!("{}: {why}", path.display()));
+    let metadata = std::fs::metadata(path).map_err(|error| wrong(&error))?;
+    if metadata.is_file() { Ok(()) } else { Err(wrong(&"it is no regular file")) }
+}
+
 /// The kind of worlds that `--worlds` means, where it names no maps.
 fn generated(args: &EvaluateArgs) -> Option<GeneratorConfig> {
     match args.worlds[..] {

@@ -365,13 +365,7 @@ mod tests {
         let low = Prism::cuboid(Point::new(2.0, 0.0), [0.3, 0.3], 0.0, [0.0, 0.2]);
         let wall = Prism::wall(vec![Point::new(4.0, -4.0), Point::new(4.0, 4.0)], [0.0, 2.6]);
         let world = World::new(2.6, if has_box { vec![wall, low] } else { vec![wall] });
-        let scene = Scene {
-            world: &world,
-            world_from_robot: Pose2::default(),
-            tilt: Some(tilt),
-            world_from_handler: None,
-            walkers: &[],
-        };
+        let scene = Scene::without_people(&world, Pose2::default(), Some(tilt));
         let (mut view, mut pixels_mm) = (DepthView::default(), vec![0; camera.pixels()]);
         camera.render(&scene, 1, &mut pixels_mm);
         view.fill_tilted(&camera.depth_header(), &pixels_mm, Some(&tilt)).expect("a frame");

@@ -182,7 +182,7 @@ impl Route {
             CueKind::Right => self.turn_or_bend(&view, Side::Right, cue_place),
         };
         goal.unwrap_or_else(|| {
-            // Round a bend the way goes on along another line.
+            // Behind a bend the travel line is another one.
             let is_round = had_branch && self.branch.is_none();
             let view = if is_round { self.view(seen) } else { view };
             self.along(&view, cue)
@@ -241,7 +241,7 @@ impl Route {
         if bend.is_some_and(|bend| bend.is_round(view.robot)) {
             return self.bend(view, None);
         }
-        // On the way to a bend the opening may still be found: who stood in it has gone on.
+        // On the way to a bend the opening may still be found: a person who stood in it may have left.
         if bend.is_some() {
             self.branch = None;
         }
@@ -263,14 +263,11 @@ impl Route {
             }
             return goal;
         }
-        let seen = match only {
-            // The wall has to be seen on the side that was asked for: somebody may stand in an opening there.
-            Some(only) => self.bend_ahead(view).filter(|(side, _)| only == *side && self.is_shut(view, side.other())),
-            None => {
-                let is_at_end = view.ahead_m < END_M;
-                self.bend_ahead(view).filter(|(side, _)| is_at_end || self.is_shut(view, side.other()))
-            }
-        };
+        // A turn was asked for: the wall of its side has to be seen, as a person may stand in an opening there.
+        let is_at_end = only.is_none() && view.ahead_m < END_M;
+        let seen = self.bend_ahead(view).filter(|(side, _)| {
+            only.is_none_or(|only| only == *side) && (is_at_end || self.is_shut(view, side.other()))
+        });
         self.bends = match &seen {
             Some((side, _)) if self.bends.1 == *side => (self.bends.0 + 1, *side),
             Some((side, _)) => (1, *side),
