@@ -458,8 +458,8 @@ impl Core {
     }
 
     /// What is left of the action and one scan period more; where only the rest itself is free, the permit ends with
-    /// it. The judgement of a rest that is not free is an error, and ends the action: a robot that stops and goes on with
-    /// each scan stumbles, and the handler walks into it.
+    /// it. The judgement of a rest that is not free is an error, and ends the action: a robot that stops and goes on
+    /// with each scan stumbles, and the handler walks into it.
     fn judge_remainder(&mut self, now_ns: u64, running: &Running, permit: &mut Permit) -> Result<(), Judgement> {
         let mut last = running.judgement;
         for end_ns in [running.end_ns + self.scan_period_ns(), running.end_ns] {

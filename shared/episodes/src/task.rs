@@ -22,8 +22,8 @@ pub const AXIS_RAD: f64 = 20.0 * std::f64::consts::PI / 180.0;
 pub const STILL_M: f64 = 0.3;
 /// in so many decisions.
 pub const STILL_DECISIONS: usize = 10;
-/// A turn cue can mean the opening beside the pair, or the next one: the robot is less than this before the farther edge,
-/// metres, and the handler has not passed it.
+/// A turn cue can mean the opening beside the pair, or the next one: the robot is less than this before the farther
+/// edge, metres, and the handler has not passed it.
 const BESIDE_M: f64 = 1.0;
 /// An opening within this distance after a corner to the same side may be meant as well, metres.
 const AFTER_CORNER_M: f64 = 4.0;
@@ -120,9 +120,9 @@ impl Task {
         Self::at(course, cue, Se2::new(robot.coords, wrap_angle(yaw_rad)), robot_from_handler)
     }
 
-    /// The task of a handler who gives that cue there. `None` where the cue is not clear: the next opening is a niche, the
-    /// pair is in a hall, an edge comes behind an opening beside the pair, or the pair is beside an opening of a floor
-    /// plan.
+    /// The task of a handler who gives that cue there. `None` where the cue is not clear: the next opening is a niche,
+    /// the pair is in a hall, an edge comes behind an opening beside the pair, or the pair is beside an opening of a
+    /// floor plan.
     #[must_use]
     pub fn at(course: &Course, cue: CueKind, world_from_robot: Se2, robot_from_handler: &Se2) -> Option<Self> {
         let way_m = |pose: Se2| course.line.foot(Point::from(pose.translation.vector)).way_m;
