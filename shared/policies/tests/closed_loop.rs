@@ -467,6 +467,16 @@ fn forward_goes_straight_on_at_a_crossing_and_stands_at_an_end() {
         .check();
 }
 
+#[test]
+fn forward_stays_in_the_corridor_beside_an_open_space() {
+    // The left wall has a gap of 4 m. The hall behind it runs on beside the corridor, and is wider.
+    let world = World::default()
+        .line(&[(-3.0, -0.72), (40.0, -0.72)])
+        .line(&[(-3.0, 0.72), (10.0, 0.72), (10.0, 9.0), (40.0, 9.0)])
+        .line(&[(14.0, 0.72), (40.0, 0.72)]);
+    Walk::new("beside a hall", world, (0.0, 0.0, 0.0), 90.0).to(25.0, 0.0).check();
+}
+
 /// A corridor of 2 m that bends to the left by that angle at (9, 0) and ends there after `on_m`; and its end.
 fn bent_dead_end(bend_deg: f64, on_m: f64) -> (World, Point) {
     let bend_rad = bend_deg.to_radians();

@@ -1,7 +1,7 @@
 //! Which way the cue means here: along the corridor, round its bend, into an opening, or nowhere.
 
 use super::field::reachable;
-use super::grid::Window;
+use super::grid::{CELL_M, Window};
 use super::openings::{Opening, Profile, Side};
 use super::trail::Trail;
 use super::travel::TravelLine;
@@ -39,6 +39,14 @@ const BEHIND_M: f64 = 1.8;
 const TURN_BEHIND_M: f64 = 3.0;
 /// A wall that was not seen yet is taken to be so far away, metres.
 const UNSEEN_WALL_M: f64 = 1.0;
+/// Where the travel line itself is open so far ahead, metres, no planned way tells another direction of travel: it leads
+/// round something, or through an open space beside the corridor.
+const STRAIGHT_M: f64 = 4.0;
+/// What a metre beside the travel line costs in metres ahead: where the line bends off, and where it is open.
+const ASIDE: f64 = 0.3;
+const ASIDE_OF_OPEN_LINE: f64 = 1.0;
+/// Half the width of what counts as the line itself, metres.
+const STRAIGHT_HALF_M: f64 = 0.3;
 /// Decisions without a way after which a chosen opening is given up.
 const LOST_COUNT: u32 = 6;
 
@@ -111,6 +119,8 @@ pub struct Route {
     /// How far the walls are to the left and to the right, metres, as last seen.
     wall_m: [Option<f64>; 2],
     ended: bool,
+    /// How far the way went straight on ahead at the last decision, metres.
+    straight_m: f64,
     /// An opening of the side asked for was found: the way behind a turn is the next cue's.
     turned: bool,
     /// Number of decisions that found a bend to that side.
@@ -150,6 +160,7 @@ impl Route {
             branch: None,
             wall_m: [None; 2],
             ended: false,
+            straight_m: 0.0,
             turned: false,
             bends: (0, Side::Left),
             way_rad: None,
@@ -168,12 +179,14 @@ impl Route {
     /// the scan, in the order of its beams (robot frame).
     pub fn goal(&mut self, seen: &Seen, hits: &[Option<Point>], cue: CueKind, cue_place: Point) -> Goal {
         if self.branch.is_none() {
-            self.line.follow(seen.odom_from_robot, hits, self.way_rad);
+            let way_rad = self.way_rad.filter(|_| self.straight_m < STRAIGHT_M);
+            self.line.follow(seen.odom_from_robot, hits, way_rad);
         } else {
             self.line.leave();
         }
         let view = self.view(seen);
         self.take_walls(&view);
+        self.straight_m = view.straight_m();
         let had_branch = self.branch.is_some();
         let goal = match cue {
             CueKind::Stop => None,
@@ -227,7 +240,9 @@ impl Route {
             let plan = if cue == CueKind::Forward && ways == [true; 2] { Plan::Junction } else { Plan::End };
             return Goal { plan, seeds: Vec::new(), facing_rad };
         }
-        let score = |at: Point| at.x - 0.3 * at.y.abs();
+        // Beside an open line is not ahead: another room may lie there, behind the corridor's wall.
+        let aside = if self.straight_m < STRAIGHT_M { ASIDE } else { ASIDE_OF_OPEN_LINE };
+        let score = |at: Point| at.x - aside * at.y.abs();
         let cells = || forward_cells(view.window, &view.reached, &view.odom_from_line);
         let best = cells().map(|(_, at)| score(at)).fold(f64::NEG_INFINITY, f64::max);
         let seeds = cells().map(|(cell, at)| (cell, best - score(at))).filter(|(_, cost)| *cost < 0.6).collect();
@@ -351,6 +366,18 @@ impl Route {
 }
 
 impl View<'_> {
+    /// How far the team can go on straight ahead along the line, metres.
+    fn straight_m(&self) -> f64 {
+        let mut is_open = [false; (GOAL_M / CELL_M) as usize];
+        let ahead = forward_cells(self.window, &self.reached, &self.odom_from_line);
+        for (_, at) in ahead.filter(|(_, at)| at.y.abs() < STRAIGHT_HALF_M) {
+            is_open[((at.x / CELL_M) as usize).min(is_open.len() - 1)] = true;
+        }
+        // Cells lie at a slant to the line: one step without a middle is no gap.
+        let gap = is_open.windows(2).position(|pair| pair == [false; 2]);
+        gap.unwrap_or(is_open.len()) as f64 * CELL_M
+    }
+
     /// Whether the team can get into the opening, and it is deep enough to be one.
     fn reaches(&self, side: Side, opening: &Opening) -> bool {
         let branch = branch(self, side, opening, Plan::Turn);
