@@ -45,6 +45,8 @@ const STRAIGHT_M: f64 = 4.0;
 /// What a metre beside the travel line costs in metres ahead: where the line bends off, and where it is open.
 const ASIDE: f64 = 0.3;
 const ASIDE_OF_OPEN_LINE: f64 = 1.0;
+/// The line is open as far as anything ahead where it lacks no more than this, metres.
+const AS_FAR_M: f64 = 1.0;
 /// Half the width of what counts as the line itself, metres.
 const STRAIGHT_HALF_M: f64 = 0.3;
 /// Decisions without a way after which a chosen opening is given up.
@@ -240,8 +242,10 @@ impl Route {
             let plan = if cue == CueKind::Forward && ways == [true; 2] { Plan::Junction } else { Plan::End };
             return Goal { plan, seeds: Vec::new(), facing_rad };
         }
-        // Beside an open line is not ahead: another room may lie there, behind the corridor's wall.
-        let aside = if self.straight_m < STRAIGHT_M { ASIDE } else { ASIDE_OF_OPEN_LINE };
+        // Where the line is open as far as anything, what lies beside it is not ahead: it may be another room, behind
+        // the corridor's wall.
+        let is_open = self.straight_m >= STRAIGHT_M.max(view.ahead_m - AS_FAR_M);
+        let aside = if is_open { ASIDE_OF_OPEN_LINE } else { ASIDE };
         let score = |at: Point| at.x - aside * at.y.abs();
         let cells = || forward_cells(view.window, &view.reached, &view.odom_from_line);
         let best = cells().map(|(_, at)| score(at)).fold(f64::NEG_INFINITY, f64::max);
