@@ -93,7 +93,7 @@ fn failures_are_stored_by_class_and_come_out_the_same_when_they_are_walked_again
 fn a_report_begins_with_what_fails_most_and_its_command_walks_it_without_a_file() {
     let place = Place::new();
     let output = place.guidedog(&EPISODES);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
     let line = told.lines().find(|line| line.starts_with("fails most: ")).expect("a line");
     assert_eq!(told.lines().find(|line| line.contains("episodes")), Some(line), "it comes first: {told}");
     let (what, command) = line.split_once("; see one: guidedog ").expect("a command");

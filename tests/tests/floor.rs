@@ -44,7 +44,7 @@ fn a_frame_from_outside_shows_where_the_floor_is_and_where_it_drops() {
     let far_m: Vec<f64> = edges.iter().filter_map(|edge| edge[0].as_f64()).collect();
     assert!(far_m.iter().all(|x_m| (1.5..1.8).contains(x_m)), "{far_m:?}");
     let output = place.guidedog(&["floor", &file, "--height-m", "0.45"]);
-    let drawn = String::from_utf8(output.stderr).expect("text");
+    let drawn = String::from_utf8(output.stdout).expect("text");
     assert!(drawn.contains("EEE") && drawn.contains("..."), "{drawn}");
 }
 
@@ -62,7 +62,7 @@ fn a_frame_from_outside_shows_a_low_step_and_whether_it_can_be_taken() {
         assert!((-0.09..-0.07).contains(&rise_m) && step["can_be_taken"] == true, "{step:#}");
     }
     let output = place.guidedog(&[&["floor", &file], &lens[..]].concat());
-    let drawn = String::from_utf8(output.stderr).expect("text");
+    let drawn = String::from_utf8(output.stdout).expect("text");
     assert!(drawn.contains("ss") && drawn.contains("places step down by"), "{drawn}");
 }
 

@@ -63,7 +63,7 @@ fn a_robot_whose_attitude_only_the_camera_tells_guides_a_handler_round_a_corner(
     run.wait("it is ready for a cue", |status| status.mode.ready_for_cue);
     assert_eq!(run.status().attitude.as_deref(), Some("depth"));
     let output = place.guidedog(&["status", "--run", "seen"]);
-    assert!(String::from_utf8_lossy(&output.stderr).contains(SEEN), "{output:?}");
+    assert!(String::from_utf8_lossy(&output.stdout).contains(SEEN), "{output:?}");
     let _ = run.end();
     place.assert_empty();
 }

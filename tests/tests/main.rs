@@ -27,6 +27,7 @@ mod ramps;
 mod record;
 mod recordings;
 mod replays;
+mod reports;
 mod response;
 mod routes;
 mod shared_memory;

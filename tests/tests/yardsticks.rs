@@ -112,8 +112,8 @@ fn a_pair_walks_a_world_of_barn_and_people_read_a_table() {
     let place = Place::new();
     let world = barn(&place);
     let output = place.guidedog(&["yardstick", "barn", &world, "--body", "pair", "--noise", "noisy"]);
-    let told = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(output.status.success(), "{told}");
+    let told = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{output:?}");
     let lines: Vec<&str> = told.lines().collect();
     assert!(lines[0].starts_with("world  ended") && lines[1].starts_with("7      success"), "{told}");
     let names = lines[2..].iter().map(|line| line.split("  ").next().unwrap_or_default());

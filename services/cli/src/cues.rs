@@ -111,11 +111,7 @@ pub fn evaluate(args: &EvaluateCuesArgs, as_json: bool) -> Result<(), Failure> {
         "seed": args.seed,
         "conditions": reports,
     });
-    if as_json {
-        return out::json(&report);
-    }
-    say(figures::text(&report));
-    Ok(())
+    out::tell(as_json, &report, || vec![figures::text(&report)])
 }
 
 /// The other model, and its digest: its embedding lies beside it, or is the same.

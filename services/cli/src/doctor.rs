@@ -15,7 +15,7 @@ use crate::args::DoctorArgs;
 use crate::cues;
 use crate::exit::{EXIT_OK, EXIT_RUN_FAILED, Failure};
 use crate::launch::beside;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 use crate::prepare;
 
 /// Descriptors: the supervisor holds lines, logs and sockets of every service, iceoryx2 a few for each port.
@@ -77,11 +77,8 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
         }));
     }
     let ok = checks.iter().all(|check| check.ok);
-    if as_json {
-        out::json(&report(ok, &checks, &pools))?;
-    } else {
-        tell(&checks, &pools, settings.depth.width, settings.depth.height);
-    }
+    let (width, height) = (settings.depth.width, settings.depth.height);
+    out::tell(as_json, &report(ok, &checks, &pools), || lines(&checks, &pools, width, height))?;
     Ok(if ok { EXIT_OK } else { EXIT_RUN_FAILED })
 }
 
@@ -276,14 +273,15 @@ fn report(ok: bool, checks: &[Check], pools: &[Pool]) -> Value {
     json!({ "ok": ok, "checks": checks, "pools": rows, "pool_bytes": live, "pool_bytes_max": most })
 }
 
-fn tell(checks: &[Check], pools: &[Pool], width: u32, height: u32) {
+fn lines(checks: &[Check], pools: &[Pool], width: u32, height: u32) -> Vec<String> {
+    let mut lines = Vec::new();
     for check in checks {
-        say(format!("{}  {:<14} {}", if check.ok { "ok     " } else { "MISSING" }, check.name, check.found));
+        lines.push(format!("{}  {:<14} {}", if check.ok { "ok     " } else { "MISSING" }, check.name, check.found));
         if !check.ok {
-            say(format!("         mend it: {}", check.fix));
+            lines.push(format!("         mend it: {}", check.fix));
         }
     }
-    say(format!("\nshared memory of a run with depth {width}x{height}:"));
+    lines.push(format!("\nshared memory of a run with depth {width}x{height}:"));
     let row = |pool: &Pool| {
         let bytes = (pool.size.bytes() * pool.live) as u64;
         vec![
@@ -294,9 +292,10 @@ fn tell(checks: &[Check], pools: &[Pool], width: u32, height: u32) {
         ]
     };
     let rows: Vec<Vec<String>> = pools.iter().map(row).collect();
-    table(&["topic", "messages", "publishers", "total"], &rows).iter().for_each(say);
+    lines.extend(table(&["topic", "messages", "publishers", "total"], &rows));
     let (live, most) = (total(pools, |pool| pool.live), total(pools, |pool| pool.most));
-    say(format!("in all {}; {} where every topic also has {DEAD_SLOTS} dead writers", mib(live), mib(most)));
+    lines.push(format!("in all {}; {} where every topic also has {DEAD_SLOTS} dead writers", mib(live), mib(most)));
+    lines
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ use serde_json::{Value, json};
 
 use crate::args::{FitArgs, FitModel};
 use crate::exit::Failure;
-use crate::out::{self, say};
+use crate::out;
 
 /// Decision periods, from and to, seconds.
 const DT_S: (f64, f64) = (0.01, 5.0);
@@ -61,11 +61,7 @@ pub fn fit(args: &FitArgs, as_json: bool) -> Result<(), Failure> {
             report["fits"] = fits.iter().map(|(subject, fit)| fit_json(subject, fit)).collect();
         }
     }
-    if as_json {
-        return out::json(&report);
-    }
-    tell(&report);
-    Ok(())
+    out::tell(as_json, &report, || lines(&report))
 }
 
 fn kind(model: FitModel) -> ModelKind {
@@ -154,13 +150,14 @@ fn picture(recordings: &[Recording], dt_s: f64) -> Result<String, Failure> {
     ))
 }
 
-fn tell(report: &Value) {
+fn lines(report: &Value) -> Vec<String> {
     let simulated = out::elements(report, "/simulated_subjects").len();
     let subjects = out::elements(report, "/subjects").len();
-    say(format!("{subjects} handlers, {simulated} of them simulated; {} walks", out::count(report, "/recordings")));
+    let walks = out::count(report, "/recordings");
+    let mut lines = vec![format!("{subjects} handlers, {simulated} of them simulated; {walks} walks")];
     let rmse = |value: &Value, part: &str, key: &str| format!("{:>8.1}", out::number(value, &format!("/{part}/{key}")));
     for left_out in out::elements(report, "/unfittable") {
-        say(format!("left out: {}", out::text(left_out, "/why")));
+        lines.push(format!("left out: {}", out::text(left_out, "/why")));
     }
     let rows: Vec<Vec<String>> = out::elements(report, "/rows")
         .iter()
@@ -174,7 +171,7 @@ fn tell(report: &Value) {
         })
         .collect();
     if !rows.is_empty() {
-        out::table(&["model", "RMSE, mm", "deg", "paper, mm"], &rows).iter().for_each(say);
+        lines.extend(out::table(&["model", "RMSE, mm", "deg", "paper, mm"], &rows));
     }
     let fits: Vec<Vec<String>> = out::elements(report, "/fits")
         .iter()
@@ -196,6 +193,7 @@ fn tell(report: &Value) {
         })
         .collect();
     if !fits.is_empty() {
-        out::table(&["subject", "fit, mm", "validation, mm", "deg", "parameters, 95 %"], &fits).iter().for_each(say);
+        lines.extend(out::table(&["subject", "fit, mm", "validation, mm", "deg", "parameters, 95 %"], &fits));
     }
+    lines
 }

@@ -13,7 +13,7 @@ use settings::{DepthIntrinsics, DepthSettings, Profile};
 
 use crate::args::floor::FloorArgs;
 use crate::exit::Failure;
-use crate::out::{self, say};
+use crate::out;
 use crate::prepare;
 
 /// Side of a cell of the picture, metres, and how far it reaches ahead and to either side.
@@ -46,11 +46,7 @@ pub fn floor(args: &FloorArgs, as_json: bool) -> Result<(), Failure> {
     let mut view = DepthView::with_steps(settings.step_max());
     view.fill_tilted(&header, &pixels_mm, Some(&tilt)).map_err(|error| refused(&error))?;
     let report = report(args, &pixels_mm, &attitude, &view, settings.step_max());
-    if as_json {
-        return out::json(&report);
-    }
-    tell(&report, &view);
-    Ok(())
+    out::tell(as_json, &report, || lines(&report, &view))
 }
 
 fn read(path: &Path) -> Result<(Vec<u16>, [u32; 2]), Failure> {
@@ -133,7 +129,7 @@ fn cells() -> impl Iterator<Item = (f64, impl Iterator<Item = Point>)> {
     })
 }
 
-fn tell(report: &Value, view: &DepthView) {
+fn lines(report: &Value, view: &DepthView) -> Vec<String> {
     let is_in = |place: Point, points: &[Point]| points.iter().any(|point| (point - place).amax() <= CELL_M / 2.0);
     let steps: Vec<Point> = view.steps().iter().map(|step| step.place).collect();
     let character = |place: Point| match () {
@@ -144,14 +140,11 @@ fn tell(report: &Value, view: &DepthView) {
         () if view.is_beyond_edge(place) => '~',
         () => ' ',
     };
-    for (x_m, row) in cells() {
-        say(format!("{x_m:4.2} {}", row.map(character).collect::<String>().trim_end()));
-    }
+    let rows = cells().map(|(x_m, row)| format!("{x_m:4.2} {}", row.map(character).collect::<String>().trim_end()));
+    let mut lines: Vec<String> = rows.collect();
     let number = |path: &str| out::number(report, path);
     let count = |key: &str| report[key].as_array().map_or(0, Vec::len);
-    say(format!("measured {:.0} % of the pixels", 100.0 * number("/known")));
     let [roll, pitch] = ["roll_deg", "pitch_deg"].map(|key| number(&format!("/attitude/{key}")));
-    say(format!("held     roll {roll:.1}, pitch {pitch:.1} degrees"));
     let floor = if number("/floor/area_m2") > 0.0 {
         format!(
             "{:.1} m2, {:.2} to {:.2} m ahead",
@@ -162,9 +155,14 @@ fn tell(report: &Value, view: &DepthView) {
     } else {
         "none is seen".to_owned()
     };
-    say(format!("floor    {floor}"));
-    say(format!("edges    in {} columns; obstacles in {}", count("edges"), count("obstacles")));
-    say(format!("steps    {}", steps_told(view)));
+    lines.extend([
+        format!("measured {:.0} % of the pixels", 100.0 * number("/known")),
+        format!("held     roll {roll:.1}, pitch {pitch:.1} degrees"),
+        format!("floor    {floor}"),
+        format!("edges    in {} columns; obstacles in {}", count("edges"), count("obstacles")),
+        format!("steps    {}", steps_told(view)),
+    ]);
+    lines
 }
 
 /// In how many places the floor steps down and up, and by how much: of one step they differ by the camera's noise.

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 use crate::args::{ImportArgs, ImportFormat};
 use crate::exit::Failure;
-use crate::out::{self, say};
+use crate::out;
 
 /// `guidedog import`
 ///
@@ -34,14 +34,14 @@ fn rplidar(captures: &[PathBuf], output: &Path, options: rplidar::ImportOptions,
         let hint = if exists { "; --force replaces it" } else { "" };
         Failure::input(format!("{}{hint}", crate::exit::chain(&error)))
     })?;
-    if as_json {
-        return out::json(&serde_json::to_value(&report).map_err(Failure::of_run)?);
-    }
-    let zeros = 100.0 * report.zero_distance as f64 / report.nodes.max(1) as f64;
-    say(format!("{} captures -> {}", report.sources.len(), report.recording.display()));
-    say(format!("  {} scans of {} beams, {:.1} s", report.scans, report.beams, report.duration_s));
-    say(format!("  {} nodes, {zeros:.1} % with distance 0; {} bytes skipped", report.nodes, report.skipped_bytes));
-    Ok(())
+    out::tell(as_json, &serde_json::to_value(&report).map_err(Failure::of_run)?, || {
+        let zeros = 100.0 * report.zero_distance as f64 / report.nodes.max(1) as f64;
+        vec![
+            format!("{} captures -> {}", report.sources.len(), report.recording.display()),
+            format!("  {} scans of {} beams, {:.1} s", report.scans, report.beams, report.duration_s),
+            format!("  {} nodes, {zeros:.1} % with distance 0; {} bytes skipped", report.nodes, report.skipped_bytes),
+        ]
+    })
 }
 
 fn carmen(log: &Path, output: &Path, options: ImportOptions, as_json: bool) -> Result<(), Failure> {
@@ -54,12 +54,7 @@ fn carmen(log: &Path, output: &Path, options: ImportOptions, as_json: bool) -> R
         };
         Failure::input(format!("{}{hint}", crate::exit::chain(&error)))
     })?;
-    if as_json {
-        out::json(&serde_json::to_value(&report).map_err(Failure::of_run)?)?;
-    } else {
-        lines(&report).iter().for_each(say);
-    }
-    Ok(())
+    out::tell(as_json, &serde_json::to_value(&report).map_err(Failure::of_run)?, || lines(&report))
 }
 
 fn lines(report: &ImportReport) -> Vec<String> {

@@ -1,8 +1,8 @@
 //! `guidedog`: the operator's command. It starts runs, talks to their supervisors over the control socket, and holds no
 //! state of its own.
 //!
-//! People read stderr; programs read stdout, which with `--json` holds one JSON object and nothing else. What a run
-//! would trip over (configuration, worlds, routes, recordings) is found and told before anything is started.
+//! Reports go to standard output; with `--json` it holds one JSON object and nothing else. Progress, prompts and errors
+//! go to standard error. Mistakes in configuration, worlds, routes and recordings are found before anything is started.
 
 mod args;
 mod bench;

@@ -11,7 +11,7 @@ use settings::AttitudeSource;
 use crate::args::{InjectArgs, RunArg};
 use crate::exit::Failure;
 use crate::find::{ask, read};
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// `guidedog status`
 ///
@@ -38,8 +38,7 @@ pub fn show<T: Query>(run: &RunArg, as_json: bool, lines: impl FnOnce(&T) -> Vec
     if as_json {
         return out::json(&ask(run, &T::REQUEST)?);
     }
-    lines(&read(run)?).iter().for_each(say);
-    Ok(())
+    out::report(lines(&read(run)?))
 }
 
 /// `guidedog why --reasons`
@@ -56,8 +55,7 @@ pub fn reasons(as_json: bool) -> Result<(), Failure> {
     }
     let row = |stop: &StopInfo| [stop.name, stop.class.name(), stop.meaning, stop.advice].map(str::to_owned).to_vec();
     let rows: Vec<Vec<String>> = STOPS.iter().map(row).collect();
-    table(&["reason", "class", "what happened", "what to do"], &rows).iter().for_each(say);
-    Ok(())
+    out::report(table(&["reason", "class", "what happened", "what to do"], &rows))
 }
 
 /// `guidedog cue`
@@ -98,12 +96,7 @@ pub fn inject(args: &InjectArgs, as_json: bool) -> Result<(), Failure> {
 
 fn tell(run: &RunArg, request: &Request, done: &str, as_json: bool) -> Result<(), Failure> {
     let answer = ask(run.run.as_deref(), request)?;
-    if as_json {
-        out::json(&answer)?;
-    } else {
-        say(done);
-    }
-    Ok(())
+    out::tell(as_json, &answer, || vec![done])
 }
 
 /// The mode in a few words.

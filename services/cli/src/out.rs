@@ -1,4 +1,5 @@
-//! What goes out: one JSON object on stdout, or plain lines for people on stderr. A closed pipe is nobody's fault.
+//! What goes out. Reports go to standard output: lines for people, or one JSON object with `--json`. Progress, prompts
+//! and errors go to standard error. A reader that closes its pipe early is no error.
 
 use std::io::Write;
 
@@ -6,9 +7,9 @@ use serde_json::Value;
 
 use crate::exit::Failure;
 
-/// One line for people.
+/// A line of progress, or a prompt or an error, on standard error.
 pub fn say(line: impl AsRef<str>) {
-    // Whoever closed stderr does not want to hear it.
+    // Nobody can be told that standard error is closed.
     let _ = writeln!(std::io::stderr().lock(), "{}", line.as_ref());
 }
 
@@ -20,16 +21,33 @@ pub fn json(value: &Value) -> Result<(), Failure> {
     raw(&value.to_string())
 }
 
-/// A line on stdout.
+/// A line on standard output.
 ///
 /// # Errors
 /// Where it cannot be written, as on a full disk. A reader that has gone away wanted no more, which is no error.
 pub fn raw(line: &str) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
-    written(writeln!(out, "{line}").and_then(|()| out.flush()))
+    report([line])
 }
 
-/// What writing to stdout came to.
+/// A report for people on standard output, line by line.
+///
+/// # Errors
+/// As [`raw`].
+pub fn report(lines: impl IntoIterator<Item = impl AsRef<str>>) -> Result<(), Failure> {
+    let mut out = std::io::BufWriter::new(std::io::stdout().lock());
+    let all = lines.into_iter().try_for_each(|line| writeln!(out, "{}", line.as_ref()));
+    written(all.and_then(|()| out.flush()))
+}
+
+/// The report of a verb: the JSON object with `--json`, else the lines for people.
+///
+/// # Errors
+/// As [`raw`].
+pub fn tell<L: AsRef<str>>(as_json: bool, value: &Value, lines: impl FnOnce() -> Vec<L>) -> Result<(), Failure> {
+    if as_json { json(value) } else { report(lines()) }
+}
+
+/// The result of writing to standard output.
 ///
 /// # Errors
 /// As [`raw`].

@@ -66,10 +66,6 @@ fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, 
         let policies: Policies = find::read(run)?;
         let swap = policies.swap(number).cloned();
         let swap = swap.ok_or_else(|| Failure::run(format!("the supervisor has forgotten swap {number}")))?;
-        if !as_json && told != Some(swap.state) {
-            say(format!("swap {number}: {}", swap.state));
-            told = Some(swap.state);
-        }
         if swap.state == SwapState::Unknown {
             let what = "is in a state that this program does not know; see `guidedog policy show --json`";
             return Err(Failure::run(format!("swap {number} {what}")));
@@ -77,13 +73,16 @@ fn follow(args: &PolicyRunArgs, request: &Request, as_json: bool) -> Result<u8, 
         if swap.state.is_over() || (swap.state == SwapState::Probation && !args.settle) {
             break swap;
         }
+        if !as_json && told != Some(swap.state) {
+            say(format!("swap {number}: {}", swap.state));
+            told = Some(swap.state);
+        }
         std::thread::sleep(ASK_EVERY);
     };
-    if as_json {
-        out::json(&json!(swap))?;
-    } else if let Some(why) = &swap.why {
-        say(why);
-    }
+    out::tell(as_json, &json!(swap), || {
+        let why = swap.why.as_ref().map_or_else(String::new, |why| format!(": {why}"));
+        vec![format!("swap {number}: {}{why}", swap.state)]
+    })?;
     Ok(if swap.state == SwapState::Failed { EXIT_SWAP_FAILED } else { EXIT_OK })
 }
 

@@ -63,11 +63,7 @@ fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
     let mut troubles = Troubles::from_now_on(&run)?;
     let answer = ask(Some(&run), &Request::RecordStop {})?;
     wait_for_end(&run, &mut troubles)?;
-    if as_json {
-        return out::json(&answer);
-    }
-    say(format!("run {run} is no longer recorded"));
-    Ok(())
+    out::tell(as_json, &answer, || vec![format!("run {run} is no longer recorded")])
 }
 
 /// Has the recorder end its files, and waits until it has; that the run has ended meanwhile is as well.

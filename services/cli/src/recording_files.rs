@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::args::{RecordingArgs, RecordingVerb};
 use crate::exit::{Failure, chain};
-use crate::out::{self, say};
+use crate::out;
 use crate::prepare::new_recording;
 
 /// `guidedog recording`
@@ -42,8 +42,7 @@ fn info(path: &Path, as_json: bool) -> Result<(), Failure> {
     if as_json {
         return out::json(&info.json()?);
     }
-    info.lines().iter().for_each(say);
-    Ok(())
+    out::report(info.lines())
 }
 
 /// What was recorded in `path` says about itself, and what restarted recorders wrote beside it.
@@ -68,7 +67,7 @@ pub fn lives(path: &Path, as_json: bool) -> Result<(), Failure> {
         out::json(&first)?;
         return Err(Failure { told: true, ..failure });
     }
-    whole.iter().flat_map(WholeInfo::lines).for_each(say);
+    out::report(whole.iter().flat_map(WholeInfo::lines))?;
     failure.map_or(Ok(()), Err)
 }
 
@@ -117,12 +116,11 @@ fn check(path: &Path, as_json: bool) -> Result<(), Failure> {
         )));
     }
     let all: u64 = records.values().sum();
-    if as_json {
-        return out::json(&json!({ "recording": path.display().to_string(), "whole": true, "read": records }));
-    }
-    say(format!("{}: {all} records, each of them whole", path.display()));
-    lines(path, &info).iter().skip(1).for_each(say);
-    Ok(())
+    let report = json!({ "recording": path.display().to_string(), "whole": true, "read": records });
+    out::tell(as_json, &report, || {
+        let first = format!("{}: {all} records, each of them whole", path.display());
+        std::iter::once(first).chain(lines(path, &info).into_iter().skip(1)).collect()
+    })
 }
 
 /// Recovers a recording, and the file of its depth frames where that is beside it.
@@ -138,20 +136,18 @@ fn recover_all(from: &Path, to: &Path, as_json: bool) -> Result<(), Failure> {
     let beside: PathBuf = Part::Depth.path(from);
     let depth = if named && beside.is_file() { Some(recovered(&beside, &Part::Depth.path(to))?) } else { None };
     let all: Vec<&Recovered> = std::iter::once(&small).chain(&depth).collect();
-    if as_json {
-        return out::json(&json!({ "recovered": all }));
-    }
-    for part in all {
-        let cut = part.bytes - part.cut_at_byte;
-        say(format!("{} -> {}", part.from.display(), part.to.display()));
-        match &part.why {
-            Some(why) if cut == 0 => say(format!("  taken over whole, but: {why}")),
-            Some(why) => say(format!("  cut at byte {}, {cut} bytes lost: {why}", part.cut_at_byte)),
-            None => say("  nothing but its end was missing"),
-        }
-        lines(&part.to, &part.info).iter().skip(1).for_each(say);
-    }
-    Ok(())
+    out::tell(as_json, &json!({ "recovered": all }), || all.iter().flat_map(|part| recovered_lines(part)).collect())
+}
+
+fn recovered_lines(part: &Recovered) -> Vec<String> {
+    let cut = part.bytes - part.cut_at_byte;
+    let what = match &part.why {
+        Some(why) if cut == 0 => format!("  taken over whole, but: {why}"),
+        Some(why) => format!("  cut at byte {}, {cut} bytes lost: {why}", part.cut_at_byte),
+        None => "  nothing but its end was missing".to_owned(),
+    };
+    let first = [format!("{} -> {}", part.from.display(), part.to.display()), what];
+    first.into_iter().chain(lines(&part.to, &part.info).into_iter().skip(1)).collect()
 }
 
 fn told(path: &Path, info: &Info) -> Result<Value, Failure> {

@@ -97,7 +97,7 @@ pub fn finish(
         }
         out::json(&told)?;
     } else {
-        summary().iter().for_each(say);
+        out::report(summary())?;
     }
     report.failure.as_ref().map_or(Ok(()), |why| Err(Failure { told: as_json, ..Failure::run(why) }))
 }

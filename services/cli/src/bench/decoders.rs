@@ -6,7 +6,7 @@ use rplidar::{Beams, Decoder, Fan, FirstOfFrame, Format, Sample, Timing, Turns};
 use serde_json::{Value, json};
 
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// Frames of a format in one measurement.
 const FRAMES: usize = 20_000;
@@ -99,9 +99,11 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
         }
     }
     let rows: Vec<Value> = rows.iter_mut().map(Row::json).collect();
-    if as_json {
-        return out::json(&json!({ "line_bytes_per_s": LINE_BYTES_PER_S, "rows": rows }));
-    }
+    let report = json!({ "line_bytes_per_s": LINE_BYTES_PER_S, "rows": rows });
+    out::tell(as_json, &report, || told(&rows))
+}
+
+fn told(rows: &[Value]) -> Vec<String> {
     let lines = rows.iter().map(|row| {
         vec![
             out::text(row, "/format").to_owned(),
@@ -112,8 +114,7 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
             format!("{:.0}", out::number(row, "/of_the_fastest_line")),
         ]
     });
-    say("lidar samples decoded and sorted into turns, one core; a million bytes a second, and samples");
+    let head = "lidar samples decoded and sorted into turns, one core; a million bytes a second, and samples";
     let heads = ["format", "p50", "min", "max", "samples", "times the fastest line"];
-    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
-    Ok(())
+    [vec![head.to_owned()], table(&heads, &lines.collect::<Vec<_>>())].concat()
 }

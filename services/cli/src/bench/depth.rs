@@ -11,7 +11,7 @@ use world::{DepthConfig, DepthSensor, Hole, Prism, Scene, World};
 
 use super::Percentiles;
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// Columns and rows of the cameras.
 const SIZES: [(usize, usize); 3] = [(128, 64), (160, 120), (640, 480)];
@@ -85,9 +85,10 @@ fn row((width, height): (usize, usize), times: u32) -> Result<Value, Failure> {
 /// Where a frame cannot be used, or the report cannot be written.
 pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let rows = SIZES.into_iter().map(|size| row(size, times)).collect::<Result<Vec<_>, _>>()?;
-    if as_json {
-        return out::json(&json!({ "rows": rows }));
-    }
+    out::tell(as_json, &json!({ "rows": rows }), || told(&rows))
+}
+
+fn told(rows: &[Value]) -> Vec<String> {
     let lines = rows.iter().map(|row| {
         let size = format!("{}x{}", out::number(row, "/width"), out::number(row, "/height"));
         let us =
@@ -95,7 +96,7 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
         [vec![size], us("level").to_vec(), us("swaying").to_vec(), us("attitude").to_vec()].concat()
     });
     let heads = ["pixels", "level us", "99 %", "swaying us", "99 %", "attitude us", "99 %"];
-    say("one depth frame on one core: for a level body, for one that sways, and to find its attitude; microseconds");
-    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
-    Ok(())
+    let head =
+        "one depth frame on one core: for a level body, for one that sways, and to find its attitude; microseconds";
+    [vec![head.to_owned()], table(&heads, &lines.collect::<Vec<_>>())].concat()
 }

@@ -11,7 +11,7 @@ use crate::args::{WalkArgs, WorldArgs};
 use crate::exit::Failure;
 use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
-use crate::out::{self, elements, number, say, table, text};
+use crate::out::{self, elements, number, table, text};
 use crate::prepare;
 
 /// All services are ready within this time.
@@ -45,12 +45,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let mut running = launch.spawn()?;
     let measured = measure(&mut running, Duration::from_secs(u64::from(seconds)));
     let report = running.finish(measured)?;
-    if as_json {
-        out::json(&report)?;
-    } else {
-        tell(&report);
-    }
-    Ok(())
+    out::tell(as_json, &report, || lines(&report))
 }
 
 fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
@@ -134,8 +129,7 @@ fn parse_usage(stat: &str, status: &str, ticks_per_second: u64) -> Option<Usage>
     Some(Usage { cpu_s: ticks as f64 / ticks_per_second as f64, rss_kib: kib("VmRSS")?, shmem_kib: kib("RssShmem")? })
 }
 
-fn tell(report: &Value) {
-    say(format!("standing still for {:.0} s; CPU as share of one core:", number(report, "/seconds")));
+fn lines(report: &Value) -> Vec<String> {
     let row = |service: &Value| {
         let mib = |path: &str| format!("{:.1} MiB", number(service, path) / 1024.0);
         vec![
@@ -146,13 +140,14 @@ fn tell(report: &Value) {
         ]
     };
     let rows: Vec<Vec<String>> = elements(report, "/services").iter().map(row).collect();
-    table(&["service", "CPU", "resident", "of it shared"], &rows).iter().for_each(say);
-    say(format!(
+    let head = format!("standing still for {:.0} s; CPU as share of one core:", number(report, "/seconds"));
+    let all = format!(
         "in all {:.2} %, supervision ({}) {:.2} %",
         number(report, "/cpu_percent"),
         SUPERVISION.join(" + "),
         number(report, "/supervision_cpu_percent")
-    ));
+    );
+    [vec![head], table(&["service", "CPU", "resident", "of it shared"], &rows), vec![all]].concat()
 }
 
 #[cfg(test)]

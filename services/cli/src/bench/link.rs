@@ -14,7 +14,7 @@ use unitree::DEAD_MAN_NS;
 
 use super::Percentiles;
 use crate::exit::Failure;
-use crate::out::{self, number, say, table, text};
+use crate::out::{self, number, table, text};
 
 /// As locomotion wishes.
 const WISH_EVERY: Duration = Duration::from_millis(20);
@@ -38,18 +38,20 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
             drop(idlers);
         }
     }
-    if as_json {
-        return out::json(&json!({ "period_us": UNITREE_PERIOD_NS / 1000, "rows": rows }));
-    }
-    say(format!("commands of the link to Unitree's robots: how far apart from {} us, us", UNITREE_PERIOD_NS / 1000));
+    let report = json!({ "period_us": UNITREE_PERIOD_NS / 1000, "rows": rows });
+    out::tell(as_json, &report, || told(&rows))
+}
+
+fn told(rows: &[Value]) -> Vec<String> {
+    let period_us = UNITREE_PERIOD_NS / 1000;
+    let head = format!("commands of the link to Unitree's robots: how far apart from {period_us} us, us");
     let lines = rows.iter().map(|row| {
         let figure = |at| format!("{:.0}", number(row, at));
         let priority = if row["real_time"] == true { "real-time" } else { "none" };
         let machine = text(row, "/machine").to_owned();
         vec![machine, priority.to_owned(), figure("/p50_us"), figure("/p99_us"), figure("/max_us"), figure("/n")]
     });
-    table(&["machine", "priority", "p50", "p99", "max", "n"], &lines.collect::<Vec<_>>()).iter().for_each(say);
-    Ok(())
+    [vec![head], table(&["machine", "priority", "p50", "p99", "max", "n"], &lines.collect::<Vec<_>>())].concat()
 }
 
 fn measure(machine: &str, hurry: bool, lasts: Duration) -> Result<Value, Failure> {

@@ -74,14 +74,18 @@ impl Tally {
         })
     }
 
-    fn tell(&self) {
+    fn lines(&self) -> Vec<String> {
         let (replays, digests, lost) = (self.replays(), self.digests.len(), self.lost);
         let (p50_s, _) = self.wall_s();
-        say(format!("{replays} replays, {digests} different digests, {lost} messages lost, {p50_s:.2} s each (p50)"));
+        let mut lines = vec![format!(
+            "{replays} replays, {digests} different digests, {lost} messages lost, {p50_s:.2} s each (p50)"
+        )];
         if self.exact {
-            say(format!("{} of them equal to the recorded run in every action and permit", self.equal_to_recording));
+            let equal = self.equal_to_recording;
+            lines.push(format!("{equal} of them equal to the recorded run in every action and permit"));
         }
-        self.first_difference.iter().for_each(|what| say(format!("first difference: {what}")));
+        lines.extend(self.first_difference.iter().map(|what| format!("first difference: {what}")));
+        lines
     }
 }
 
@@ -111,11 +115,7 @@ pub fn bench(recording: &Path, repeat: u32, config: Option<&Path>, as_json: bool
     }
     // A run that was not recorded whole has nothing to be equal to, but every replay of it is equal to every other.
     let well = tally.is_well(repeat, tally.exact && config.is_none());
-    if as_json {
-        out::json(&tally.json(recording, well))?;
-    } else {
-        tally.tell();
-    }
+    out::tell(as_json, &tally.json(recording, well), || tally.lines())?;
     Ok(if well { EXIT_OK } else { EXIT_DIFFERENT })
 }
 

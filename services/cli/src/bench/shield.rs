@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use super::Percentiles;
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 const ROBOT_RADIUS_M: f64 = 0.30;
 const HANDLER_RADIUS_M: f64 = 0.25;
@@ -43,12 +43,8 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
         }
     }
     let floor = floor::row(times)?;
-    if as_json {
-        return out::json(&json!({ "rows": rows, "floor": floor, "nav2_published_us": NAV2_US }));
-    }
-    tell(&rows);
-    floor::tell(&floor);
-    Ok(())
+    let report = json!({ "rows": rows, "floor": floor, "nav2_published_us": NAV2_US });
+    out::tell(as_json, &report, || [lines(&rows), vec![floor::line(&floor)]].concat())
 }
 
 /// A corridor of 1.8 m with the robot in its middle, straight on; a bend, people and noise are for the tests.
@@ -194,7 +190,7 @@ fn pseudo_code(ends: &[Se2], handler: &Se2, harness: &DelayedHarness, beams: &Be
         .collect()
 }
 
-fn tell(rows: &[Value]) {
+fn lines(rows: &[Value]) -> Vec<String> {
     let cell = |row: &Value, key: &str| format!("{:>9.1}", row.pointer(key).and_then(Value::as_f64).unwrap_or(0.0));
     let whole = |row: &Value, key: &str| format!("{:>7}", row[key].as_u64().unwrap_or(0));
     let lines: Vec<Vec<String>> = rows
@@ -212,6 +208,6 @@ fn tell(rows: &[Value]) {
         })
         .collect();
     let heads = ["actions", "  beams", " ours p50", " ours p99", " alg1 p50", " alg1 p99", "    ratio"];
-    table(&heads, &lines).iter().for_each(say);
-    say(format!("times in microseconds, one core; Nav2's collision monitor publishes {NAV2_US} for 360 points"));
+    let unit = format!("times in microseconds, one core; Nav2's collision monitor publishes {NAV2_US} for 360 points");
+    [table(&heads, &lines), vec![unit]].concat()
 }

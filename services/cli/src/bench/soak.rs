@@ -17,7 +17,7 @@ use crate::args::{PaceArgs, SoakArgs, WalkArgs, WorldArgs};
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::find::free_name;
 use crate::launch::Launch;
-use crate::out::{self, number, say};
+use crate::out::{self, number};
 use crate::prepare;
 
 /// A killed service is back, and the robot ready, within this.
@@ -73,11 +73,7 @@ pub fn bench(args: &SoakArgs, as_json: bool) -> Result<u8, Failure> {
         well &= quiet["false_stops"] == 0;
         report["quiet"] = quiet;
     }
-    if as_json {
-        out::json(&report)?;
-    } else {
-        tell(&report);
-    }
+    out::tell(as_json, &report, || lines(&report))?;
     Ok(if well { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 
@@ -230,20 +226,22 @@ fn quiet_time(seconds: f64) -> Result<Value, Failure> {
     }))
 }
 
-fn tell(report: &Value) {
+fn lines(report: &Value) -> Vec<String> {
+    let mut lines = Vec::new();
     if report["kills"].is_object() {
         let kills = &report["kills"];
-        say(format!("{} kills: {} orphans, grown: {}", kills["n"], kills["orphans"], kills["grown"]));
-        say(format!("before  {}", kills["before"]));
-        say(format!("after   {}", kills["after"]));
+        lines.push(format!("{} kills: {} orphans, grown: {}", kills["n"], kills["orphans"], kills["grown"]));
+        lines.push(format!("before  {}", kills["before"]));
+        lines.push(format!("after   {}", kills["after"]));
     }
     if report["quiet"].is_object() {
         let quiet = &report["quiet"];
-        say(format!(
+        lines.push(format!(
             "{:.2} h of walks without a fault: {} false stops, {:.2} an hour",
             number(quiet, "/hours"),
             quiet["false_stops"],
             number(quiet, "/false_stops_per_hour")
         ));
     }
+    lines
 }

@@ -12,7 +12,7 @@ use sha2::{Digest, Sha256};
 use super::Percentiles;
 use super::faults::rig::Rig;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
-use crate::out::{self, say};
+use crate::out;
 
 /// The supervisor is asked this often how a swap goes.
 const ASK_EVERY: Duration = Duration::from_millis(10);
@@ -60,11 +60,7 @@ pub fn bench(swaps: u32, as_json: bool) -> Result<u8, Failure> {
         outcome.failed.push(failure.message.clone());
     }
     let is_met = outcome.failed.is_empty() && outcome.missed_decisions == 0 && outcome.stops.is_empty();
-    if as_json {
-        out::json(&outcome.json(swaps))?;
-    } else {
-        outcome.tell(swaps);
-    }
+    out::tell(as_json, &outcome.json(swaps), || outcome.lines(swaps))?;
     Ok(if is_met { EXIT_OK } else { EXIT_NOT_REACHED })
 }
 
@@ -162,15 +158,17 @@ impl Outcome {
         })
     }
 
-    fn tell(&self, asked: u32) {
-        say(format!("{} of {asked} swaps done", self.decided_ns.len()));
-        self.failed.iter().for_each(|why| say(format!("failed: {why}")));
-        say(format!("{} decisions missed, {} stops", self.missed_decisions, self.stops.len()));
-        self.stops.iter().for_each(|reason| say(format!("stopped: {reason}")));
-        say(format!("{} holds before a wall", self.holds_of_its_way));
+    fn lines(&self, asked: u32) -> Vec<String> {
+        let mut lines = vec![format!("{} of {asked} swaps done", self.decided_ns.len())];
+        lines.extend(self.failed.iter().map(|why| format!("failed: {why}")));
+        lines.push(format!("{} decisions missed, {} stops", self.missed_decisions, self.stops.len()));
+        lines.extend(self.stops.iter().map(|reason| format!("stopped: {reason}")));
+        lines.push(format!("{} holds before a wall", self.holds_of_its_way));
         if let Some(p) = Percentiles::of(self.decided_ns.clone()) {
             let [p50, p99, max] = [p.p50_us, p.p99_us, p.max_us].map(|us| us / 1000.0);
-            say(format!("from the request to the first permit: p50 {p50:.0} ms, p99 {p99:.0} ms, max {max:.0} ms"));
+            let from = "from the request to the first permit";
+            lines.push(format!("{from}: p50 {p50:.0} ms, p99 {p99:.0} ms, max {max:.0} ms"));
         }
+        lines
     }
 }

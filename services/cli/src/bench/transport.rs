@@ -18,7 +18,7 @@ use super::Percentiles;
 use super::plain::PlainPublisher;
 use super::receiver::END_NS;
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// Sizes in elements of 2 bytes: a small message, a scan, two depth frames.
 const SIZES: [usize; 4] = [32, 4096, 640 * 480, 1280 * 720];
@@ -51,13 +51,8 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     dir.remove();
     let (rows, ours, plain) = outcome?;
     let rows: Vec<Value> = rows.iter().map(|row| row_json(row, &ours, &plain)).collect();
-    if as_json {
-        let cpus = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        out::json(&json!({ "seconds": seconds, "cpus": cpus, "rows": rows }))?;
-    } else {
-        tell(&rows);
-    }
-    Ok(())
+    let cpus = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+    out::tell(as_json, &json!({ "seconds": seconds, "cpus": cpus, "rows": rows }), || lines(&rows))
 }
 
 fn rows(seconds: u32) -> Vec<Row> {
@@ -256,7 +251,7 @@ fn row_json(row: &Row, ours: &Taken, plain: &Taken) -> Value {
     })
 }
 
-fn tell(rows: &[Value]) {
+fn lines(rows: &[Value]) -> Vec<String> {
     let cells = |row: &Value| {
         let us = |path: &str| row.pointer(path).and_then(Value::as_f64).map_or("-".to_owned(), |us| format!("{us:.1}"));
         vec![
@@ -269,9 +264,9 @@ fn tell(rows: &[Value]) {
             format!("{} / {}", row["lost"]["ours"], row["lost"]["plain"]),
         ]
     };
-    say("one-way latency, p50 / p99 / max, microseconds:");
+    let head = "one-way latency, p50 / p99 / max, microseconds:".to_owned();
     let rows: Vec<Vec<String>> = rows.iter().map(cells).collect();
-    table(&["bytes", "rate", "n", "ours", "plain iceoryx2", "ratio", "lost"], &rows).iter().for_each(say);
+    [vec![head], table(&["bytes", "rate", "n", "ours", "plain iceoryx2", "ratio", "lost"], &rows)].concat()
 }
 
 #[cfg(test)]

@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use world::{DepthConfig, World};
 
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// Episodes side by side, and decisions of each in one measurement: all parts of an episode, and beginning the next.
 const EPISODES: usize = 64;
@@ -137,9 +137,11 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     }
     let rows: Vec<Value> = rows.iter_mut().map(Row::json).collect();
     let threads = std::thread::available_parallelism().map_or(1, usize::from);
-    if as_json {
-        return out::json(&json!({ "threads": threads, "episodes": EPISODES, "rows": rows }));
-    }
+    let report = json!({ "threads": threads, "episodes": EPISODES, "rows": rows });
+    out::tell(as_json, &report, || told(&rows, threads))
+}
+
+fn told(rows: &[Value], threads: usize) -> Vec<String> {
     let number = |row: &Value, at: &str| format!("{:.0}", out::number(row, at));
     let lines = rows.iter().map(|row| {
         vec![
@@ -150,16 +152,15 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
             row["ratio"].as_f64().map_or_else(String::new, |ratio| format!("{ratio:.2}")),
         ]
     });
-    say(format!("{EPISODES} episodes on {threads} threads, decisions a second"));
     let heads = ["", "p50", "min", "max", "to the prototype's"];
-    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
-    say("for each decision");
+    let speeds = table(&heads, &lines.collect::<Vec<_>>());
     let what = ["beams", "pixels", "faces", "motions", "places", "held"];
     let lines = rows.iter().map(|row| {
         let counts = what.iter().map(|what| number(row, &format!("/per_decision/{what}")));
         std::iter::once(out::text(row, "/what").to_owned()).chain(counts).collect()
     });
     let heads = ["", "beams", "pixels", "faces", "motions", "places x motions", "near a hull"];
-    table(&heads, &lines.collect::<Vec<_>>()).iter().for_each(say);
-    Ok(())
+    let counts = table(&heads, &lines.collect::<Vec<_>>());
+    let head = format!("{EPISODES} episodes on {threads} threads, decisions a second");
+    [vec![head], speeds, vec!["for each decision".to_owned()], counts].concat()
 }

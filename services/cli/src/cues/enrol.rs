@@ -54,17 +54,17 @@ pub fn enrol(args: &EnrolArgs, as_json: bool) -> Result<(), Failure> {
     let rehearsal = Rehearsal::read(&rehearsal_path, &head).map_err(Failure::of_input)?;
     folder.begin(if args.from.is_some() { Origin::Copied } else { Origin::Spoken })?;
     let summary = collect(args, &folder).and_then(|clips| train(&folder, &model, &head, &rehearsal, &clips));
-    let summary = summary
+    let (summary, changed) = summary
         .inspect_err(|_| folder.give_up(args.from.is_none()))
         .map_err(|failure| Failure { message: failure.message + &folder.kept(), ..failure })?;
-    report(&summary, as_json, || told(&folder))
+    out::tell(as_json, &summary, || vec![changed, told(&folder)])
 }
 
 fn undo(folder: &Folder, as_json: bool) -> Result<(), Failure> {
     folder.undo()?;
     let head = Head::read(&folder.manifest()).map_err(Failure::of_input)?;
-    report(&json!({ "head": folder.manifest(), "sha256": head.manifest.sha256 }), as_json, || {
-        format!("{} is as it was before; --undo again takes that back", folder.path().display())
+    out::tell(as_json, &json!({ "head": folder.manifest(), "sha256": head.manifest.sha256 }), || {
+        vec![format!("{} is as it was before; --undo again takes that back", folder.path().display())]
     })
 }
 
@@ -79,13 +79,15 @@ fn collect(args: &EnrolArgs, folder: &Folder) -> Result<Vec<Clip>, Failure> {
 }
 
 /// Fits the head and puts it in force, where it is one to be put in force.
+///
+/// Returns the report, and what changed in lines for people.
 fn train(
     folder: &Folder,
     model: &ModelFiles,
     before: &Head,
     rehearsal: &Rehearsal,
     clips: &[Clip],
-) -> Result<Value, Failure> {
+) -> Result<(Value, String), Failure> {
     say(format!("training with {} clips", clips.len()));
     // On the robot's own computer a run may be alive. Where that is not allowed, it is as fast as others.
     let _ = rustix::process::setpriority_process(None, NICE);
@@ -100,13 +102,13 @@ fn train(
     Recogniser::load(&ModelFiles { manifest: folder.new_manifest(), ..model.clone() }).map_err(Failure::of_run)?;
     folder.keep_before(before, &model.manifest)?;
     folder.put_in_force()?;
-    say(told_of(&enrolled));
-    Ok(json!({
+    let summary = json!({
         "head": folder.manifest(), "sha256": enrolled.head.manifest.sha256, "clips": clips.len(),
         "own": changes(&enrolled.own),
         "other_voices": changes(&enrolled.rehearsed),
         "seconds": begun.elapsed().as_secs_f64(),
-    }))
+    });
+    Ok((summary, told_of(&enrolled)))
 }
 
 fn changes(changes: &Changes) -> Value {
@@ -171,14 +173,6 @@ fn plausible(enrolled: &Enrolled, clips: &[Clip]) -> Result<(), Failure> {
 /// The shipped head, or the one that is named: what is enrolled already is not enrolled upon.
 fn base(args: &EnrolArgs) -> Result<PathBuf, Failure> {
     args.base.as_deref().map_or_else(super::shipped_manifest, prepare::absolute)
-}
-
-fn report(summary: &Value, as_json: bool, told: impl Fn() -> String) -> Result<(), Failure> {
-    if as_json {
-        return out::json(summary);
-    }
-    say(told());
-    Ok(())
 }
 
 fn told(folder: &Folder) -> String {

@@ -23,7 +23,7 @@ use world::{Crowd, FloorPlan, GeneratorConfig, GridMap};
 
 use crate::args::evaluate::{EvaluateArgs, HandlersArg, HarnessArg, NoiseArg, PeopleArg, TasksArg};
 use crate::exit::Failure;
-use crate::out::{self, say};
+use crate::out;
 use crate::workers::Work;
 use log::{Log, Outcomes};
 use outcome::{Outcome, Way, walk};
@@ -423,9 +423,5 @@ fn config(args: &EvaluateArgs, settings: &Settings) -> Result<Config, Failure> {
 }
 
 fn tell(report: &Value, as_json: bool) -> Result<(), Failure> {
-    if as_json {
-        return out::json(report);
-    }
-    say(figures::text(report));
-    Ok(())
+    out::tell(as_json, report, || vec![figures::text(report)])
 }

@@ -20,7 +20,7 @@ use serde_json::json;
 use settings::{Profile, Settings};
 
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 use crate::prepare;
 
 /// A motion that is less than either is none, metres and radians.
@@ -98,8 +98,7 @@ pub fn tell(recording: &Path, config: Option<&Path>, as_json: bool) -> Result<()
             "team": study.team,
         }));
     }
-    study.lines().iter().for_each(say);
-    Ok(())
+    out::report(study.lines())
 }
 
 struct Study {

@@ -8,7 +8,7 @@ use super::{How, Outcome, check, conclude, write};
 use crate::args::yardstick::BarnArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 use crate::statistics::{line, mean, ratio};
 
 /// See [`super::yardstick`].
@@ -44,7 +44,7 @@ pub fn barn(args: &BarnArgs, as_json: bool) -> Result<(), Failure> {
         "time_s": mean(all.iter().filter(|walk| walk["success"] == json!(true)).map(|walk| number(walk, "time_s"))),
         "walks": all,
     });
-    conclude(report, written, as_json, tell)
+    conclude(report, written, as_json, lines)
 }
 
 fn ending(score: &Score) -> &'static str {
@@ -69,18 +69,21 @@ fn figures(task: &Task, repeat: usize, score: &Score) -> Value {
 }
 
 /// The report as lines for people.
-fn tell(report: &Value) {
+fn lines(report: &Value) -> Vec<String> {
     let rows: Vec<Vec<String>> = out::elements(report, "/walks").iter().map(row).collect();
-    table(&["world", "ended", "time, s", "optimal, s", "score"], &rows).iter().for_each(say);
-    let summary = |name: &str, at: &str, digits: usize| {
-        let Some(of) = report.pointer(at).filter(|value| value.is_object()) else { return };
-        say(line(name, of, [16, 8], digits));
-    };
-    summary("score", "/score", 4);
-    summary("success", "/success", 3);
-    summary("collision", "/collision", 3);
-    summary("timeout", "/timeout", 3);
-    summary("time, s", "/time_s", 2);
+    let mut lines = table(&["world", "ended", "time, s", "optimal, s", "score"], &rows);
+    let summaries = [
+        ("score", "/score", 4),
+        ("success", "/success", 3),
+        ("collision", "/collision", 3),
+        ("timeout", "/timeout", 3),
+        ("time, s", "/time_s", 2),
+    ];
+    lines.extend(summaries.into_iter().filter_map(|(name, at, digits)| {
+        let of = report.pointer(at).filter(|value| value.is_object())?;
+        Some(line(name, of, [16, 8], digits))
+    }));
+    lines
 }
 
 fn row(walk: &Value) -> Vec<String> {

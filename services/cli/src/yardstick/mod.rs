@@ -130,7 +130,12 @@ fn check(args: &HowArgs) -> Result<(), Failure> {
 }
 
 /// Reports figures, and with them what could not be written of the outcomes.
-fn conclude(mut report: Value, written: Result<(), Failure>, as_json: bool, tell: fn(&Value)) -> Result<(), Failure> {
+fn conclude(
+    mut report: Value,
+    written: Result<(), Failure>,
+    as_json: bool,
+    lines: fn(&Value) -> Vec<String>,
+) -> Result<(), Failure> {
     if let Err(failure) = &written {
         report["error"] = json!(failure.message);
     }
@@ -138,7 +143,7 @@ fn conclude(mut report: Value, written: Result<(), Failure>, as_json: bool, tell
         out::json(&report)?;
         return written.map_err(|failure| Failure { told: true, ..failure });
     }
-    tell(&report);
+    out::report(lines(&report))?;
     written
 }
 

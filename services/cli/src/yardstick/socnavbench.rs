@@ -12,7 +12,7 @@ use super::{How, Outcome, check, conclude, write};
 use crate::args::yardstick::SocnavbenchArgs;
 use crate::evaluate::word;
 use crate::exit::Failure;
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 use crate::statistics::{line, mean, ratio};
 
 /// The file of datasets beside the episodes.
@@ -41,7 +41,7 @@ pub fn socnavbench(args: &SocnavbenchArgs, as_json: bool) -> Result<(), Failure>
     })?;
     let name = |figures: &Value| format!("{}-{}", out::text(figures, "/episode"), figures["repeat"]);
     let written = write(&args.how, &outcomes, name);
-    conclude(report(args, &outcomes, &left_out), written, as_json, tell)
+    conclude(report(args, &outcomes, &left_out), written, as_json, lines)
 }
 
 /// The episodes that can be walked, and of the others why not.
@@ -109,15 +109,16 @@ fn report(args: &SocnavbenchArgs, outcomes: &[Outcome], left_out: &[Value]) -> V
 }
 
 /// The report as lines for people.
-fn tell(report: &Value) {
+fn lines(report: &Value) -> Vec<String> {
     let rows: Vec<Vec<String>> = out::elements(report, "/walks").iter().map(row).collect();
     let headings = ["episode", "ended", "time, s", "way, m", "ratio", "nearest, m", "collisions", "hit by others"];
-    table(&headings, &rows).iter().for_each(say);
+    let mut lines = table(&headings, &rows);
     for left_out in out::elements(report, "/left_out") {
-        say(format!("{}: not walked: {}", out::text(left_out, "/episode"), out::text(left_out, "/why")));
+        lines.push(format!("{}: not walked: {}", out::text(left_out, "/episode"), out::text(left_out, "/why")));
     }
     let keys = report.as_object().into_iter().flatten().filter(|(_, value)| value.get("mean").is_some());
-    keys.for_each(|(key, of)| say(line(key, of, [30, 9], 3)));
+    lines.extend(keys.map(|(key, of)| line(key, of, [30, 9], 3)));
+    lines
 }
 
 fn row(walk: &Value) -> Vec<String> {

@@ -39,8 +39,8 @@ const BEHIND_M: f64 = 1.8;
 const TURN_BEHIND_M: f64 = 3.0;
 /// A wall that was not seen yet is taken to be so far away, metres.
 const UNSEEN_WALL_M: f64 = 1.0;
-/// Where the travel line itself is open so far ahead, metres, no planned way tells another direction of travel: it leads
-/// round something, or through an open space beside the corridor.
+/// Where the travel line itself is open so far ahead, metres, no planned way tells another direction of travel: it
+/// leads round something, or through an open space beside the corridor.
 const STRAIGHT_M: f64 = 4.0;
 /// What a metre beside the travel line costs in metres ahead: where the line bends off, and where it is open.
 const ASIDE: f64 = 0.3;

@@ -50,11 +50,7 @@ pub fn bench(args: &FaultsArgs, as_json: bool) -> Result<u8, Failure> {
     // Whatever ended the trials, those that were done were done.
     let mut report = report(&rows);
     report["machine"] = json!(pauses.map(|pauses| pauses.json()));
-    if as_json {
-        out::json(&report)?;
-    } else {
-        tell(&rows, &report);
-    }
+    out::tell(as_json, &report, || lines(&rows, &report))?;
     done.map_err(|failure| Failure { told: as_json, ..failure })?;
     let met = rows.iter().filter(|row| !row.outcomes.is_empty()).all(Row::is_met);
     Ok(if met { EXIT_OK } else { EXIT_NOT_REACHED })
@@ -241,7 +237,7 @@ fn report(rows: &[Row]) -> Value {
     })
 }
 
-fn tell(rows: &[Row], report: &Value) {
+fn lines(rows: &[Row], report: &Value) -> Vec<String> {
     let row = |row: &Row| {
         let figure = |value: Value, places: usize| match (value["p50"].as_f64(), value["max"].as_f64()) {
             (Some(p50), Some(max)) => format!("{p50:.places$} / {max:.places$}"),
@@ -258,11 +254,11 @@ fn tell(rows: &[Row], report: &Value) {
         ]
     };
     let head = ["cell", "expect", "met", "stop, ms", "standstill, m", "recovery, ms"];
-    columns(&head, &rows.iter().map(row).collect::<Vec<_>>()).iter().for_each(say);
-    say("stop, standstill and recovery: half of the trials / all of them");
+    let mut lines = columns(&head, &rows.iter().map(row).collect::<Vec<_>>());
+    lines.push("stop, standstill and recovery: half of the trials / all of them".to_owned());
     for (name, what) in [("kills", "small services"), ("kills_large", "depth and policy")] {
         let pool = &report[name];
-        say(format!(
+        lines.push(format!(
             "{} deaths of {what}: p50 {} ms, p99 {} ms, p99.9 {} ms, max {} ms",
             pool["n"], pool["p50"], pool["p99"], pool["p999"], pool["max"]
         ));
@@ -270,8 +266,9 @@ fn tell(rows: &[Row], report: &Value) {
     let machine = &report["machine"];
     if machine.is_object() {
         let (n, max) = (&machine["pauses_over_1_ms"], machine["max_ms"].as_f64().unwrap_or(0.0));
-        say(format!("the machine itself: {n} pauses of over 1 ms, {max:.1} ms at most"));
+        lines.push(format!("the machine itself: {n} pauses of over 1 ms, {max:.1} ms at most"));
     }
+    lines
 }
 
 #[cfg(test)]

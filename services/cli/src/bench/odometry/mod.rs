@@ -18,7 +18,7 @@ use self::consistency::Consistency;
 use self::relations::{Compared, Judged, Relation};
 use super::Percentiles;
 use crate::exit::{Failure, chain};
-use crate::out::{self, say, table};
+use crate::out::{self, table};
 
 /// Which odometry.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -170,28 +170,30 @@ impl Row {
         })
     }
 
-    fn tell(&self) {
+    fn told(&self) -> Vec<String> {
         let Health { accepted, refused, restarts, .. } = self.health;
-        say(format!("{}: {} scans, {:.0} m", self.log.display(), self.scans, self.way_m));
-        let us = self.matching.as_ref().map_or((0.0, 0.0), |us| (us.p50_us, us.p99_us));
-        say(format!(
-            "  {accepted} matched in {:.0} us (p50) and {:.0} us (p99), {refused} refused, {restarts} new beginnings",
-            us.0, us.1
-        ));
+        let (p50_us, p99_us) = self.matching.as_ref().map_or((0.0, 0.0), |us| (us.p50_us, us.p99_us));
+        let mut told = vec![
+            format!("{}: {} scans, {:.0} m", self.log.display(), self.scans, self.way_m),
+            format!(
+                "  {accepted} matched in {p50_us:.0} us (p50) and {p99_us:.0} us (p99), {refused} refused, {restarts} \
+                 new beginnings",
+            ),
+        ];
         let mut rows = Vec::new();
         if let Some(judged) = &self.judged {
             rows.extend(lines("relations", &judged.all));
             let near = format!("of up to {:.0} s", relations::NEAR_S);
             rows.extend(judged.near.iter().flat_map(|compared| lines(&near, compared)));
-            say(format!("  {} relations are of no two scans of this log", judged.unmatched));
+            told.push(format!("  {} relations are of no two scans of this log", judged.unmatched));
         }
         if !rows.is_empty() {
             let heads = ["", "n", "mean", "deviation", "median", "p95", "rms", "mean square"];
-            table(&heads, &rows).iter().for_each(|line| say(format!("  {line}")));
+            told.extend(table(&heads, &rows).iter().map(|line| format!("  {line}")));
         }
         for (which, crispness) in Which::ALL.iter().zip(&self.crispness) {
             let Some(walls) = crispness else { continue };
-            say(format!(
+            told.push(format!(
                 "  walls seen 5 to 20 m before, {}: off by {:.3} m (mean), {:.3} m (median), {} = {:.1} % of hits",
                 which.name(),
                 walls.mean_m,
@@ -200,6 +202,7 @@ impl Row {
                 100.0 * walls.share
             ));
         }
+        told
     }
 }
 
@@ -229,7 +232,7 @@ pub fn bench(logs: &[PathBuf], relations: Option<&Path>, as_json: bool) -> Resul
     for log in logs {
         let row = Row::of(log, relations.as_deref(), config.clone())?;
         if !as_json {
-            row.tell();
+            out::report(row.told())?;
         }
         rows.push(row.json());
     }

@@ -17,7 +17,7 @@ use super::super::depth::{STEP_M, frames};
 use super::{HANDLER_RADIUS_M, Ours, PLACES, ROBOT_RADIUS_M, corridor, handlers, motion};
 use crate::bench::Percentiles;
 use crate::exit::Failure;
-use crate::out::{self, say};
+use crate::out;
 
 /// Columns and rows of the frames, and beams of the scan.
 const PIXELS: (usize, usize) = (640, 480);
@@ -96,12 +96,12 @@ pub(super) fn row(times: u32) -> Result<Value, Failure> {
     }))
 }
 
-pub(super) fn tell(row: &Value) {
+pub(super) fn line(row: &Value) -> String {
     let us = |part: &str| {
         let [p50, p99] = ["p50", "p99"].map(|share| out::number(row, &format!("/{part}_us/{share}")));
         format!("{p50:.0} ({p99:.0})")
     };
-    say(format!(
+    format!(
         "with floor and a low step (seen in {:.0} % of the frames), a frame of {}x{} and {BEAMS} beams, microseconds, \
          median (99 %): frame {}, memory {}, judging {}, all {}",
         100.0 * out::number(row, "/with_step"),
@@ -111,5 +111,5 @@ pub(super) fn tell(row: &Value) {
         us("memory"),
         us("judging"),
         us("all"),
-    ));
+    )
 }
