@@ -12,7 +12,7 @@ enum Progress {
     Told,
 }
 
-/// Runs a verb that reports; it must do so, and it must notice a full disk.
+/// Runs a verb that reports: its report, which must be on standard output.
 fn assert_reports(place: &Place, args: &[&str], progress: Progress) -> String {
     let Output { status, stdout, stderr } = place.guidedog(args);
     let [report, told] = [stdout, stderr].map(|text| String::from_utf8(text).expect("text"));
@@ -22,6 +22,7 @@ fn assert_reports(place: &Place, args: &[&str], progress: Progress) -> String {
     report
 }
 
+/// A verb whose report cannot be written ends with exit code 3 and says so.
 fn assert_notices_a_full_disk(place: &Place, args: &[&str]) {
     let full = fs::File::options().write(true).open("/dev/full").expect("Linux has it");
     let output = place.command(args).stdout(full).output().expect("it starts");

@@ -9,7 +9,7 @@ use crate::exit::Failure;
 
 /// A line of progress, or a prompt or an error, on standard error.
 pub fn say(line: impl AsRef<str>) {
-    // Nobody can be told that standard error is closed.
+    // If standard error is closed, there is nowhere left to report it.
     let _ = writeln!(std::io::stderr().lock(), "{}", line.as_ref());
 }
 
