@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::Duration;
 
 use control::{Policies, Status, Why};
-use guidedog_tests::{Live, Place, pids, programs, until};
+use guidedog_tests::{Live, Place, pids, programs, signal, until};
 use messages::ModeClass;
 use serde_json::{Value, json};
 use transport::RunDir;
@@ -120,7 +120,20 @@ fn the_group_reads_and_strangers_are_kept_out() {
         let output = member(args);
         assert_eq!(output.status.code(), Some(8), "{args:?}: {}", said(&output));
     }
-    let output = as_user(&place, STRANGER, STRANGER, &["status", "--run", "group"]);
+    // The place of runs is closed to strangers, and they are told so.
+    for args in [&["status", "--run", "group"][..], &["stop", "--run", "group"], &["why"], &["stop", "--all"]] {
+        let output = as_user(&place, STRANGER, STRANGER, args);
+        let told = said(&output);
+        assert_eq!(output.status.code(), Some(8), "{args:?}: {told}");
+        let runs = place.path().join("r").display().to_string();
+        assert!(told.contains(&format!("{runs} belongs to user root and group {GROUP}")), "{told}");
+    }
+    // Where the place is open and the run's folder is not, the run's folder is named.
+    fs::set_permissions(place.path().join("r"), fs::Permissions::from_mode(0o2755)).expect("ours");
+    let output = as_user(&place, STRANGER, STRANGER, &["stop", "--run", "group"]);
+    assert_eq!(output.status.code(), Some(8), "{}", said(&output));
+    assert!(said(&output).contains("/r/group belongs to user root and group"), "{}", said(&output));
+    let output = as_user(&place, STRANGER, STRANGER, &["status", "--run", "another"]);
     assert_eq!(output.status.code(), Some(4), "{}", said(&output));
     // Nothing has changed: a stop would have locked it.
     run.wait_walking();
@@ -180,6 +193,54 @@ fn a_place_that_another_may_have_made_is_refused() {
     let mut command = place.command(&["walk", "--time-limit", "1s"]);
     let output = command.env("GUIDEDOG_RUNS", place.path().join("file")).output().expect("it starts");
     assert_eq!(output.status.code(), Some(2), "{}", said(&output));
+}
+
+#[test]
+fn a_stop_that_names_no_run_stops_them_all() {
+    let place = Place::new();
+    let [mut one, mut two] = ["one", "two"].map(|name| Live::up(&place, name, &["--scenario", "corridor"]));
+    one.wait_walking();
+    two.wait_walking();
+    let is_locked = |status: &Status| status.mode.class == ModeClass::Lock;
+    let output = place.guidedog(&["stop"]);
+    let report = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    assert!(report.contains("one: stopped") && report.contains("two: stopped"), "{report}");
+    one.wait("it is locked", is_locked);
+    two.wait("it is locked", is_locked);
+    for run in ["one", "two"] {
+        assert_eq!(place.guidedog(&["resume", "--run", run]).status.code(), Some(0));
+    }
+    let (report, code) = place.json(&["stop", "--all", "--json"]);
+    assert_eq!((&report["stopped"], code), (&json!(["one", "two"]), 0), "{report:#}");
+    // A run that does not answer is named, and the others are stopped.
+    assert_eq!(place.guidedog(&["resume", "--run", "two"]).status.code(), Some(0));
+    signal(one.pid(), "STOP");
+    let (report, code) = place.json(&["stop", "--json"]);
+    signal(one.pid(), "CONT");
+    assert_eq!((&report["stopped"], code), (&json!(["two"]), 3), "{report:#}");
+    assert!(report["failed"]["one"].is_string() && report["error"].is_string(), "{report:#}");
+    two.wait("it is locked", is_locked);
+    let _ = (one.end(), two.end());
+    place.assert_empty();
+}
+
+#[test]
+fn the_runs_of_the_system_service_are_found_without_variables() {
+    if !test_data::may(is_root(), "only root can mount") {
+        return;
+    }
+    // A /run of its own, with the folder that the service's unit makes.
+    let script = "mount -t tmpfs tmpfs /run && mkdir -m 750 /run/guidedog && cd / || exit 90
+        GUIDEDOG_RUNS=/run/guidedog \"$0\" up --name robot --scenario corridor >/dev/null 2>&1 &
+        until \"$0\" status --run robot; do kill -0 $! || exit 91; sleep 0.1; done
+        \"$0\" stop; code=$?; kill -INT $!; wait $!; exit $code";
+    let mut command = Command::new("unshare");
+    command.args(["--mount", "sh", "-c", script]).arg(programs().join("guidedog")).env_remove("GUIDEDOG_RUNS");
+    let output = command.stdin(Stdio::null()).output().expect("unshare starts");
+    let report = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{report}{}", said(&output));
+    assert!(report.contains("run      robot") && report.contains("stopped and locked"), "{report}");
 }
 
 /// The inodes of a process's sockets.

@@ -45,6 +45,16 @@ fn a_policy_that_cannot_decide_is_told_before_anything_is_started() {
         let bytes = file(&place, "x.onnx", "no network");
         refused(&place, &[verb, "--policy", &bytes], &["x.toml"]);
     }
+    // The manifest is right, and the runtime cannot load what it names: one message, and no row of restarts.
+    let shipped = fs::read_to_string(project().join("config/policies/guide.toml")).expect("it is shipped");
+    let digest = shipped.lines().find(|line| line.starts_with("sha256 = ")).expect("a digest");
+    let of_no_network = "sha256 = \"bd108b5c39016c09b9872915cc48ecdd12a48fed1658cbf299823f5591cbb93a\"";
+    let bytes = file(&place, "bad.onnx", "no network");
+    file(&place, "bad.toml", shipped.replace(digest, of_no_network));
+    for verb in ["walk", "up"] {
+        refused(&place, &[verb, "--policy", &bytes], &["bad.onnx"]);
+        refused(&place, &[verb, "--record", "/proc/walk.mcap"], &["/proc/walk.mcap: "]);
+    }
     let model = file(&place, "of-ten.geometric", "");
     let digest = "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855";
     let observation = "lidar-depth-pose-cue/1";

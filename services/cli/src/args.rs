@@ -17,7 +17,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use messages::Pose2;
 use settings::{Millis, PhysicsKind, PolicyModel, SimulatedNoise};
 
-use crate::exit::EXIT_CODES_HELP;
+use crate::exit::{ENVIRONMENT_HELP, EXIT_CODES_HELP};
 use values::{duration, field_of_view, noise, physics, run_name, speed, start, times};
 
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
@@ -27,7 +27,7 @@ pub use robot::FitRobotArgs;
 
 /// Runs and operates the guide robot's stack of processes.
 #[derive(Debug, Parser)]
-#[command(name = "guidedog", version, after_help = EXIT_CODES_HELP, max_term_width = 100)]
+#[command(name = "guidedog", version, after_help = main_help(), max_term_width = 100)]
 pub struct Cli {
     /// One JSON object on stdout and nothing else there, on failure too: {"error": "..."}
     #[arg(long, global = true)]
@@ -35,6 +35,10 @@ pub struct Cli {
     /// What to do.
     #[command(subcommand)]
     pub verb: Verb,
+}
+
+fn main_help() -> String {
+    format!("{EXIT_CODES_HELP}\n\n{ENVIRONMENT_HELP}")
 }
 
 /// What to do.
@@ -54,7 +58,7 @@ pub enum Verb {
     #[command(after_help = "Examples:\n  guidedog cue left\n  guidedog cue enrol -o anna")]
     Cue(cues::CueArgs),
     /// Stop the robot and lock the run until `guidedog resume`
-    Stop(RunArg),
+    Stop(StopArgs),
     /// End a lock; the robot still waits for a cue
     Resume(RunArg),
     /// Swap the policy of a live run for another, go back, or show which is in force
@@ -162,6 +166,17 @@ pub struct RunArg {
     /// Name of the run; without it, the only live one
     #[arg(long, value_name = "NAME")]
     pub run: Option<String>,
+}
+
+/// `guidedog stop`.
+#[derive(Debug, Args)]
+pub struct StopArgs {
+    /// Name of the run; without it, every run that is alive
+    #[arg(long, value_name = "NAME", conflicts_with = "all")]
+    pub run: Option<String>,
+    /// Every run that is alive; one report for all of them
+    #[arg(long)]
+    pub all: bool,
 }
 
 /// `guidedog why`.

@@ -1,13 +1,14 @@
 //! Finding a run, and asking its supervisor.
 
 use std::io;
-use std::path::PathBuf;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use control::{ANSWER_WITHIN, AskError, Client, Done, Query, Refusal, Request};
 use serde_json::Value;
-use transport::{RunDir, TransportError, live_runs, runs_root};
+use transport::{FoundRuns, LiveRun, RunDir, TransportError, runs_root};
 
 use crate::exit::Failure;
 
@@ -40,15 +41,46 @@ fn with_client<T>(
     request: &Request,
     ask: impl Fn(&mut Client) -> Result<T, AskError>,
 ) -> Result<T, Failure> {
+    ask_run(&choose(&find(run)?, run)?, request, ask)
+}
+
+/// What is found where runs live. A run that has no socket yet counts where it is named.
+fn find(run: Option<&str>) -> Result<FoundRuns, Failure> {
     transport::check_runs_root().map_err(Failure::of_input)?;
-    // A run that is named need not be looked at beyond its socket; the others can be told apart only by their locks.
-    let live: Vec<String> = live_runs().into_iter().filter(|name| run == Some(name) || socket(name).exists()).collect();
-    let name = choose(&live, run)?;
+    let mut found = transport::find_runs();
+    found.live.retain(|live| run == Some(&live.name) || RunDir::open(&live.dir).control_socket().exists());
+    Ok(found)
+}
+
+/// The live run of this name, else every live run; and the directories that this user may not read, with the error.
+///
+/// # Errors
+/// Where there is no such run.
+pub fn all(run: Option<&str>) -> Result<(Vec<LiveRun>, Vec<(PathBuf, Failure)>), Failure> {
+    let found = find(run)?;
+    if run.is_some() || found.live.is_empty() {
+        return choose(&found, run).map(|run| (vec![run], Vec::new()));
+    }
+    let FoundRuns { live, closed_places, closed_runs } = found;
+    let shut = closed_places.into_iter().chain(closed_runs).map(|dir| (dir.clone(), closed(&dir)));
+    Ok((live, shut.collect()))
+}
+
+/// Asks the supervisor of this run.
+///
+/// # Errors
+/// As [`ask`].
+pub fn ask_run<T>(
+    LiveRun { name, dir }: &LiveRun,
+    request: &Request,
+    ask: impl Fn(&mut Client) -> Result<T, AskError>,
+) -> Result<T, Failure> {
     let since = Instant::now();
     loop {
-        let mut client = Client::connect(&socket(&name)).map_err(|error| match error.kind() {
+        let socket = RunDir::open(dir).control_socket();
+        let mut client = Client::connect(&socket).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound => Failure::no_run(format!("run {name} has only just begun, or is at its end")),
-            _ => unanswered(&name, &error),
+            _ => unanswered(name, dir, &error),
         })?;
         match ask(&mut client) {
             Ok(answer) => return Ok(answer),
@@ -57,8 +89,8 @@ fn with_client<T>(
             // A stop may be asked for twice.
             Err(AskError::Refused(Refusal::AnswerLost))
                 if *request == Request::Stop && since.elapsed() < ANSWER_WITHIN => {}
-            Err(AskError::Refused(refusal)) => return Err(refused(&name, &refusal)),
-            Err(AskError::Unanswered(error)) => return Err(unanswered(&name, &error)),
+            Err(AskError::Refused(refusal)) => return Err(refused(name, &refusal)),
+            Err(AskError::Unanswered(error)) => return Err(unanswered(name, dir, &error)),
             Err(error @ AskError::Unreadable { .. }) => return Err(Failure::run(format!("run {name}: {error}"))),
         }
     }
@@ -69,31 +101,61 @@ fn refused(name: &str, refusal: &Refusal) -> Failure {
     if *refusal == Refusal::NotPermitted { Failure::not_permitted(told) } else { Failure::refused(told) }
 }
 
-fn unanswered(name: &str, error: &io::Error) -> Failure {
+fn unanswered(name: &str, dir: &Path, error: &io::Error) -> Failure {
     match error.kind() {
         io::ErrorKind::WouldBlock | io::ErrorKind::TimedOut => {
-            let pid = RunDir::open(&runs_root().join(name)).read_info().map_or(0, |info| info.supervisor_pid);
+            let pid = RunDir::open(dir).read_info().map_or(0, |info| info.supervisor_pid);
             let limit_s = ANSWER_WITHIN.as_secs();
             Failure::run(format!("run {name}: its supervisor (process {pid}) has not answered for {limit_s} s"))
         }
+        io::ErrorKind::PermissionDenied => closed(dir),
         _ => Failure::run(format!("run {name}: its supervisor does not answer: {error}")),
     }
 }
 
-/// Where the supervisor of a run listens.
+/// This user may not look into a directory of runs.
+fn closed(dir: &Path) -> Failure {
+    let whose = std::fs::metadata(dir).map_or_else(
+        |_| "others".to_owned(),
+        |found| {
+            format!("user {} and group {}", name_of("/etc/passwd", found.uid()), name_of("/etc/group", found.gid()))
+        },
+    );
+    let fix = "ask as that user (sudo -u), or as a member of that group";
+    Failure::not_permitted(format!("{} belongs to {whose}: this user may not look into it; {fix}", dir.display()))
+}
+
+/// The name of a user or group in such a file, else its number.
+fn name_of(file: &str, id: u32) -> String {
+    let text = std::fs::read_to_string(file).unwrap_or_default();
+    let id = id.to_string();
+    let named = text.lines().find(|line| line.split(':').nth(2) == Some(&id)).and_then(|line| line.split(':').next());
+    named.unwrap_or(&id).to_owned()
+}
+
+/// Where the supervisor of a run of this user listens.
 pub fn socket(name: &str) -> PathBuf {
     RunDir::open(&runs_root().join(name)).control_socket()
 }
 
 /// The run that is meant.
-fn choose(live: &[String], named: Option<&str>) -> Result<String, Failure> {
-    let list = || if live.is_empty() { "none is".to_owned() } else { format!("these are: {}", live.join(", ")) };
-    match (named, live) {
-        (Some(name), _) if live.iter().any(|run| run == name) => Ok(name.to_owned()),
-        (Some(name), _) => Err(Failure::no_run(format!("no run {name} is alive; {}", list()))),
-        (None, [only]) => Ok(only.clone()),
-        (None, []) => Err(Failure::no_run("no run is alive; start one with `guidedog walk` or `guidedog up`")),
-        (None, _) => Err(Failure::no_run(format!("several runs are alive: {}; name one with --run", live.join(", ")))),
+fn choose(found: &FoundRuns, named: Option<&str>) -> Result<LiveRun, Failure> {
+    let FoundRuns { live, closed_places, closed_runs } = found;
+    let names = || live.iter().map(|run| run.name.as_str()).collect::<Vec<_>>().join(", ");
+    let list = || if live.is_empty() { "none is".to_owned() } else { format!("these are: {}", names()) };
+    if let Some(name) = named {
+        if let Some(run) = live.iter().find(|run| run.name == name) {
+            return Ok(run.clone());
+        }
+        let shut = closed_runs.iter().find(|dir| dir.ends_with(name)).or(closed_places.first());
+        let none = || Failure::no_run(format!("no run {name} is alive; {}", list()));
+        return Err(shut.map_or_else(none, |dir| closed(dir)));
+    }
+    match (&live[..], closed_runs.first().or(closed_places.first())) {
+        ([only], _) => Ok(only.clone()),
+        ([], Some(dir)) => Err(closed(dir)),
+        ([], None) => Err(Failure::no_run("no run is alive; start one with `guidedog walk` or `guidedog up`")),
+        _ => Err(Failure::no_run(format!("several runs are alive: {}; name one with --run", names()))),
     }
 }
 
@@ -145,16 +207,23 @@ pub fn let_name_go() {
 #[cfg(test)]
 mod tests {
     use super::choose;
-    use crate::exit::EXIT_NO_RUN;
+    use crate::exit::{EXIT_NO_RUN, EXIT_NOT_PERMITTED};
+    use std::path::Path;
+    use transport::{FoundRuns, LiveRun};
 
-    fn live(names: &[&str]) -> Vec<String> {
-        names.iter().map(|&name| name.to_owned()).collect()
+    fn live(names: &[&str]) -> FoundRuns {
+        let run = |name: &&str| LiveRun { name: (*name).to_owned(), dir: Path::new("/r").join(name) };
+        FoundRuns { live: names.iter().map(run).collect(), ..FoundRuns::default() }
+    }
+
+    fn chosen(found: &FoundRuns, named: Option<&str>) -> String {
+        choose(found, named).expect("there is one").name
     }
 
     #[test]
     fn the_only_live_run_is_meant_where_none_is_named() {
-        assert_eq!(choose(&live(&["a"]), None), Ok("a".to_owned()));
-        assert_eq!(choose(&live(&["a", "b"]), Some("b")), Ok("b".to_owned()));
+        assert_eq!(chosen(&live(&["a"]), None), "a");
+        assert_eq!(chosen(&live(&["a", "b"]), Some("b")), "b");
     }
 
     #[test]
@@ -169,5 +238,22 @@ mod tests {
             assert_eq!(error.code, EXIT_NO_RUN);
             assert!(error.message.contains(what), "{}", error.message);
         }
+    }
+
+    #[test]
+    fn what_this_user_may_not_look_into_is_told_and_hides_nothing_else() {
+        let place = FoundRuns { closed_places: vec!["/run/guidedog".into()], ..live(&["a"]) };
+        assert_eq!(chosen(&place, None), "a");
+        let run = FoundRuns { closed_runs: vec!["/r/own".into()], ..live(&[]) };
+        for (found, named, dir) in [
+            (&place, Some("robot"), "/run/guidedog belongs to"),
+            (&run, Some("own"), "/r/own belongs to"),
+            (&run, None, "/r/own belongs to"),
+        ] {
+            let error = choose(found, named).expect_err("it is closed");
+            assert_eq!(error.code, EXIT_NOT_PERMITTED);
+            assert!(error.message.contains(dir), "{}", error.message);
+        }
+        assert_eq!(choose(&run, Some("other")).expect_err("there is none").code, EXIT_NO_RUN);
     }
 }

@@ -1,5 +1,7 @@
 //! `status`, `why`, `cue`, `stop`, `resume`: what an operator asks of a live run.
 
+use std::collections::BTreeMap;
+
 use control::{
     CueStatus, LocomotionStatus, MicrophoneStatus, ModeStatus, Note, Query, Request, ServiceStatus, Status, Stop, Why,
 };
@@ -7,11 +9,14 @@ use messages::stops::{STOPS, StopInfo};
 use messages::{CueKind, MicrophoneState, ModeClass, SpeechPhase, StopKind};
 use serde_json::{Value, json};
 use settings::AttitudeSource;
+use transport::LiveRun;
 
-use crate::args::{InjectArgs, RunArg};
+use crate::args::{InjectArgs, RunArg, StopArgs};
 use crate::exit::Failure;
-use crate::find::{ask, read};
+use crate::find::{self, ask, read};
 use crate::out::{self, table};
+
+const STOPPED: &str = "stopped and locked; `guidedog resume` ends the lock";
 
 /// `guidedog status`
 ///
@@ -66,12 +71,49 @@ pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
     tell(run, &Request::Cue { cue }, &format!("cue {} given", cue.name()), as_json)
 }
 
-/// `guidedog stop`
+/// `guidedog stop`: every live run, unless one is named.
 ///
 /// # Errors
-/// As [`ask`].
-pub fn stop(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    tell(run, &Request::Stop, "stopped and locked; `guidedog resume` ends the lock", as_json)
+/// Where there is no run, or one of them did not stop; the others are stopped even so. With `--all`, also where there
+/// may be runs in a directory that this user may not read.
+pub fn stop(args: &StopArgs, as_json: bool) -> Result<(), Failure> {
+    let (runs, closed) = find::all(args.run.as_deref())?;
+    let answers = stop_each(&runs);
+    if let (false, [answer]) = (args.all, &answers[..]) {
+        return out::tell(as_json, answer.as_ref().map_err(Clone::clone)?, || vec![STOPPED]);
+    }
+    let mut stopped = Vec::new();
+    let mut failed = Vec::new();
+    for (LiveRun { name, .. }, answer) in runs.into_iter().zip(answers) {
+        match answer {
+            Ok(_) => stopped.push(name),
+            Err(failure) => failed.push((name, failure)),
+        }
+    }
+    if args.all {
+        failed.extend(closed.into_iter().map(|(dir, failure)| (dir.display().to_string(), failure)));
+    }
+    let messages: BTreeMap<&str, &str> =
+        failed.iter().map(|(name, failure)| (name.as_str(), failure.message.as_str())).collect();
+    let mut report = json!({ "stopped": stopped, "failed": messages });
+    if let Some((_, failure)) = failed.first() {
+        report["error"] = json!(failure.message);
+    }
+    out::tell(as_json, &report, || {
+        let stopped = stopped.iter().map(|name| format!("{name}: {STOPPED}"));
+        stopped.chain(messages.iter().map(|(name, why)| format!("{name}: NOT STOPPED: {why}"))).collect()
+    })?;
+    failed.into_iter().next().map_or(Ok(()), |(_, failure)| Err(Failure { told: as_json, ..failure }))
+}
+
+/// Stops all runs at once: one that does not answer delays no other.
+fn stop_each(runs: &[LiveRun]) -> Vec<Result<Value, Failure>> {
+    std::thread::scope(|scope| {
+        let stop = |run| scope.spawn(move || find::ask_run(run, &Request::Stop, |client| client.ask(&Request::Stop)));
+        let asked: Vec<_> = runs.iter().map(stop).collect();
+        let gone = |_| Err(Failure::run("the thread that asked for the stop panicked"));
+        asked.into_iter().map(|asked| asked.join().unwrap_or_else(gone)).collect()
+    })
 }
 
 /// `guidedog resume`

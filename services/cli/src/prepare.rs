@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use policies::{Expected, Model};
+use policies::{Expected, GeometricConfig, Model};
 use recording::{Part, later_lives};
 use settings::{
     Millis, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
@@ -113,7 +113,7 @@ pub fn record_path(pace: &PaceArgs) -> Result<Option<PathBuf>, Failure> {
 /// The path of a recording that is to be written, absolute.
 ///
 /// # Errors
-/// Where it is there already, or its folder is not.
+/// Where it is there already, or its folder is not, or cannot be written.
 pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
     let path = absolute(path)?;
     if path.extension().is_none_or(|extension| extension != "mcap") {
@@ -126,7 +126,12 @@ pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
         return Err(Failure::input(format!("{} already exists", file.display())));
     }
     match path.parent() {
-        Some(folder) if folder.is_dir() => Ok(path),
+        Some(folder) if folder.is_dir() => {
+            // The recorder creates the file again: this only finds out now whether it can.
+            let probe = || std::fs::File::create_new(&path).and_then(|_| std::fs::remove_file(&path));
+            probe().map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+            Ok(path)
+        }
         folder => Err(Failure::input(format!("{} is no folder", folder.unwrap_or(Path::new("/")).display()))),
     }
 }
@@ -294,8 +299,22 @@ pub fn check(settings: Settings) -> Result<Prepared, Failure> {
     Ok(Prepared { settings, scenario, world })
 }
 
+/// Loads the policy as its process will, so that a model that cannot be loaded is an error now, not eleven restarts.
+///
+/// # Errors
+/// As [`model`], and where no engine can be made of it.
+pub fn check_policy(settings: &Settings) -> Result<(), Failure> {
+    let model = model(&settings.policy.model, settings)?;
+    let policy = &settings.policy;
+    let config = GeometricConfig::of(settings).map_err(Failure::of_input)?;
+    let (table, library) = (policy.actions.table(), policy.onnx_runtime.as_deref());
+    policies::named_engine(&policy.model, model.as_ref(), config, policy.planner, &table, library)
+        .map(|_| ())
+        .map_err(Failure::of_input)
+}
+
 fn check_policy_and_script(settings: &Settings) -> Result<(), Failure> {
-    model(&settings.policy.model, settings)?;
+    check_policy(settings)?;
     let Some(script) = &settings.cue.script else { return Ok(()) };
     world::Route::load(script)
         .map(|_| ())

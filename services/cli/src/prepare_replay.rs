@@ -65,7 +65,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     if settings.has_world() {
         settings = prepare::check(settings)?.settings;
     } else {
-        prepare::model(&settings.policy.model, &settings)?;
+        prepare::check_policy(&settings)?;
     }
     Ok(PreparedReplay { settings, info, experiment })
 }

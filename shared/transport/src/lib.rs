@@ -40,7 +40,10 @@ pub use port::{FrameLoan, FramePublisher, FrameSample, FrameSubscriber, Publishe
 pub use recording_order::RecordingOrder;
 pub use rhythm::Rhythm;
 pub use room::{SHM, shared_memory_bytes};
-pub use run_dir::{RunDir, RunInfo, check_run_name, check_runs_root, keep_others_out, live_runs, runs_root, sweep};
+pub use run_dir::{
+    FoundRuns, LiveRun, RunDir, RunInfo, check_run_name, check_runs_root, find_runs, keep_others_out, live_runs,
+    runs_root, sweep,
+};
 pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, SupervisorArgs};
 pub use service::{run, run_supervisor, run_tool, service_main};
 pub use urgent::{hurry_network_thread, hurry_robot_thread, hurry_this_thread, may_hurry};

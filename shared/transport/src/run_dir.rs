@@ -8,7 +8,7 @@
 //! the user's alone. Nothing is made in, believed of, or removed from a place that another user may have made.
 
 use std::fs::{self, DirBuilder, File, OpenOptions};
-use std::io::Write;
+use std::io::{ErrorKind, Write};
 use std::net::Ipv4Addr;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
@@ -24,6 +24,8 @@ use crate::{ClockKind, TransportError};
 /// Longest path of a run directory: iceoryx2's sockets below it must stay under the 108 bytes of a Unix socket name.
 const MAX_DIR_BYTES: usize = 40;
 
+/// Where the runs of the system's service live (config/systemd/guidedog.service). Only root can make it.
+const SERVICE_ROOT: &str = "/run/guidedog";
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
@@ -88,7 +90,7 @@ pub fn check_run_name(name: &str) -> Result<(), String> {
     if usable { Ok(()) } else { Err("a run's name has letters, digits, '-' and '_' only".to_owned()) }
 }
 
-/// Where runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
+/// Where this user's runs live: `$GUIDEDOG_RUNS`, else `/tmp/guidedog-<uid>`.
 #[must_use]
 pub fn runs_root() -> PathBuf {
     named_root().unwrap_or_else(|| PathBuf::from(format!("/tmp/guidedog-{}", rustix::process::getuid().as_raw())))
@@ -100,6 +102,11 @@ fn named_root() -> Option<PathBuf> {
     Some(std::path::absolute(&named).unwrap_or(named))
 }
 
+/// Where runs are looked for: `$GUIDEDOG_RUNS` alone, else the user's own place and the service's.
+fn roots() -> Vec<PathBuf> {
+    named_root().map_or_else(|| vec![runs_root(), SERVICE_ROOT.into()], |root| vec![root])
+}
+
 /// Whether what is found where runs live may be believed. Anybody can make the default place in `/tmp` before its user
 /// does; whose runs are looked at by naming their place is the caller's own choice.
 ///
@@ -108,7 +115,7 @@ fn named_root() -> Option<PathBuf> {
 pub fn check_runs_root() -> Result<(), TransportError> {
     let root = runs_root();
     match fs::symlink_metadata(&root) {
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
+        Err(error) if error.kind() == ErrorKind::NotFound => Ok(()),
         Ok(_) if named_root().is_some() && root.is_dir() => Ok(()),
         _ => check_own(&root),
     }
@@ -160,7 +167,7 @@ impl RunDir {
         for _ in 0..16 {
             match DirBuilder::new().mode(0o750).create(&path) {
                 Ok(()) => {}
-                Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => {
+                Err(error) if error.kind() == ErrorKind::AlreadyExists => {
                     // Between the two looks another run may have made it anew.
                     if !may_be_a_run(&path) && fs::symlink_metadata(&path).is_ok() {
                         "holds files that are no run's; it is left as it is".clone_into(&mut last);
@@ -454,25 +461,84 @@ pub fn sweep() {
     }
 }
 
-/// Whether the run in a directory is alive: its lock is held, or, for another user's, somebody listens.
-fn is_live(dir: &Path) -> bool {
-    if fs::symlink_metadata(dir).is_ok_and(|found| is_mine(&found)) {
-        return may_be_a_run(dir) && matches!(take_lock(dir, false), Ok(None));
-    }
-    UnixStream::connect(dir.join("control.sock")).is_ok()
+/// What is known of the run in a directory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Life {
+    Alive,
+    Ended,
+    /// This user may not look into the directory.
+    Closed,
 }
 
-/// Names of the runs that are alive.
+impl Life {
+    /// The run is alive while its lock is held, or, for another user's, while something listens.
+    fn of(dir: &Path) -> Self {
+        if fs::symlink_metadata(dir).is_ok_and(|found| is_mine(&found)) {
+            let is_alive = may_be_a_run(dir) && matches!(take_lock(dir, false), Ok(None));
+            return if is_alive { Self::Alive } else { Self::Ended };
+        }
+        match UnixStream::connect(dir.join("control.sock")) {
+            Ok(_) => Self::Alive,
+            Err(error) if error.kind() == ErrorKind::PermissionDenied => Self::Closed,
+            Err(_) => Self::Ended,
+        }
+    }
+}
+
+/// A run that is alive.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LiveRun {
+    /// Its name. Runs in two places may have the same.
+    pub name: String,
+    /// Its directory.
+    pub dir: PathBuf,
+}
+
+/// What is found where runs live.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct FoundRuns {
+    /// Runs that are alive, by name; of one name, the user's own comes first.
+    pub live: Vec<LiveRun>,
+    /// Places of runs that this user may not look into.
+    pub closed_places: Vec<PathBuf>,
+    /// Directories of runs that this user may not look into.
+    pub closed_runs: Vec<PathBuf>,
+}
+
+/// Looks for runs in `$GUIDEDOG_RUNS` alone, else in the user's own place and in `/run/guidedog`, the service's.
+#[must_use]
+pub fn find_runs() -> FoundRuns {
+    let mut found = FoundRuns::default();
+    for root in roots() {
+        match fs::read_dir(&root) {
+            Ok(entries) => entries.flatten().for_each(|entry| found.take(entry.path())),
+            Err(error) if error.kind() == ErrorKind::PermissionDenied => found.closed_places.push(root),
+            // There are no runs where there is no such place.
+            Err(_) => {}
+        }
+    }
+    found.live.sort_by(|a, b| a.name.cmp(&b.name));
+    found
+}
+
+impl FoundRuns {
+    fn take(&mut self, dir: PathBuf) {
+        let Some(name) = dir.file_name().map(|name| name.to_string_lossy().into_owned()) else { return };
+        match Life::of(&dir) {
+            Life::Alive => self.live.push(LiveRun { name, dir }),
+            Life::Closed => self.closed_runs.push(dir),
+            Life::Ended => {}
+        }
+    }
+}
+
+/// Names of this user's runs that are alive.
 #[must_use]
 pub fn live_runs() -> Vec<String> {
     let Ok(entries) = fs::read_dir(runs_root()) else { return Vec::new() };
-    let mut names: Vec<String> = entries
-        .flatten()
-        .filter(|entry| is_live(&entry.path()))
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .collect();
-    names.sort();
-    names
+    let mut own = FoundRuns::default();
+    entries.flatten().for_each(|entry| own.take(entry.path()));
+    own.live.into_iter().map(|run| run.name).collect()
 }
 
 #[cfg(test)]
