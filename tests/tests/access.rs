@@ -234,7 +234,7 @@ fn the_runs_of_the_system_service_are_found_without_variables() {
     let script = "mount -t tmpfs tmpfs /run && mkdir -m 750 /run/guidedog && cd / || exit 90
         GUIDEDOG_RUNS=/run/guidedog \"$0\" up --name robot --scenario corridor >/dev/null 2>&1 &
         until \"$0\" status --run robot; do kill -0 $! || exit 91; sleep 0.1; done
-        \"$0\" stop; code=$?; kill -INT $!; wait $!; exit $code";
+        \"$0\" stop --run robot; code=$?; kill -INT $!; wait $!; exit $code";
     let mut command = Command::new("unshare");
     command.args(["--mount", "sh", "-c", script]).arg(programs().join("guidedog")).env_remove("GUIDEDOG_RUNS");
     let output = command.stdin(Stdio::null()).output().expect("unshare starts");
