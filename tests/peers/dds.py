@@ -112,7 +112,7 @@ def walk(guidedog, link, topics):
             file.write(shipped.read().replace('link = "go2"', f'link = "{link}"'))
         run = os.path.join(folder, "peer")
         command = [guidedog, "walk", "--emulated", "--config", config, "--name", "peer", "--json", "--scenario", "corridor", "--time-limit", "12s"]
-        process = subprocess.Popen(command, env={**os.environ, "GUIDEDOG_RUNS": folder}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = subprocess.Popen(command, env={**os.environ, "GUIDEDOG_RUNS": folder, "GUIDEDOG_STATE": folder}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         try:
             settings = os.path.join(run, "settings.toml")
             until("the run has begun", lambda: os.path.exists(settings) and "[locomotion.dds]" in open(settings, encoding="utf-8").read())

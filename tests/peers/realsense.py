@@ -65,7 +65,7 @@ class Run:
         self.guidedog, self.folder = os.path.abspath(guidedog), folder
         name = sysconfig.get_config_var("INSTSONAME")
         python = pathlib.Path(sysconfig.get_config_var("LIBDIR"), name)
-        self.env = {**os.environ, "GUIDEDOG_RUNS": str(folder / "r"), "LD_PRELOAD": str(python if python.exists() else name)}
+        self.env = {**os.environ, "GUIDEDOG_RUNS": str(folder / "r"), "GUIDEDOG_STATE": str(folder / "s"), "LD_PRELOAD": str(python if python.exists() else name)}
 
     def configure(self, name, realsense):
         path = self.folder / f"{name}.toml"

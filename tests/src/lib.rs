@@ -130,6 +130,7 @@ impl Place {
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(programs().join("guidedog"));
         command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.path().join("r"));
+        command.env("GUIDEDOG_STATE", self.path().join("state"));
         command.envs(self.variables.iter().map(|(name, value)| (name, value)));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         command
@@ -213,9 +214,16 @@ impl<'a> Live<'a> {
         let mut command = Command::new("unshare");
         command.args(["--mount", "sh", "-c", &mount]).arg(up.get_program()).args(["up", "--json", "--name", name]);
         command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", place.path().join("r"));
+        command.env("GUIDEDOG_STATE", place.path().join("state"));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let child = command.spawn().expect("unshare starts");
         Some(Self { place, name: name.to_owned(), child })
+    }
+
+    /// A run that the test has started at this place, its output piped.
+    #[must_use]
+    pub fn of(place: &'a Place, name: &str, child: Child) -> Self {
+        Self { place, name: name.to_owned(), child }
     }
 
     /// What the supervisor says of the run.
@@ -284,6 +292,14 @@ impl<'a> Live<'a> {
     pub fn end(self) -> (Value, i32) {
         signal(self.child.id(), "INT");
         self.finish()
+    }
+
+    /// Waits for the run's own end: what it wrote to standard error.
+    #[must_use]
+    pub fn finish_told(mut self) -> String {
+        let child = std::mem::replace(&mut self.child, Command::new("true").spawn().expect("true"));
+        let output = child.wait_with_output().expect("the run is ours");
+        String::from_utf8_lossy(&output.stderr).into_owned()
     }
 
     /// Waits for the run's own end: its report and exit code.

@@ -55,8 +55,10 @@ fn what_a_run_makes_is_closed_to_others() {
     let mut all = Vec::new();
     below(&run.dir(), &mut all);
     assert!(all.len() > 50, "a run has many files: {}", all.len());
+    below(&place.path().join("state"), &mut all);
     for path in all {
-        let mode = fs::symlink_metadata(&path).map_or(0, |found| found.mode());
+        // A link has no mode of its own.
+        let mode = fs::metadata(&path).map_or(0, |found| found.mode());
         assert_eq!(mode & 0o007, 0, "{}: {mode:o}", path.display());
     }
     let prefix = RunDir::open(&run.dir()).prefix();
@@ -232,6 +234,7 @@ fn the_runs_of_the_system_service_are_found_without_variables() {
     }
     // A /run of its own, with the folder that the service's unit makes.
     let script = "mount -t tmpfs tmpfs /run && mkdir -m 750 /run/guidedog && cd / || exit 90
+        export GUIDEDOG_STATE=/run/state
         GUIDEDOG_RUNS=/run/guidedog \"$0\" up --name robot --scenario corridor >/dev/null 2>&1 &
         until \"$0\" status --run robot; do kill -0 $! || exit 91; sleep 0.1; done
         \"$0\" stop --run robot; code=$?; kill -INT $!; wait $!; exit $code";

@@ -26,6 +26,7 @@ mod planned;
 mod ramps;
 mod record;
 mod recordings;
+mod records;
 mod replays;
 mod reports;
 mod response;

@@ -6,6 +6,7 @@ mod emulate;
 pub mod evaluate;
 pub mod floor;
 mod policy;
+mod records;
 mod robot;
 mod values;
 pub mod yardstick;
@@ -23,6 +24,7 @@ use values::{duration, field_of_view, noise, physics, run_name, speed, start, ti
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
 pub use emulate::{DdsArgs, Device, EmulateArgs};
 pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
+pub use records::{BundleArgs, LogsArgs, UpArgs};
 pub use robot::FitRobotArgs;
 
 /// Runs and operates the guide robot's stack of processes.
@@ -46,14 +48,22 @@ fn main_help() -> String {
 pub enum Verb {
     /// Start the stack and leave it to the operator; becomes the supervisor
     #[command(after_help = UP_EXAMPLES)]
-    Up(WorldArgs),
+    Up(UpArgs),
     /// A simulated guided walk of the whole stack, with a summary at its end
     #[command(after_help = WALK_EXAMPLES)]
     Walk(WalkArgs),
-    /// Mode, services and streams of a live run
+    /// Mode, services and streams of a live run; how an ended one went
     Status(RunArg),
-    /// Why the robot stands, and the last stops with their evidence
+    /// Why the robot stands, and the last stops with their evidence; of an ended run also why it ended
     Why(WhyArgs),
+    /// Live runs and ended ones, the newest first
+    Runs,
+    /// The journal of a run and the logs of its services
+    #[command(after_help = records::LOGS_HELP)]
+    Logs(LogsArgs),
+    /// Pack everything about a run into one file: record, last minute of its recording, doctor, versions
+    #[command(after_help = records::BUNDLE_HELP)]
+    Bundle(BundleArgs),
     /// Give a cue, as the handler would, or fit the recogniser to a handler's voice
     #[command(after_help = "Examples:\n  guidedog cue left\n  guidedog cue enrol -o anna")]
     Cue(cues::CueArgs),

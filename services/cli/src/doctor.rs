@@ -4,11 +4,12 @@ mod devices;
 mod rates;
 
 use std::os::unix::fs::PermissionsExt;
+use std::path::Path;
 
 use messages::{ServiceId, TopicId, topic::DEAD_SLOTS};
 use rustix::process::Resource;
 use serde_json::{Value, json};
-use settings::{Profile, VoiceSource};
+use settings::{Profile, Settings, VoiceSource};
 use transport::{PoolSize, RunDir, live_runs, monotonic_ns, pool_sizes, runs_root};
 
 use crate::args::DoctorArgs;
@@ -54,18 +55,7 @@ struct Pool {
 pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     let settings = prepare::load(Profile::Walk, args.config.as_deref())?;
     let pools = pools((settings.depth.width * settings.depth.height) as usize);
-    let mut checks = vec![
-        shared_memory(&pools, total(&pools, |pool| pool.most)),
-        open_files(),
-        run_root(),
-        services(),
-        leftovers(),
-        kernel(),
-        cpus(),
-        priority(),
-        clock(),
-    ];
-    checks.extend(devices::checks(&settings));
+    let mut checks = checks(&settings, &pools);
     if settings.cue.voice.source != VoiceSource::Absent {
         checks.push(devices::hearing(&cues::model_files(args.config.as_deref())?));
     }
@@ -80,6 +70,34 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
     let (width, height) = (settings.depth.width, settings.depth.height);
     out::tell(as_json, &report(ok, &checks, &pools), || lines(&checks, &pools, width, height))?;
     Ok(if ok { EXIT_OK } else { EXIT_RUN_FAILED })
+}
+
+/// What is looked at without running anything.
+fn checks(settings: &Settings, pools: &[Pool]) -> Vec<Check> {
+    let mut checks = vec![
+        shared_memory(pools, total(pools, |pool| pool.most)),
+        open_files(),
+        run_root(),
+        services(),
+        leftovers(),
+        kernel(),
+        cpus(),
+        priority(),
+        clock(),
+    ];
+    checks.extend(devices::checks(settings));
+    checks
+}
+
+/// What `doctor` reports for the settings in that file.
+///
+/// # Errors
+/// Where they cannot be read.
+pub fn report_for(settings: &Path) -> Result<Value, Failure> {
+    let settings = settings::load_resolved(settings).map_err(Failure::of_input)?;
+    let pools = pools((settings.depth.width * settings.depth.height) as usize);
+    let checks = checks(&settings, &pools);
+    Ok(report(checks.iter().all(|check| check.ok), &checks, &pools))
 }
 
 /// Each service has a health topic of its own; every other topic is one.

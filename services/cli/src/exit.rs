@@ -35,12 +35,15 @@ Exit codes:
   6  a policy swap failed; the policy before goes on
   7  a replay decides differently from its recording (replay --against, bench replay),
      or evaluate --replay walks an episode otherwise than the same program did
-  8  the caller may not do that to this run, or may not read its folder: its own user and root may, and the group may read";
+  8  the caller may not do that to this run, or may not read its folder: its own user and root may, and the group may
+     read";
 
 /// The environment as `guidedog --help` tells it.
 pub const ENVIRONMENT_HELP: &str = "\
 Environment:
-  GUIDEDOG_RUNS    the folder of runs; without it /tmp/guidedog-<uid>, and the verbs that look for runs also look in /run/guidedog
+  GUIDEDOG_RUNS    the folder of live runs, else /tmp/guidedog-<uid>; runs are also looked for in /run/guidedog
+  GUIDEDOG_STATE   the folder of run records, else $XDG_STATE_HOME/guidedog, else ~/.local/state/guidedog; records are
+                   also looked for in /var/lib/guidedog
   GUIDEDOG_CONFIG  a folder of configuration, looked into before ./config and config beside the program";
 
 /// Why the command could not do what it was asked, with its exit code.

@@ -52,18 +52,27 @@ fn find(run: Option<&str>) -> Result<FoundRuns, Failure> {
     Ok(found)
 }
 
-/// The live run of this name, else every live run; and the directories that this user may not read, with the error.
+/// The runs that a verb is for.
+#[derive(Debug)]
+pub struct Runs {
+    /// Live ones.
+    pub live: Vec<LiveRun>,
+    /// Directories that this user may not read, where there may be more, with the error.
+    pub closed: Vec<(PathBuf, Failure)>,
+}
+
+/// The live run of this name, else every live run.
 ///
 /// # Errors
 /// Where there is no such run.
-pub fn all(run: Option<&str>) -> Result<(Vec<LiveRun>, Vec<(PathBuf, Failure)>), Failure> {
+pub fn all(run: Option<&str>) -> Result<Runs, Failure> {
     let found = find(run)?;
     if run.is_some() || found.live.is_empty() {
-        return choose(&found, run).map(|run| (vec![run], Vec::new()));
+        return choose(&found, run).map(|run| Runs { live: vec![run], closed: Vec::new() });
     }
     let FoundRuns { live, closed_places, closed_runs } = found;
-    let shut = closed_places.into_iter().chain(closed_runs).map(|dir| (dir.clone(), closed(&dir)));
-    Ok((live, shut.collect()))
+    let closed_dirs = closed_places.into_iter().chain(closed_runs).map(|dir| (dir.clone(), closed(&dir)));
+    Ok(Runs { live, closed: closed_dirs.collect() })
 }
 
 /// Asks the supervisor of this run.

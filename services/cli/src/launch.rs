@@ -113,9 +113,14 @@ impl Launch<'_> {
         Ok(command)
     }
 
-    /// Becomes the supervisor; returns only where that fails.
-    pub fn exec(&self, report: bool) -> Failure {
-        let run = self.command(report).and_then(|command| Ok((command, take_name(&self.name)?)));
+    /// Becomes the supervisor, which writes its journal to standard error in this form and from this level on; returns
+    /// only where that fails.
+    pub fn exec(&self, report: bool, [log, level]: [String; 2]) -> Failure {
+        let command = self.command(report).map(|mut command| {
+            command.args(["--log", &log, "--log-level", &level]);
+            command
+        });
+        let run = command.and_then(|command| Ok((command, take_name(&self.name)?)));
         let_name_go();
         match run {
             Ok((mut command, dir)) => {
@@ -193,7 +198,7 @@ impl Signals {
         let signals = SIGNALS.get_or_init(|| {
             let handle =
                 || SIGNALS.get().and_then(|signals| signals.as_ref().ok()).into_iter().for_each(Self::on_signal);
-            ctrlc::set_handler(handle).map(|()| Self::default()).map_err(|error| error.to_string())
+            transport::on_end_signals(handle).map(|()| Self::default()).map_err(|error| error.to_string())
         });
         signals.as_ref().map_err(|why| Failure::run(why.clone()))
     }

@@ -6,6 +6,7 @@
 
 mod args;
 mod bench;
+mod bundle;
 mod cues;
 mod doctor;
 mod emulate;
@@ -15,10 +16,12 @@ mod find;
 mod fit;
 mod fit_robot;
 mod floor;
+mod history;
 mod import;
 mod launch;
 mod legs;
 mod live;
+mod logs;
 mod map_view;
 mod operate;
 mod out;
@@ -90,6 +93,9 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Replay(args) => replays::replay(&args, json),
         Verb::Record(args) => done(record::record(&args, json)),
         Verb::Recording(args) => done(recording_files::recording(&args, json)),
+        Verb::Runs => done(history::runs(json)),
+        Verb::Logs(args) => done(logs::logs(&args, json)),
+        Verb::Bundle(args) => done(bundle::bundle(&args, json)),
         Verb::Status(run) => done(operate::status(&run, json)),
         Verb::Why(args) if args.reasons => done(operate::reasons(json)),
         Verb::Why(args) => done(operate::why(&args.run, json)),

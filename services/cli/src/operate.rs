@@ -14,6 +14,7 @@ use transport::LiveRun;
 use crate::args::{InjectArgs, RunArg, StopArgs};
 use crate::exit::Failure;
 use crate::find::{self, ask, read};
+use crate::history;
 use crate::out::{self, table};
 
 const STOPPED: &str = "stopped and locked; `guidedog resume` ends the lock";
@@ -23,7 +24,7 @@ const STOPPED: &str = "stopped and locked; `guidedog resume` ends the lock";
 /// # Errors
 /// As [`ask`].
 pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    show(run, as_json, status_lines)
+    show(run, as_json, status_lines).or_else(|failure| history::or_ended(failure, run, as_json))
 }
 
 /// `guidedog why`
@@ -31,7 +32,7 @@ pub fn status(run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// As [`ask`].
 pub fn why(run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    show(run, as_json, why_lines)
+    show(run, as_json, why_lines).or_else(|failure| history::or_ended(failure, run, as_json))
 }
 
 /// Shows something of a run. As JSON it is what the supervisor says, members that this program does not know included.
@@ -77,7 +78,7 @@ pub fn cue(cue: CueKind, run: &RunArg, as_json: bool) -> Result<(), Failure> {
 /// Where there is no run, or one of them did not stop; the others are stopped even so. With `--all`, also where there
 /// may be runs in a directory that this user may not read.
 pub fn stop(args: &StopArgs, as_json: bool) -> Result<(), Failure> {
-    let (runs, closed) = find::all(args.run.as_deref())?;
+    let find::Runs { live: runs, closed } = find::all(args.run.as_deref())?;
     let answers = stop_each(&runs);
     if let (false, [answer]) = (args.all, &answers[..]) {
         return out::tell(as_json, answer.as_ref().map_err(Clone::clone)?, || vec![STOPPED]);
@@ -248,12 +249,7 @@ fn why_lines(why: &Why) -> Vec<String> {
         format!("for a cue  {}", why.not_ready_because.as_deref().unwrap_or("ready")),
         String::new(),
     ];
-    if why.stops.is_empty() {
-        lines.push("no stops".to_owned());
-    } else {
-        let rows: Vec<Vec<String>> = why.stops.iter().map(stop_row).collect();
-        lines.extend(table(&["at", "lasted", "class", "why"], &rows));
-    }
+    lines.extend(stops(&why.stops));
     lines.extend(notes(&why.notes, 10));
     lines
 }
@@ -267,13 +263,22 @@ fn stands(why: &Why) -> &str {
     }
 }
 
+/// A table of stops.
+pub fn stops(stops: &[Stop]) -> Vec<String> {
+    if stops.is_empty() {
+        return vec!["no stops".to_owned()];
+    }
+    let rows: Vec<Vec<String>> = stops.iter().map(stop_row).collect();
+    table(&["at", "lasted", "class", "why"], &rows)
+}
+
 fn stop_row(stop: &Stop) -> Vec<String> {
     let lasts = if stop.ended { "" } else { " and on" };
     vec![format!("{:.2} s", stop.at_s), format!("{:.2} s{lasts}", stop.lasted_s), stop.class.clone(), stop.why.clone()]
 }
 
 /// The last notes of the supervisor.
-fn notes(notes: &[Note], most: usize) -> Vec<String> {
+pub fn notes(notes: &[Note], most: usize) -> Vec<String> {
     let last = &notes[notes.len().saturating_sub(most)..];
     let lines = last.iter().map(|note| format!("{:8.2} s  {}", note.at_s, note.text));
     let head = (!last.is_empty()).then(|| [String::new(), "notes".to_owned()]).into_iter().flatten();

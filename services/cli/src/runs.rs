@@ -1,10 +1,11 @@
 //! `up`, `walk`: runs from their start to their report.
 
+use clap::ValueEnum;
 use control::{Collisions, Falls, Report};
 use serde_json::{Value, json};
 use world::Route;
 
-use crate::args::{WalkArgs, WorldArgs};
+use crate::args::{UpArgs, WalkArgs};
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::find::free_name;
 use crate::launch::{Launch, Outcome};
@@ -14,7 +15,7 @@ use crate::out::{self, say};
 use crate::{legs, prepare, summary};
 
 /// `guidedog up`: becomes the supervisor; returns only where it cannot.
-pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
+pub fn up(UpArgs { world: args, log, log_level }: &UpArgs, as_json: bool) -> Failure {
     let settings = match prepare::up(args) {
         Ok(settings) => settings,
         Err(failure) => return failure,
@@ -22,7 +23,12 @@ pub fn up(args: &WorldArgs, as_json: bool) -> Failure {
     let name = args.pace.name.clone().unwrap_or_else(|| free_name("run"));
     settings::no_start_by_voice(&settings).iter().for_each(say);
     say(format!("run {name} starts as process {}; `guidedog status --run {name}`, Ctrl-C ends it", std::process::id()));
-    Launch { settings: &settings, name, speed: args.pace.speed }.exec(as_json)
+    Launch { settings: &settings, name, speed: args.pace.speed }.exec(as_json, [value_name(log), value_name(log_level)])
+}
+
+/// The name of a value as the command line has it.
+fn value_name(value: &impl ValueEnum) -> String {
+    value.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default()
 }
 
 /// `guidedog walk`: the exit code.

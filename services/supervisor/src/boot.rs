@@ -14,6 +14,7 @@ use transport::{inherited_fd, monotonic_ns, run_supervisor};
 use crate::children::Children;
 use crate::ending::Ending;
 use crate::faults::Faults;
+use crate::journal::{Journal, Keeper, LogTo};
 use crate::machine::Machine;
 use crate::plan::Plan;
 use crate::planned::PlannedRequests;
@@ -33,10 +34,11 @@ struct Arguments {
     name: String,
     clock: ClockKind,
     report: bool,
+    log: LogTo,
 }
 
 fn parse(mut args: impl Iterator<Item = String>) -> Result<Arguments, String> {
-    let mut parsed = Arguments { name: "run".to_owned(), clock: ClockKind::Real, report: false };
+    let mut parsed = Arguments { name: "run".to_owned(), clock: ClockKind::Real, report: false, log: LogTo::default() };
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "--name" => parsed.name = args.next().ok_or("--name needs a value")?,
@@ -49,6 +51,8 @@ fn parse(mut args: impl Iterator<Item = String>) -> Result<Arguments, String> {
                 parsed.clock = ClockKind::Stepped { speed };
             }
             "--report" => parsed.report = true,
+            "--log" => parsed.log.format = Some(args.next().ok_or("--log needs a value")?.parse()?),
+            "--log-level" => parsed.log.set_level(&args.next().ok_or("--log-level needs a value")?)?,
             _ => return Err(format!("unknown argument {arg}; `guidedog up` and `guidedog walk` start this program")),
         }
     }
@@ -111,7 +115,7 @@ fn tell(report: &Report) -> std::io::Result<()> {
 
 fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<Report, TransportError> {
     let text = toml::to_string(settings).map_err(TransportError::service)?;
-    std::fs::write(dir.settings(), text).map_err(TransportError::service)?;
+    std::fs::write(dir.settings(), &text).map_err(TransportError::service)?;
     dir.write_info(&RunInfo {
         name: arguments.name.clone(),
         prefix: dir.prefix(),
@@ -121,6 +125,19 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<Repor
         faults: settings.faults.allowed,
     })?;
     let signals = signals()?;
+    let keeper = Keeper::begin(arguments.log, &arguments.name, &text, settings.run_record, dir);
+    let outcome = supervise(arguments, settings, signals, dir);
+    keeper.end(&arguments.name, &outcome);
+    outcome
+}
+
+/// The run itself: nothing is left of it afterwards but its record.
+fn supervise(
+    arguments: &Arguments,
+    settings: &Settings,
+    signals: OwnedFd,
+    dir: &RunDir,
+) -> Result<Report, TransportError> {
     let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
     let holder = domain.create_all()?;
     let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
@@ -132,16 +149,15 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<Repor
     Ok(report)
 }
 
-/// A descriptor that becomes readable at SIGINT, SIGTERM and SIGHUP.
+/// A descriptor that becomes readable at a signal that asks for the end.
 fn signals() -> Result<OwnedFd, TransportError> {
     let flags = EventfdFlags::CLOEXEC | EventfdFlags::NONBLOCK;
     let fd = eventfd(0, flags).map_err(|errno| TransportError::System { call: "eventfd", errno })?;
     let writer = fd.try_clone().map_err(TransportError::service)?;
-    ctrlc::set_handler(move || {
+    transport::on_end_signals(move || {
         // A full counter has been seen by nobody yet, so the wake-up is there already.
         let _ = rustix::io::write(&writer, &1u64.to_ne_bytes());
-    })
-    .map_err(TransportError::service)?;
+    })?;
     Ok(fd)
 }
 
@@ -178,6 +194,7 @@ impl Supervisor {
             no_start_by_voice: settings::no_start_by_voice(settings),
             server: ControlServer::open(&io.domain.dir.control_socket(), group_right(settings), io)?,
             figures: Figures::default(),
+            journal: Journal::default(),
             ending: Ending::No,
             faults: Faults::new(settings.faults.allowed),
             planned: PlannedRequests::of(settings),

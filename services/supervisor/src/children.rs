@@ -314,6 +314,9 @@ fn prepare(command: &mut Command, service: ServiceId, keep: [RawFd; 2]) {
             let log = Rlimit { current: Some(POLICY_FILE_BYTES), maximum: Some(POLICY_FILE_BYTES) };
             rustix::process::setrlimit(Resource::Fsize, log)?;
         }
+        // A supervisor under `nohup` ignores SIGHUP; to a child it tells of the supervisor's death.
+        // SAFETY: one system call, in the child.
+        unsafe { nix::sys::signal::signal(nix::sys::signal::Signal::SIGHUP, nix::sys::signal::SigHandler::SigDfl) }?;
         if at_our_death.is_some() {
             rustix::process::set_parent_process_death_signal(at_our_death)?;
             if rustix::process::getppid() != Some(parent) {

@@ -11,6 +11,7 @@ mod children;
 mod ending;
 mod faults;
 mod freeze;
+mod journal;
 mod last_words;
 pub mod machine;
 mod operator;
@@ -39,6 +40,7 @@ use transport::{ToChild, TransportError, monotonic_ns};
 use children::Children;
 use ending::Ending;
 use faults::Faults;
+use journal::Journal;
 use last_words::last_words;
 use machine::{Action, Event, Machine, Now};
 use planned::PlannedRequests;
@@ -78,6 +80,7 @@ pub struct Supervisor {
     no_start_by_voice: Option<String>,
     server: ControlServer,
     figures: Figures,
+    journal: Journal,
     janitor: Janitor,
     /// Incarnations that wait for the janitor, and until which wall time.
     waiting: Vec<(ServiceId, u32, u64)>,
@@ -137,7 +140,9 @@ impl Supervisor {
             published = published.and(self.perform(actions, io));
         }
         self.spawn_waiting(io);
-        published.and(if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) })
+        let published = published.and(if io.domain.clock.is_stepped() { Ok(()) } else { self.publish_mode(io) });
+        self.journal.observe(&self.machine, io.now_ns());
+        published
     }
 
     fn perform(&mut self, actions: Vec<Action>, io: &mut Io) -> Result<(), TransportError> {
@@ -177,6 +182,7 @@ impl Supervisor {
                 }
                 Action::Note(text) => self.figures.note(io.now_ns(), text),
                 Action::Answer(answer) => {
+                    journal::cue_refused(io.now_ns(), &answer);
                     published = published.and(self.answers.publish(io.now_ns(), answer).map(|_| ()));
                 }
                 Action::EndRun(why) => {
@@ -232,6 +238,7 @@ impl Supervisor {
         match self.children.spawn((service, incarnation), has_line, &spec, &log, io) {
             Ok(pid) => {
                 self.machine.started(service, incarnation, pid);
+                journal::started(io.now_ns(), service, incarnation, pid);
                 self.pass_faults_on(service, io);
             }
             Err(error) => {

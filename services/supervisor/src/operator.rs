@@ -1,7 +1,7 @@
 //! What an operator asks, and the answers.
 
 use control::{
-    Answer, Done, LocomotionStatus, Policies, PolicyLife, PolicySpec, Refusal, Request, Status, Why, WorldStatus,
+    Answer, Done, LocomotionStatus, Policies, PolicyLife, PolicySpec, Refusal, Request, Right, Status, Why, WorldStatus,
 };
 use messages::{
     CueAnswer, CueKind, CueRequest, LocomotionState, ModeClass, ServiceId, StopKind, WorldTruth, s_from_ns,
@@ -10,7 +10,7 @@ use settings::{AttitudeSource, PolicyModel};
 use transport::{Io, TransportError};
 
 use crate::machine::Event;
-use crate::{STILL_MEANT_NS, Supervisor, report};
+use crate::{STILL_MEANT_NS, Supervisor, journal, report};
 
 /// So many stops an answer tells of, the newest.
 const STOPS_TOLD: usize = 20;
@@ -27,12 +27,16 @@ impl Supervisor {
             if request == Request::Stop {
                 self.end_plan(io);
             }
+            let asked = (request.needs() != Right::Read).then(|| request.clone());
             let answer = match request {
                 Request::Resume {} | Request::Cue { .. } if stops => Err(Refusal::Overtaken),
                 Request::Resume {} | Request::Cue { .. } if slept => Err(Refusal::Slept),
                 request => self.answer(request, io)?,
             };
             self.act(io)?;
+            if let Some(asked) = asked {
+                journal::asked(io.now_ns(), &asked, answer.as_ref().err().map(ToString::to_string).as_deref());
+            }
             match answer {
                 Ok(answer) => self.server.answer(client, &answer, io),
                 Err(refusal) => self.server.answer(client, &refusal, io),

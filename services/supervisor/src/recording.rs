@@ -7,6 +7,7 @@ use messages::ServiceId;
 use transport::{Io, RecordingOrder, TransportError};
 
 use crate::Supervisor;
+use crate::journal;
 use crate::machine::{Event, Phase};
 
 impl Supervisor {
@@ -16,8 +17,9 @@ impl Supervisor {
     /// Where the order cannot be left in the run directory.
     pub(crate) fn want_recording(&mut self, path: PathBuf, io: &Io) -> Result<(), TransportError> {
         let lives_before = self.recorder(io).map_or(0, |(_, incarnation)| incarnation);
-        io.domain.dir.write_recording_order(&RecordingOrder { path, lives_before })?;
+        io.domain.dir.write_recording_order(&RecordingOrder { path: path.clone(), lives_before })?;
         self.machine.handle(Event::Demand(ServiceId::Recorder), Self::now(io));
+        journal::recording(io.now_ns(), &path);
         Ok(())
     }
 

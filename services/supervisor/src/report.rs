@@ -13,6 +13,7 @@ use messages::{
 use serde_json::Value;
 
 use crate::Supervisor;
+use crate::journal;
 use crate::machine::{self, Phase, Role};
 use crate::stops::{self, StopLog};
 
@@ -81,8 +82,9 @@ impl Figures {
         }
     }
 
-    /// Keeps a note.
+    /// Keeps a note, and tells the journal.
     pub fn note(&mut self, run_ns: u64, text: String) {
+        journal::note(run_ns, &brief(&text));
         if self.notes.len() >= MAX_NOTES {
             self.notes.pop_front();
             self.notes_not_kept += 1;

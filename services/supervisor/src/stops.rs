@@ -71,8 +71,15 @@ impl StopLog {
         Some(self.not_kept as usize + self.stops.len() - 1)
     }
 
+    /// How many stops have begun.
+    #[must_use]
+    pub fn begun(&self) -> usize {
+        self.not_kept as usize + self.stops.len()
+    }
+
     /// The stop of that number, counted from the run's beginning, if it is kept.
-    fn get(&self, number: usize) -> Option<&Stop> {
+    #[must_use]
+    pub fn get(&self, number: usize) -> Option<&Stop> {
         self.stops.get(number.checked_sub(self.not_kept as usize)?)
     }
 

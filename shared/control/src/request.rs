@@ -84,7 +84,8 @@ impl Request {
     }
 
     /// Its verb, as on the wire.
-    pub(crate) fn verb(&self) -> String {
+    #[must_use]
+    pub fn verb(&self) -> String {
         let written = serde_json::to_value(self).unwrap_or_default();
         written["verb"].as_str().unwrap_or_default().to_owned()
     }

@@ -47,6 +47,6 @@ mod writer;
 pub use info::{About, FORMAT_VERSION, Info, RunAbout};
 pub use reader::{ReadError, Reader};
 pub use record::{Order, Record, Slice};
-pub use recover::{RecoverError, Recovered, recover};
+pub use recover::{RecoverError, Recovered, recover, write_last};
 pub use viewer::{Level, Viewer, log_json, time_json};
 pub use writer::{Existing, Part, Sink, WriteError, Writer, later_lives, life_path};

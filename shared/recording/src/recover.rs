@@ -18,6 +18,8 @@ use crate::{About, FORMAT_VERSION, Info, ReadError, Record, Viewer, WriteError, 
 
 /// What a recovered file says of its end.
 const ENDED: &str = "recovered";
+/// What the file of a recording's last part says of its end.
+const LAST: &str = "the last part of a recording";
 
 /// What was recovered.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -67,8 +69,27 @@ struct Found {
 /// # Errors
 /// Where `from` cannot be read or is no live recording of ours, and where `to` exists or cannot be written.
 pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
+    write_or_remove(from, to, None)
+}
+
+/// Writes the last `span_ns` of a recording, which may be torn, to `to`, without its depth frames. `scratch` is a path
+/// for a copy of it, which is removed.
+///
+/// # Errors
+/// As [`recover`], of `to` or of `scratch`.
+pub fn write_last(from: &Path, to: &Path, span_ns: u64, scratch: &Path) -> Result<Recovered, RecoverError> {
+    let whole = recover(from, scratch)?;
+    let end_ns = whole.info.start_ns + whole.info.duration_ns;
+    let last = write_or_remove(scratch, to, Some(end_ns.saturating_sub(span_ns)));
+    // What counts is what was written.
+    let _ = std::fs::remove_file(scratch);
+    last
+}
+
+/// Of a `to` that could not be written to its end nothing is left.
+fn write_or_remove(from: &Path, to: &Path, cut_ns: Option<u64>) -> Result<Recovered, RecoverError> {
     let mut began = false;
-    write_whole(from, to, &mut began).inspect_err(|_| {
+    write_whole(from, to, cut_ns, &mut began).inspect_err(|_| {
         if began {
             // Why it could not be written is what counts.
             let _ = std::fs::remove_file(to);
@@ -76,8 +97,8 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     })
 }
 
-/// `began` tells whether there is a file at `to` that is ours.
-fn write_whole(from: &Path, to: &Path, began: &mut bool) -> Result<Recovered, RecoverError> {
+/// Leaves out what was before `cut_ns`. `began` tells whether there is a file at `to` that is ours.
+fn write_whole(from: &Path, to: &Path, cut_ns: Option<u64>, began: &mut bool) -> Result<Recovered, RecoverError> {
     let mut torn = Torn::open(from)?;
     let mut found = Found::default();
     let mut writer: Option<Writer> = None;
@@ -92,7 +113,8 @@ fn write_whole(from: &Path, to: &Path, began: &mut bool) -> Result<Recovered, Re
                     none => none.insert(found.begin(from, to, None)?),
                 };
                 *began = true;
-                records.iter().try_for_each(|kept| kept.write(writer)).and_then(|()| writer.flush())?;
+                let mut kept = records.iter().filter(|kept| cut_ns.is_none_or(|cut_ns| kept.time_ns() >= cut_ns));
+                kept.try_for_each(|kept| kept.write(writer)).and_then(|()| writer.flush())?;
             }
         }
     };
@@ -101,7 +123,12 @@ fn write_whole(from: &Path, to: &Path, began: &mut bool) -> Result<Recovered, Re
         None => found.begin(from, to, why.as_ref().map(|what| (torn.byte, what)))?,
     };
     *began = true;
-    let info = writer.finish(found.finish(to))?;
+    let mut about = found.finish(to);
+    if let Some(run) = about.run.as_mut().filter(|_| cut_ns.is_some()) {
+        // Its first step is missing, and so are the depth frames.
+        (run.first_step, run.depth_file, run.ended) = (0, None, LAST.to_owned());
+    }
+    let info = writer.finish(about)?;
     Ok(Recovered { from: from.to_owned(), to: to.to_owned(), info, bytes: torn.bytes, cut_at_byte: torn.byte, why })
 }
 
@@ -122,6 +149,13 @@ enum Kept {
 }
 
 impl Kept {
+    fn time_ns(&self) -> u64 {
+        match self {
+            Self::Record(record) => record.time_ns(),
+            Self::Shown(_, time_ns, _) => *time_ns,
+        }
+    }
+
     fn write(&self, writer: &mut Writer) -> Result<(), WriteError> {
         match self {
             Self::Record(record) => writer.write(record),

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use common::{chain, scan};
 use guidedog_recording::{
-    About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Slice, Writer, life_path, recover,
+    About, Part, ReadError, Reader, Record, RecoverError, RunAbout, Slice, Writer, life_path, recover, write_last,
 };
 use messages::{
     Attitude, Cue, CueAnswer, CueHeard, CueInForce, CueKind, CueRefusal, CueRequest, CueSource, DepthFrame,
@@ -352,6 +352,27 @@ fn zeros_at_the_end_are_no_records() {
     let recovered = recover(&torn, &out).unwrap();
     assert_eq!((recovered.cut_at_byte, recovered.info.records["shield/permit"]), (written, 1));
     assert_eq!(recovered.why.as_deref(), Some("nothing was written here"));
+}
+
+#[test]
+fn the_last_part_of_a_torn_recording_is_one_of_its_own() {
+    let folder = tempdir().unwrap();
+    let [path, scratch, last] = ["a.mcap", "whole.mcap", "last.mcap"].map(|name| folder.path().join(name));
+    let mut writer = Writer::live(&path, Part::Small, &about(Some("a.depth.mcap")), "x = 1\n").unwrap();
+    let records: Vec<Record> = (1..=60).map(|seq| Record::from(permit(seq))).collect();
+    for record in &records {
+        writer.write(record).unwrap();
+    }
+    writer.flush().unwrap();
+    drop(writer);
+    let span_ns = records[59].time_ns() - records[40].time_ns();
+    write_last(&path, &last, span_ns, &scratch).unwrap();
+    assert!(!scratch.exists());
+    let reader = Reader::open(&last).unwrap();
+    let run = reader.info().about.run.clone().unwrap();
+    assert!(!run.is_whole() && run.depth_file.is_none(), "{run:?}");
+    let read: Vec<Record> = reader.map(Result::unwrap).collect();
+    assert!(read.len() == 20 && read.iter().zip(&records[40..]).all(|(read, written)| read.is_same(written)));
 }
 
 #[test]

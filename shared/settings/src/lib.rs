@@ -21,6 +21,6 @@ pub use layers::{Profile, SettingsError, load, load_over, load_resolved};
 pub use path::ConfigPath;
 pub use planned::{Ask, Planned};
 pub use program::find_program;
-pub use recorded::{CueOrigin, RecordSettings, Replay};
+pub use recorded::{CueOrigin, RecordSettings, Replay, RunRecordSettings};
 pub use sections::*;
 pub use units::{Millis, Positive, Share};

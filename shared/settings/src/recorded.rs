@@ -48,6 +48,22 @@ pub struct RecordSettings {
     pub depth: bool,
 }
 
+/// What a run leaves behind in the state folder: its settings, its logs, what happened, and how it ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct RunRecordSettings {
+    /// So many runs are kept, the newest; 0: none.
+    pub keep_runs: u32,
+    /// So many MiB are kept in all; older runs make room when a new one starts.
+    pub keep_mib: u32,
+}
+
+impl Default for RunRecordSettings {
+    fn default() -> Self {
+        Self { keep_runs: 20, keep_mib: 512 }
+    }
+}
+
 impl Default for RecordSettings {
     fn default() -> Self {
         Self { path: None, depth: true }

@@ -27,7 +27,7 @@ use unitree::Silence;
 
 use crate::path::ConfigPath;
 use crate::planned::Planned;
-use crate::recorded::{RecordSettings, Replay};
+use crate::recorded::{RecordSettings, Replay, RunRecordSettings};
 use crate::units::Millis;
 
 pub use cue::{Attention, CueSettings, TalkKey, VoiceSettings, VoiceSource};
@@ -95,6 +95,8 @@ pub struct Settings {
     pub replay: Replay,
     /// What is recorded.
     pub record: RecordSettings,
+    /// What every run leaves behind.
+    pub run_record: RunRecordSettings,
     /// What is planned to happen.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub planned: Vec<Planned>,

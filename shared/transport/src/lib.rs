@@ -7,6 +7,7 @@
 mod checked;
 mod clock;
 mod domain;
+mod end_signals;
 mod error;
 mod fault;
 mod helper;
@@ -27,6 +28,7 @@ mod wait_loop;
 
 pub use clock::{Clock, monotonic_ns, unix_time_s};
 pub use domain::{Domain, Holder, PoolSize, pool_sizes};
+pub use end_signals::on_end_signals;
 pub use error::TransportError;
 pub use helper::Helper;
 /// What may lie in shared memory.

@@ -237,6 +237,16 @@ impl RunDir {
             .map_err(|error| fail(&self.path, error))
     }
 
+    /// Has the logs of the services written to `folder`, which outlives the run.
+    ///
+    /// # Errors
+    /// Where the link cannot be made.
+    pub fn keep_logs_in(&self, folder: &Path) -> Result<(), TransportError> {
+        let logs = self.path.join("logs");
+        let linked = fs::remove_dir(&logs).and_then(|()| std::os::unix::fs::symlink(folder, &logs));
+        linked.map_err(|error| fail(&logs, error))
+    }
+
     /// Removes the directory and the run's shared memory. Only the holder of the lock does.
     pub fn remove(&self) {
         if self.lock.is_some() {

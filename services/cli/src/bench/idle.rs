@@ -41,6 +41,7 @@ pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let mut prepared = prepare::walk(&WalkArgs { world, ..WalkArgs::default() })?;
     // Ended by us, long before.
     prepared.settings.walk.time_limit = settings::Millis::try_from("1h".to_owned()).ok();
+    prepared.settings.run_record.keep_runs = 0;
     let launch = Launch { settings: &prepared.settings, name: free_name("idle"), speed: None };
     let mut running = launch.spawn()?;
     let measured = measure(&mut running, Duration::from_secs(u64::from(seconds)));

@@ -94,7 +94,8 @@ impl Tally {
 /// # Errors
 /// Where the recording cannot be replayed, or a replay fails.
 pub fn bench(recording: &Path, repeat: u32, config: Option<&Path>, as_json: bool) -> Result<u8, Failure> {
-    let prepared = prepare_replay::replay(&arguments(recording, config)?)?;
+    let mut prepared = prepare_replay::replay(&arguments(recording, config)?)?;
+    prepared.settings.run_record.keep_runs = 0;
     let signals = Signals::of_this_process()?;
     let mut tally = Tally::default();
     for done in 1..=repeat {

@@ -208,7 +208,8 @@ fn quiet_time(seconds: f64) -> Result<Value, Failure> {
         let scenario = Some(QUIET[walks % QUIET.len()].to_owned());
         let world = WorldArgs { scenario, pace: PaceArgs::default(), ..WorldArgs::default() };
         let seed = Some(1 + (walks / QUIET.len()) as u64);
-        let prepared = prepare::walk(&WalkArgs { world, seed, ..WalkArgs::default() })?;
+        let mut prepared = prepare::walk(&WalkArgs { world, seed, ..WalkArgs::default() })?;
+        prepared.settings.run_record.keep_runs = 0;
         let launch = Launch { settings: &prepared.settings, name: free_name("soak"), speed: Some(0.0) };
         let outcome = launch.spawn()?.wait(|| {})?;
         if outcome.interrupted {

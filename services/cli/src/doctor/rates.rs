@@ -33,7 +33,8 @@ struct Sensor {
 /// # Errors
 /// Where the configuration is wrong, or the run fails.
 pub(super) fn checks(config: Option<&Path>, span: Millis) -> Result<Vec<Check>, Failure> {
-    let settings = prepare::standing(config)?;
+    let mut settings = prepare::standing(config)?;
+    settings.run_record.keep_runs = 0;
     let sensors = sensors(&settings);
     let launch = Launch { settings: &settings, name: free_name("doctor"), speed: None };
     let mut running = launch.spawn()?;

@@ -89,6 +89,8 @@ fn settings_at(place: &TempDir) -> Result<settings::Settings, Failure> {
     // Deaths without end are what is wanted here.
     settings.supervision.restart_budget = 1_000_000;
     settings.supervision.back_off_max = settings.supervision.back_off;
+    // A bench makes many runs: their records would take the place of the operator's.
+    settings.run_record.keep_runs = 0;
     Ok(settings)
 }
 

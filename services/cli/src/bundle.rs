@@ -1,0 +1,94 @@
+//! `bundle`: everything that an engineer needs to look at an incident, in one file.
+
+use std::io::Write;
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
+
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use messages::NS_PER_S;
+use records::PastRun;
+use serde_json::{Value, json};
+
+use crate::args::BundleArgs;
+use crate::exit::{Failure, chain};
+use crate::out;
+use crate::prepare::absolute;
+use crate::{doctor, history};
+
+/// So much of the recording is packed, from its end.
+const LAST_NS: u64 = 60 * NS_PER_S;
+
+/// `guidedog bundle`
+///
+/// # Errors
+/// Where there is no such run, or the file is there already or cannot be written.
+pub fn bundle(args: &BundleArgs, as_json: bool) -> Result<(), Failure> {
+    let run = history::chosen(&args.run)?;
+    let name = args.output.clone().unwrap_or_else(|| PathBuf::from(format!("{}.tar.gz", run.id)));
+    let path = absolute(&name)?;
+    if path.symlink_metadata().is_ok() {
+        return Err(Failure::input(format!("{} already exists", path.display())));
+    }
+    let unwritable = |error: std::io::Error| Failure::input(format!("{}: {error}", path.display()));
+    let folder = path.parent().unwrap_or(Path::new("/"));
+    // Beside the bundle there is room for it, and whatever is left of a failure goes by itself.
+    let work = tempfile::Builder::new().prefix(".guidedog-bundle-").tempdir_in(folder).map_err(unwritable)?;
+    let about = json!({ "run": run.about, "guidedog": env!("CARGO_PKG_VERSION"), "machine": machine() });
+    let doctor = doctor::report_for(&run.settings()).unwrap_or_else(|failure| json!({ "error": failure.message }));
+    let (recording, missing) = last_minute(&run, work.path());
+    let packed = work.path().join("bundle");
+    let written = pack(&packed, &run, &[("versions.json", &about), ("doctor.json", &doctor)], recording.as_deref())
+        .and_then(|()| std::fs::rename(&packed, &path));
+    written.map_err(unwritable)?;
+    let bytes = std::fs::metadata(&path).map_err(unwritable)?.len();
+    let report = json!({
+        "bundle": path, "run": run.about.name, "id": run.id, "bytes": bytes, "recording": recording.is_some(),
+        "missing": missing,
+    });
+    out::tell(as_json, &report, || {
+        let first = format!("{}: {} KiB, run {}", path.display(), bytes.div_ceil(1024), run.id);
+        std::iter::once(first).chain(missing.iter().map(|why| format!("not in it: {why}"))).collect()
+    })
+}
+
+/// What this machine is.
+fn machine() -> Value {
+    let uname = rustix::system::uname();
+    let os = std::fs::read_to_string("/etc/os-release").unwrap_or_default();
+    let name = os.lines().find_map(|line| line.strip_prefix("PRETTY_NAME=")).map(|name| name.trim_matches('"'));
+    json!({
+        "kernel": uname.release().to_string_lossy(), "architecture": uname.machine().to_string_lossy(), "os": name,
+        "cpus": std::thread::available_parallelism().map_or(0, std::num::NonZero::get),
+    })
+}
+
+/// The last minute of the run's newest recording; or why there is none, where there was to be one.
+fn last_minute(run: &PastRun, work: &Path) -> (Option<PathBuf>, Option<String>) {
+    let recordings = run.recordings().unwrap_or_default();
+    let Some(newest) = recordings.last() else { return (None, None) };
+    let to = work.join("recording.mcap");
+    match recording::write_last(newest, &to, LAST_NS, &work.join("whole.mcap")) {
+        Ok(_) => (Some(to), None),
+        Err(error) => (None, Some(format!("the recording: {}", chain(&error)))),
+    }
+}
+
+fn pack(to: &Path, run: &PastRun, told: &[(&str, &Value)], recording: Option<&Path>) -> std::io::Result<()> {
+    // It tells where the handler walked: not everybody's business.
+    let file = std::fs::OpenOptions::new().write(true).create_new(true).mode(0o640).open(to)?;
+    let mut tar = tar::Builder::new(GzEncoder::new(file, Compression::default()));
+    let root = Path::new(&run.id);
+    tar.append_dir_all(root.join("record"), &run.folder)?;
+    for (name, value) in told {
+        let text = format!("{value:#}\n");
+        let mut header = tar::Header::new_gnu();
+        header.set_size(text.len() as u64);
+        header.set_mode(0o640);
+        tar.append_data(&mut header, root.join(name), text.as_bytes())?;
+    }
+    if let Some(recording) = recording {
+        tar.append_path_with_name(recording, root.join("recording.mcap"))?;
+    }
+    tar.into_inner()?.finish()?.flush()
+}
