@@ -66,6 +66,8 @@ pub fn project() -> PathBuf {
 #[derive(Debug)]
 pub struct Place {
     dir: tempfile::TempDir,
+    /// Where runs live.
+    runs: PathBuf,
     /// Prefixes of the shared memory of all runs that were seen alive here.
     prefixes: RefCell<BTreeSet<String>>,
     /// What the programs that are started here find in their environment.
@@ -83,7 +85,15 @@ impl Place {
     #[must_use]
     pub fn new() -> Self {
         let dir = tempfile::Builder::new().prefix("gd").tempdir_in("/tmp").expect("a folder in /tmp");
-        Self { dir, prefixes: RefCell::default(), variables: Vec::new() }
+        let runs = dir.path().join("r");
+        Self { dir, runs, prefixes: RefCell::default(), variables: Vec::new() }
+    }
+
+    /// A new place whose runs live in this folder below it.
+    #[must_use]
+    pub fn with_runs_in(folder: &Path) -> Self {
+        let place = Self::new();
+        Self { runs: place.path().join(folder), ..place }
     }
 
     /// A new place whose programs find this sound card.
@@ -118,7 +128,7 @@ impl Place {
 
     /// Notes the prefix of a run that is alive, so that [`Place::assert_empty`] can look for what it leaves.
     fn note_prefix(&self, run: &str) {
-        let Ok(text) = fs::read_to_string(self.path().join("r").join(run).join("run.json")) else { return };
+        let Ok(text) = fs::read_to_string(self.runs.join(run).join("run.json")) else { return };
         let info: Value = serde_json::from_str(&text).unwrap_or(Value::Null);
         if let Some(prefix) = info["prefix"].as_str() {
             self.prefixes.borrow_mut().insert(prefix.to_owned());
@@ -129,7 +139,7 @@ impl Place {
     #[must_use]
     pub fn command(&self, args: &[&str]) -> Command {
         let mut command = Command::new(programs().join("guidedog"));
-        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", self.path().join("r"));
+        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", &self.runs);
         command.env("GUIDEDOG_STATE", self.path().join("state"));
         command.envs(self.variables.iter().map(|(name, value)| (name, value)));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -155,8 +165,8 @@ impl Place {
 
     /// Nothing of a run is left: no folder, no shared memory.
     pub fn assert_empty(&self) {
-        let runs = self.path().join("r");
-        let left: Vec<_> = fs::read_dir(&runs).map(|entries| entries.flatten().collect()).unwrap_or_default();
+        let runs = &self.runs;
+        let left: Vec<_> = fs::read_dir(runs).map(|entries| entries.flatten().collect()).unwrap_or_default();
         assert!(left.is_empty(), "left behind: {left:?}");
         // Whatever the run was called: those that were seen alive, and those that name themselves.
         for name in ["walk", "walk-2", "replay", "replay-2", "run", "one", "two"] {
@@ -213,7 +223,7 @@ impl<'a> Live<'a> {
         let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm && exec \"$0\" \"$@\"");
         let mut command = Command::new("unshare");
         command.args(["--mount", "sh", "-c", &mount]).arg(up.get_program()).args(["up", "--json", "--name", name]);
-        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", place.path().join("r"));
+        command.args(args).current_dir(project()).env("GUIDEDOG_RUNS", &place.runs);
         command.env("GUIDEDOG_STATE", place.path().join("state"));
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
         let child = command.spawn().expect("unshare starts");
@@ -278,7 +288,7 @@ impl<'a> Live<'a> {
     /// The run's directory.
     #[must_use]
     pub fn dir(&self) -> PathBuf {
-        self.place.path().join("r").join(&self.name)
+        self.place.runs.join(&self.name)
     }
 
     /// Process id of the supervisor.

@@ -22,6 +22,7 @@ mod legged;
 mod links;
 mod odometry;
 mod peers;
+mod places;
 mod planned;
 mod ramps;
 mod record;

@@ -75,7 +75,7 @@ pub fn doctor(args: &DoctorArgs, as_json: bool) -> Result<u8, Failure> {
 /// What is looked at without running anything.
 fn checks(settings: &Settings, pools: &[Pool]) -> Vec<Check> {
     let mut checks = vec![
-        shared_memory(pools, total(pools, |pool| pool.most)),
+        shared_memory(pools),
         open_files(),
         run_root(),
         services(),
@@ -120,16 +120,22 @@ fn mib(bytes: u64) -> String {
     format!("{:.1} MiB", bytes as f64 / MIB)
 }
 
-fn shared_memory(pools: &[Pool], needed: u64) -> Check {
-    let most = total(pools, |pool| pool.most);
-    let fix = format!("a run may map {}; mount -o remount,size=512M /dev/shm (docker: --shm-size 512m)", mib(most));
-    match transport::shared_memory_bytes() {
-        Ok((size, free)) => {
-            let found = format!("{} free of {}, a run maps {} at most", mib(free), mib(size), mib(most));
-            Check { name: "shared memory", ok: free >= needed, found, fix }
+/// Room for everybody alive at once. Restarts want more, until what the dead left is cleaned up.
+fn shared_memory(pools: &[Pool]) -> Check {
+    let [needed, most] = [total(pools, |pool| pool.live), total(pools, |pool| pool.most)];
+    let name = "shared memory";
+    let (size, free) = match transport::shared_memory_bytes() {
+        Ok(bytes) => bytes,
+        Err(error) => {
+            let fix = format!("mount -t tmpfs -o size=512M tmpfs {0}, or mount -o remount,rw {0}", transport::SHM);
+            return Check { name, ok: false, found: error.to_string(), fix };
         }
-        Err(error) => Check { name: "shared memory", ok: false, found: error.to_string(), fix },
-    }
+    };
+    let fix = "mount -o remount,size=512M /dev/shm (docker: --shm-size 512m)".to_owned();
+    let [free_mib, size_mib, needed_mib, most_mib] = [free, size, needed, most].map(mib);
+    let found =
+        format!("{free_mib} free of {size_mib}; a run needs {needed_mib}, up to {most_mib} while services restart");
+    Check { name, ok: free >= needed, found, fix }
 }
 
 /// What a run needs before it is started; `depth_pixels` of its camera.
@@ -137,10 +143,7 @@ fn shared_memory(pools: &[Pool], needed: u64) -> Check {
 /// # Errors
 /// Names what is missing, and how to mend it.
 pub fn preflight(depth_pixels: usize) -> Result<(), Failure> {
-    let pools = pools(depth_pixels);
-    // Everybody alive at once; doctor asks for more, for those that die and are not cleaned up yet.
-    let needed = total(&pools, |pool| pool.live);
-    for check in [shared_memory(&pools, needed), open_files()] {
+    for check in [shared_memory(&pools(depth_pixels)), open_files()] {
         if !check.ok {
             return Err(Failure::run(format!("{}: {}; {}", check.name, check.found, check.fix)));
         }
@@ -168,7 +171,7 @@ fn run_root() -> Check {
         }
         Err(error) => (false, error.to_string()),
     };
-    let fix = "set GUIDEDOG_RUNS to a short path (run directories end at 40 bytes) that this user may write".to_owned();
+    let fix = "set GUIDEDOG_RUNS to a folder that this user may write".to_owned();
     Check { name: "run directory", ok, found, fix }
 }
 

@@ -12,7 +12,7 @@ use camera::{HEAD_BYTES, Head, Trust};
 use messages::{DepthFrame, NS_PER_S, Pose3};
 use rustix::io::Errno;
 use settings::DepthSettings;
-use transport::{FrameLoan, FramePublisher, FromChild, Io, TransportError};
+use transport::{FrameLoan, FramePublisher, FromChild, Io, TransportError, short_socket};
 use zerocopy::IntoBytes;
 
 use crate::FrameSource;
@@ -134,14 +134,14 @@ fn listen(path: &Path) -> Result<UnixListener, String> {
         if !there.file_type().is_socket() {
             return Err("there is something else of that name".to_owned());
         }
-        match UnixStream::connect(path) {
+        match UnixStream::connect(short_socket(path)) {
             Err(error) if error.kind() == ErrorKind::ConnectionRefused => {}
             Ok(_) => return Err("another driver listens there".to_owned()),
             Err(error) => return Err(error.to_string()),
         }
         std::fs::remove_file(path).map_err(|error| error.to_string())?;
     }
-    let listener = UnixListener::bind(path).map_err(|error| error.to_string())?;
+    let listener = UnixListener::bind(short_socket(path)).map_err(|error| error.to_string())?;
     std::fs::set_permissions(path, PermissionsExt::from_mode(0o600)).map_err(|error| error.to_string())?;
     listener.set_nonblocking(true).map_err(|error| error.to_string())?;
     Ok(listener)

@@ -15,7 +15,7 @@ use messages::fault::Device;
 use messages::{Attitude, Pose2, RobotCommand, ServiceId, Twist2, WorldTruth};
 use serial::PseudoTerminal;
 use settings::{DepthDevice, EstopSource, LidarDevice, PhysicsKind, Settings, Source};
-use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns};
+use transport::{Io, Publisher, Service, Subscriber, TransportError, monotonic_ns, short_socket};
 use unitree::State;
 use world::{DepthConfig, LidarConfig, OdometryConfig, OdometrySensor};
 
@@ -156,8 +156,11 @@ fn camera(settings: &Settings, started_ns: u64) -> Result<Option<CameraThread>, 
     }
     let is_flat = settings.simulation.physics == PhysicsKind::Flat;
     let world = if is_flat { Some(load_world(settings)?) } else { None };
-    let camera =
-        EmulatedCamera::new(depth.socket.path.clone().into(), DepthConfig::from(depth), settings.simulation.seed);
+    let camera = EmulatedCamera::new(
+        short_socket(depth.socket.path.as_ref()),
+        DepthConfig::from(depth),
+        settings.simulation.seed,
+    );
     let camera = camera.map_err(TransportError::service)?;
     CameraThread::begin(camera, world, depth.rate_hz.get(), started_ns).map(Some)
 }

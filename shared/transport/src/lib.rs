@@ -22,6 +22,7 @@ mod rhythm;
 mod room;
 mod run_dir;
 mod service;
+mod short_path;
 mod urgent;
 mod usage;
 mod wait_loop;
@@ -48,4 +49,5 @@ pub use run_dir::{
 };
 pub use service::{ChildArgs, EXIT_BAD_ARGUMENTS, EXIT_FAILED, Identity, Service, SupervisorArgs};
 pub use service::{run, run_supervisor, run_tool, service_main};
+pub use short_path::{short_folder, short_socket};
 pub use urgent::{hurry_network_thread, hurry_robot_thread, hurry_this_thread, may_hurry};

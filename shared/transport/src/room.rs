@@ -14,8 +14,9 @@ const TO_START_BYTES: u64 = 1 << 20;
 /// Bytes of shared memory: all, and those left.
 ///
 /// # Errors
-/// Where there is none.
+/// Where there is none, or this process may not write to it.
 pub fn shared_memory_bytes() -> Result<(u64, u64), TransportError> {
+    rustix::fs::access(SHM, rustix::fs::Access::WRITE_OK).map_err(TransportError::system("writing to /dev/shm"))?;
     let stat = rustix::fs::statvfs(SHM).map_err(TransportError::system("statvfs /dev/shm"))?;
     Ok((stat.f_blocks.saturating_mul(stat.f_frsize), stat.f_bavail.saturating_mul(stat.f_frsize)))
 }

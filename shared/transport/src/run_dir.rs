@@ -19,10 +19,8 @@ use messages::ServiceId;
 use rustix::fs::{FlockOperation, Mode, OFlags};
 use serde::{Deserialize, Serialize};
 
+use crate::short_path::short_folder;
 use crate::{ClockKind, TransportError};
-
-/// Longest path of a run directory: iceoryx2's sockets below it must stay under the 108 bytes of a Unix socket name.
-const MAX_DIR_BYTES: usize = 40;
 
 /// Where the runs of the system's service live (config/systemd/guidedog.service). Only root can make it.
 const SERVICE_ROOT: &str = "/run/guidedog";
@@ -157,9 +155,6 @@ impl RunDir {
         let root = runs_root();
         let path = root.join(name);
         check_run_name(name).map_err(|why| fail(&path, why))?;
-        if path.as_os_str().len() > MAX_DIR_BYTES {
-            return Err(fail(&path, format!("longer than {MAX_DIR_BYTES} bytes: socket names below it would not fit")));
-        }
         DirBuilder::new().recursive(true).mode(0o750).create(&root).map_err(|error| fail(&root, error))?;
         check_own(&root)?;
         let mut last = String::new();
@@ -271,10 +266,10 @@ impl RunDir {
         &self.path
     }
 
-    /// The operator's socket.
+    /// The operator's socket, by a path for this process alone; so are those below, and iceoryx2's folder.
     #[must_use]
     pub fn control_socket(&self) -> PathBuf {
-        self.path.join("control.sock")
+        short_folder(&self.path).join("control.sock")
     }
 
     /// The settings of the run, as resolved at its start.
@@ -286,19 +281,19 @@ impl RunDir {
     /// The simulated robot's second way in, for the brake.
     #[must_use]
     pub fn robot_socket(&self) -> PathBuf {
-        self.path.join("robot.sock")
+        short_folder(&self.path).join("robot.sock")
     }
 
     /// Where locomotion finds its voice on a robot's DDS network.
     #[must_use]
     pub fn bridge_socket(&self) -> PathBuf {
-        self.path.join("bridge.sock")
+        short_folder(&self.path).join("bridge.sock")
     }
 
     /// Where the brake finds its own there.
     #[must_use]
     pub fn backstop_socket(&self) -> PathBuf {
-        self.path.join("backstop.sock")
+        short_folder(&self.path).join("backstop.sock")
     }
 
     /// The port of an emulated lidar.
@@ -342,7 +337,7 @@ impl RunDir {
     /// Where iceoryx2 keeps its files.
     #[must_use]
     pub fn iceoryx2_root(&self) -> PathBuf {
-        self.path.join("iox")
+        short_folder(&self.path.join("iox"))
     }
 
     /// The log of one service incarnation.
@@ -487,7 +482,7 @@ impl Life {
             let is_alive = may_be_a_run(dir) && matches!(take_lock(dir, false), Ok(None));
             return if is_alive { Self::Alive } else { Self::Ended };
         }
-        match UnixStream::connect(dir.join("control.sock")) {
+        match UnixStream::connect(short_folder(dir).join("control.sock")) {
             Ok(_) => Self::Alive,
             Err(error) if error.kind() == ErrorKind::PermissionDenied => Self::Closed,
             Err(_) => Self::Ended,
