@@ -5,6 +5,7 @@ mod bad_input;
 mod benches;
 mod camera;
 mod cluster;
+mod configuration;
 mod devices;
 mod edges;
 mod enrol;

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod bench;
+mod config;
 pub mod cues;
 mod emulate;
 pub mod evaluate;
@@ -22,6 +23,7 @@ use crate::exit::{ENVIRONMENT_HELP, EXIT_CODES_HELP};
 use values::{duration, field_of_view, noise, physics, run_name, speed, start, times};
 
 pub use bench::{Bench, BenchArgs, FaultsArgs, Program, ReceiverArgs, SoakArgs};
+pub use config::{ConfigArgs, ConfigCommand, ConfigVerb};
 pub use emulate::{DdsArgs, Device, EmulateArgs};
 pub use policy::{PolicyArgs, PolicyRunArgs, PolicyVerb, SwapArgs};
 pub use records::{BundleArgs, LogsArgs, UpArgs};
@@ -56,6 +58,9 @@ pub enum Verb {
     Status(RunArg),
     /// Why the robot stands, and the last stops with their evidence; of an ended run also why it ended
     Why(WhyArgs),
+    /// Show the configuration with the origin of each value, or its schema
+    #[command(after_help = config::HELP)]
+    Config(ConfigCommand),
     /// Live runs and ended ones, the newest first
     Runs,
     /// The journal of a run and the logs of its services
@@ -239,9 +244,9 @@ fn inject_help() -> String {
 /// How run time passes and what the run is called.
 #[derive(Debug, Default, Args)]
 pub struct PaceArgs {
-    /// Configuration file, laid over the defaults; its relative paths start at its own folder
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
+    /// The configuration.
+    #[command(flatten)]
+    pub config: ConfigArgs,
     /// Stepped time, at most K times faster than real; 0 = as fast as it goes; absent = real time
     #[arg(long, value_name = "K", allow_negative_numbers = true, value_parser = speed)]
     pub speed: Option<f64>,

@@ -7,6 +7,7 @@
 mod args;
 mod bench;
 mod bundle;
+mod config;
 mod cues;
 mod doctor;
 mod emulate;
@@ -93,6 +94,7 @@ fn perform(cli: Cli) -> Result<u8, Failure> {
         Verb::Replay(args) => replays::replay(&args, json),
         Verb::Record(args) => done(record::record(&args, json)),
         Verb::Recording(args) => done(recording_files::recording(&args, json)),
+        Verb::Config(args) => done(config::config(&args, json)),
         Verb::Runs => done(history::runs(json)),
         Verb::Logs(args) => done(logs::logs(&args, json)),
         Verb::Bundle(args) => done(bundle::bundle(&args, json)),

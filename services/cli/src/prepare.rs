@@ -6,11 +6,11 @@ use std::sync::Arc;
 use policies::{Expected, GeometricConfig, Model};
 use recording::{Part, later_lives};
 use settings::{
-    Millis, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
+    Millis, Operator, PhysicsKind, PolicyModel, Profile, Settings, SimulatedNoise, Source, VoiceSettings, VoiceSource,
 };
 use world::{Physics, PhysicsConfig, Scenario, World};
 
-use crate::args::{PaceArgs, WalkArgs, WorldArgs};
+use crate::args::{ConfigArgs, PaceArgs, WalkArgs, WorldArgs};
 use crate::exit::Failure;
 use crate::legs;
 use crate::out::say;
@@ -83,7 +83,8 @@ pub fn up(args: &WorldArgs) -> Result<Settings, Failure> {
 /// # Errors
 /// As [`up`].
 pub fn standing(config: Option<&Path>) -> Result<Settings, Failure> {
-    let pace = PaceArgs { config: config.map(Path::to_owned), ..PaceArgs::default() };
+    let pace =
+        PaceArgs { config: ConfigArgs { file: config.map(Path::to_owned), set: Vec::new() }, ..PaceArgs::default() };
     let mut settings = up(&WorldArgs { pace, ..WorldArgs::default() })?;
     only_place(&mut settings.walk)?;
     settings.walk.cues = None;
@@ -136,11 +137,11 @@ pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
     }
 }
 
-/// The configuration as `--config` gives it; relative paths in it start at its own folder.
+/// The configuration as `--config` and `--set` give it; relative paths in it start at its own folder.
 ///
 /// # Errors
 /// Where the file cannot be read, a key is unknown or a value is wrong.
-pub fn load(profile: Profile, config: Option<&Path>) -> Result<Settings, Failure> {
+pub fn load(profile: Profile, config: impl Into<Operator>) -> Result<Settings, Failure> {
     with_speech_files(settings::load(profile, config).map_err(Failure::of_input)?)
 }
 
@@ -175,8 +176,8 @@ fn hear(settings: &mut Settings, stream: &Path) -> Result<(), Failure> {
 /// The configuration on top of what is built in for the physics and the robot that are asked for: by the command line,
 /// or else by the configuration.
 fn load_for(args: &WorldArgs) -> Result<Settings, Failure> {
-    let config = args.pace.config.as_deref();
-    let mut settings = load(Profile::Walk, config)?;
+    let config = args.pace.config.operator();
+    let mut settings = load(Profile::Walk, config.clone())?;
     let physics = args.physics.unwrap_or(settings.simulation.physics);
     let noise = args.noise.unwrap_or(settings.simulation.noise);
     match (physics, noise) {
@@ -462,7 +463,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("mine.toml");
         std::fs::write(&file, "[walk]\nscenario = \"here.toml\"\n").expect("it is written");
-        let settings = load(Profile::Walk, Some(&file)).expect("it is right");
+        let settings = load(Profile::Walk, Some(file.as_path())).expect("it is right");
         assert_eq!(settings.walk.scenario.as_deref(), Some(folder.path().join("here.toml").as_path()));
     }
 }

@@ -61,7 +61,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
     keep_plan(args, &mut settings);
     prepare::allow_planned(&settings)?;
     settings::check(&settings).map_err(Failure::input)?;
-    let experiment = recorded.is_some() && (args.pace.config.is_some() || !args.streams.is_empty());
+    let experiment = recorded.is_some() && (args.pace.config.is_given() || !args.streams.is_empty());
     if settings.has_world() {
         settings = prepare::check(settings)?.settings;
     } else {
@@ -72,7 +72,7 @@ pub fn replay(args: &ReplayArgs) -> Result<PreparedReplay, Failure> {
 
 /// The settings that the recording brings along, or those of a laser log, with the operator's on top.
 fn base(args: &ReplayArgs, recorded: Option<&str>) -> Result<Settings, Failure> {
-    let config = args.pace.config.as_deref();
+    let config = args.pace.config.operator();
     match recorded {
         Some(text) => {
             let name = format!("the settings recorded in {}", args.recording.display());

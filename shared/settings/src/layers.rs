@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::checks::check;
+use crate::origins::{KeyOrigin, Origins};
 use crate::path::starting_at;
 use crate::sections::Settings;
 
@@ -31,7 +32,7 @@ pub enum SettingsError {
     /// Values that are right by themselves do not go together.
     #[error("{path}: {reason}")]
     Conflict {
-        /// The last file read.
+        /// The file, or the words of the command line, that set one of them.
         path: PathBuf,
         /// Which keys, and why.
         reason: String,
@@ -69,62 +70,130 @@ impl Profile {
     }
 }
 
-/// The settings of a profile with the operator's file on top. Relative paths start at that file's own folder; without
-/// it, at the present one.
+/// What an operator lays over what is built in.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Operator {
+    /// A configuration file. Its relative paths start at its own folder.
+    pub file: Option<PathBuf>,
+    /// Single values over those of the file, such as `lidar.rate_hz=8`. Their relative paths start at the present
+    /// folder.
+    pub set: Vec<String>,
+}
+
+impl From<Option<&Path>> for Operator {
+    fn from(file: Option<&Path>) -> Self {
+        Self { file: file.map(Path::to_owned), set: Vec::new() }
+    }
+}
+
+/// Settings, and where each of them comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Effective {
+    /// The settings.
+    pub settings: Settings,
+    /// Where each comes from.
+    pub origins: Origins,
+}
+
+/// The settings of a profile with what the operator lays over it. Without a file, relative paths start at the present
+/// folder.
 ///
 /// # Errors
 /// Where a file cannot be read, a key is unknown, a value is wrong, or values do not go together.
-pub fn load(profile: Profile, operator: Option<&Path>) -> Result<Settings, SettingsError> {
-    load_layers(profile.layers(), operator)
+pub fn load(profile: Profile, operator: impl Into<Operator>) -> Result<Settings, SettingsError> {
+    load_with_origins(profile, operator).map(|effective| effective.settings)
 }
 
-/// The settings `text`, which are called `name` in errors, with the operator's file on top.
+/// The same, and where each value comes from.
 ///
 /// # Errors
 /// As [`load`].
-pub fn load_over(name: &str, text: &str, operator: Option<&Path>) -> Result<Settings, SettingsError> {
-    load_layers(&[(name, text)], operator)
+pub fn load_with_origins(profile: Profile, operator: impl Into<Operator>) -> Result<Effective, SettingsError> {
+    load_layers(profile.layers(), &operator.into())
 }
 
-fn load_layers(layers: &[(&str, &str)], operator: Option<&Path>) -> Result<Settings, SettingsError> {
+/// The settings `text`, which are called `name` in errors, with what the operator lays over them.
+///
+/// # Errors
+/// As [`load`].
+pub fn load_over(name: &str, text: &str, operator: impl Into<Operator>) -> Result<Settings, SettingsError> {
+    load_layers(&[(name, text)], &operator.into()).map(|effective| effective.settings)
+}
+
+fn load_layers(layers: &[(&str, &str)], operator: &Operator) -> Result<Effective, SettingsError> {
     let mut merged = toml::Table::new();
+    let mut origins = Origins::default();
     let mut last = PathBuf::new();
     for (name, text) in layers {
         last = PathBuf::from(name);
         lay_over(&mut merged, parse(&last, text)?);
+        origins.lay_over(name, text, false);
     }
-    if let Some(path) = operator {
-        lay_over(&mut merged, parse(path, &read(path)?)?);
-        last = path.to_owned();
+    let mut operators_text = String::new();
+    if let Some(path) = &operator.file {
+        operators_text = read(path)?;
+        lay_over(&mut merged, parse(path, &operators_text)?);
+        origins.lay_over(&path.display().to_string(), &operators_text, true);
+        last.clone_from(path);
+    }
+    for assignment in &operator.set {
+        let layer = format!("--set {assignment}");
+        let (key, table) = assigned(&layer, assignment)?;
+        lay_over(&mut merged, table);
+        origins.set(&layer, &key);
     }
     // One folder serves all layers: those that are built in have no relative path, and what was recorded is absolute.
-    let settings: Settings = starting_at(folder_of(operator)?, || merged.try_into())
+    let settings: Settings = starting_at(folder_of(operator.file.as_deref())?, || merged.try_into())
         .map_err(|error: toml::de::Error| SettingsError::Parse { path: last.clone(), reason: error.to_string() })?;
-    check(&settings).map_err(|reason| {
-        let line = operator.and_then(|path| line_of(&read(path).ok()?, &reason));
-        let reason = line.map_or_else(|| reason.clone(), |line| format!("line {line}: {reason}"));
-        SettingsError::Conflict { path: last, reason }
+    check(&settings).map_err(|reason| match (line_of_planned(&operators_text, &reason), origins.blamed(&reason)) {
+        (Some(line), _) => SettingsError::Conflict { path: last, reason: format!("line {line}: {reason}") },
+        (None, None) => SettingsError::Conflict { path: last, reason },
+        (None, Some(KeyOrigin { layer, line, .. })) => {
+            let reason = line.map_or_else(|| reason.clone(), |line| format!("line {line}: {reason}"));
+            SettingsError::Conflict { path: layer.into(), reason }
+        }
     })?;
-    Ok(settings)
+    Ok(Effective { settings, origins })
 }
 
-/// The line of the key that a reason begins with, where the file has it.
-fn line_of(text: &str, reason: &str) -> Option<usize> {
-    if let Some(number) = reason.strip_prefix("planned[").and_then(|rest| rest.split(']').next()?.parse().ok()) {
-        let mut tables = text.lines().enumerate().filter(|(_, line)| line.trim() == "[[planned]]");
-        return tables.nth(number).map(|(i, _)| i + 1);
+/// The key that is assigned to, and the layer with that value alone. What is no TOML is a text: quotes would have to be
+/// quoted for the shell.
+fn assigned(layer: &str, assignment: &str) -> Result<(String, toml::Table), SettingsError> {
+    let fail = |reason: String| SettingsError::Parse { path: layer.into(), reason };
+    let (key, value) = assignment.split_once('=').ok_or_else(|| fail("it is not KEY=VALUE".to_owned()))?;
+    let (key, value) = (key.trim(), value.trim());
+    let is_key = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
+    if !key.chars().all(is_key) || !key.contains('.') {
+        return Err(fail(format!("\"{key}\" is no key such as lidar.rate_hz")));
     }
-    let (section, key) = reason.split_whitespace().next()?.rsplit_once('.')?;
-    let mut current = String::new();
-    for (i, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if let Some(name) = line.strip_prefix('[').and_then(|rest| rest.split(']').next()) {
-            current = name.trim().to_owned();
-        } else if current == section && line.split('=').next().is_some_and(|name| name.trim() == key) {
-            return Some(i + 1);
+    let as_text = || format!("{key} = {}", toml::Value::String(value.to_owned()));
+    let text = Some(format!("{key} = {value}")).filter(|text| text.parse::<toml::Table>().is_ok());
+    let text = text.unwrap_or_else(as_text);
+    let told = |error: toml::de::Error| fail(error.message().to_owned());
+    let settings: Settings = starting_at(folder_of(None)?, || toml::from_str(&text)).map_err(told)?;
+    // As the settings have it: a path is whole by now.
+    let whole = toml::Table::try_from(&settings).map_err(|error| fail(error.to_string()))?;
+    let mut table: toml::Table = text.parse().map_err(told)?;
+    take_values_of(&mut table, &whole);
+    Ok((key.to_owned(), table))
+}
+
+/// Takes over the values of those keys that both have.
+fn take_values_of(table: &mut toml::Table, whole: &toml::Table) {
+    for (key, value) in table {
+        match (value, whole.get(key)) {
+            (toml::Value::Table(table), Some(toml::Value::Table(whole))) => take_values_of(table, whole),
+            (value, Some(whole)) => value.clone_from(whole),
+            (_, None) => {}
         }
     }
-    None
+}
+
+/// The line of the plan that a reason begins with.
+fn line_of_planned(text: &str, reason: &str) -> Option<usize> {
+    let number: usize = reason.strip_prefix("planned[")?.split(']').next()?.parse().ok()?;
+    let mut tables = text.lines().enumerate().filter(|(_, line)| line.trim() == "[[planned]]");
+    tables.nth(number).map(|(i, _)| i + 1)
 }
 
 /// The settings that the supervisor wrote for its children.
@@ -178,7 +247,7 @@ fn lay_over(below: &mut toml::Table, above: toml::Table) {
 
 #[cfg(test)]
 mod tests {
-    use super::{Profile, Settings, check, load, parse};
+    use super::{Operator, Profile, Settings, check, load, parse};
     use std::path::Path;
 
     #[test]
@@ -191,7 +260,7 @@ mod tests {
     #[test]
     fn every_profile_is_right() {
         for profile in [Profile::Walk, Profile::Carmen] {
-            load(profile, None).expect("the profile is right");
+            load(profile, Operator::default()).expect("the profile is right");
         }
     }
 
@@ -199,7 +268,7 @@ mod tests {
     fn the_shipped_robots_walk_by_devices_alone() {
         for name in ["aliengo.toml", "go2.toml"] {
             let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config").join(name);
-            let settings = load(Profile::Walk, Some(&file)).expect("the file is right");
+            let settings = load(Profile::Walk, Some(file.as_path())).expect("the file is right");
             assert!(settings.commands_robot() && !settings.has_world(), "{name}");
         }
     }
@@ -233,9 +302,30 @@ mod tests {
         let dir = std::env::temp_dir().join(format!("guidedog-settings-{}.toml", std::process::id()));
         std::fs::write(&dir, "[robot]\nradius_m = 0.3\n\n[odometry]\nrate_hz = 50.0\nscale_sigma = inf\n")
             .expect("written");
-        let error = load(Profile::Walk, Some(&dir)).expect_err("it is wrong").to_string();
+        let error = load(Profile::Walk, Some(dir.as_path())).expect_err("it is wrong").to_string();
         let _ = std::fs::remove_file(&dir);
         assert!(error.contains("line 6: odometry.scale_sigma = inf"), "{error}");
+    }
+
+    #[test]
+    fn single_values_lie_over_the_file() {
+        let operator = |set: &[&str]| Operator { file: None, set: set.iter().map(|&set| set.to_owned()).collect() };
+        let set = ["lidar.rate_hz=8", "max_age.scan=250ms", "depth.range_m = [0.5, 4]", "estop.source=absent"];
+        let loaded = load(Profile::Walk, operator(&set)).expect("they are right");
+        assert_eq!((loaded.lidar.rate_hz.get(), loaded.depth.range_m), (8.0, [0.5, 4.0]));
+        let here = std::env::current_dir().expect("there is one");
+        let recorded = load(Profile::Walk, operator(&["record.path=walk.mcap"])).expect("it is right").record;
+        assert_eq!(recorded.path.as_deref(), Some(here.join("walk.mcap").as_path()));
+        for (set, what) in [
+            ("lidar.beems=3", "--set lidar.beems=3: unknown field `beems`"),
+            ("lidar.rate_hz=fast", "--set lidar.rate_hz=fast: invalid type"),
+            ("lidar.rate_hz", "it is not KEY=VALUE"),
+            ("seed=3", "\"seed\" is no key"),
+            ("odometry.scale_sigma=inf", "--set odometry.scale_sigma=inf: odometry.scale_sigma = inf"),
+        ] {
+            let error = load(Profile::Walk, operator(&[set])).expect_err(set).to_string();
+            assert!(error.starts_with(&format!("--set {set}: ")) && error.contains(what), "{error}");
+        }
     }
 
     #[test]

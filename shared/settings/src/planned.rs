@@ -1,13 +1,14 @@
 //! What is planned to happen in a run: what an operator would ask for, at a given run time.
 
 use messages::CueKind;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::units::Millis;
 use crate::{ConfigPath, PolicyModel, Settings};
 
 /// One thing that is planned. In stepped time it happens in the very step of that time, the same in every run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Planned {
     /// Run time.
@@ -17,12 +18,13 @@ pub struct Planned {
 }
 
 /// What can be planned: what can be asked over the control socket, and changes the run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(tag = "verb", rename_all = "snake_case", deny_unknown_fields)]
 pub enum Ask {
     /// A cue for the handler.
     Cue {
         /// Which.
+        #[schemars(with = "String")]
         cue: CueKind,
     },
     /// The operator's stop.

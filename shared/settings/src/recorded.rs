@@ -1,12 +1,13 @@
 //! The sections about recordings: what is recorded, and what is played back.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::path::ConfigPath;
 use crate::units::Millis;
 
 /// Where cues come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CueOrigin {
     /// The run's own handler: a script, or the operator.
@@ -17,7 +18,7 @@ pub enum CueOrigin {
 }
 
 /// The recording, where the run replays one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Replay {
     /// The recording.
@@ -39,7 +40,7 @@ impl Default for Replay {
 }
 
 /// What is recorded of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecordSettings {
     /// The recording (`NAME.mcap`) of the whole run, from its first step on; none: only when an operator asks for one.
@@ -49,7 +50,7 @@ pub struct RecordSettings {
 }
 
 /// What a run leaves behind in the state folder: its settings, its logs, what happened, and how it ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RunRecordSettings {
     /// So many runs are kept, the newest; 0: none.

@@ -22,6 +22,7 @@ use guidance::{
 use matching::CorrectedConfig;
 use messages::{Formation, NS_PER_S, Pose2, TopicId};
 use rplidar::Model;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use unitree::Silence;
 
@@ -54,7 +55,7 @@ const SAID_NS: u64 = NS_PER_S * 3 / 2;
 const BACK_FROM_EDGES_M: f64 = 1.0;
 
 /// Everything that can be configured.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Settings {
     /// The robot's body.
@@ -315,7 +316,7 @@ impl Settings {
 }
 
 /// Where a driver's frames come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Source {
     /// Computed from the simulated world.
@@ -329,7 +330,7 @@ pub enum Source {
 }
 
 /// Who may do what through the control socket, besides the run's own user and root, who may everything.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Access {
     /// Members of the socket's group may command, not only read.
@@ -337,7 +338,7 @@ pub struct Access {
 }
 
 /// The supervisor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Supervision {
     /// From spawn to ready, wall time.
@@ -386,7 +387,7 @@ impl Default for Supervision {
 }
 
 /// Fault injection.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Faults {
     /// Whether `guidedog inject` may break things in the run.
@@ -394,7 +395,7 @@ pub struct Faults {
 }
 
 /// The simulated world.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Simulation {
     /// Seed of everything random in the world and its sensors.
@@ -412,7 +413,7 @@ pub struct Simulation {
 }
 
 /// How real the robot of the project's own world is. Its sensors' noise stands in their own sections.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum SimulatedNoise {
     /// It obeys exactly, on a level body.
@@ -423,7 +424,7 @@ pub enum SimulatedNoise {
 }
 
 /// What moves robot and handler in the simulated world.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PhysicsKind {
     /// The project's own flat world.
@@ -445,7 +446,7 @@ impl PhysicsKind {
 }
 
 /// How the velocity of a legged robot is kept.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VelocityLoop {
     /// As the package has it that brings the walking policy.
@@ -456,7 +457,7 @@ pub enum VelocityLoop {
 }
 
 /// A legged robot and a handler in MuJoCo.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Mujoco {
     /// The robot's model (MJCF); without it the Go2 that `scripts/mujoco` brings.
@@ -500,14 +501,16 @@ impl Default for Mujoco {
 }
 
 /// Devices that are emulated in the simulated world, for the drivers and the link that speak to real ones.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Emulated {
     /// Whether there are any.
     pub on: bool,
     /// Which RPLIDAR.
+    #[schemars(with = "String")]
     pub rplidar: Model,
     /// What the robot of `[locomotion.unitree]` does when nothing more comes.
+    #[schemars(with = "String")]
     pub silence: Silence,
 }
 
@@ -531,7 +534,7 @@ impl Default for Simulation {
 }
 
 /// The walk, where the run is one.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Walk {
     /// A scenario file: world, start, route and goal.
@@ -539,6 +542,7 @@ pub struct Walk {
     /// A map_server map in place of a scenario.
     pub map: Option<ConfigPath>,
     /// Start in the map, world frame.
+    #[schemars(with = "Option<crate::schema::Pose2>")]
     pub start: Option<Pose2>,
     /// A route file: cues and goal, in place of the scenario's.
     pub cues: Option<ConfigPath>,
@@ -549,7 +553,7 @@ pub struct Walk {
 }
 
 /// The errors of a simulated handler (Kim et al. 2023, section 3 and figure 8).
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct WalkErrors {
     /// Facing off the travel line at the start, degrees to the left.

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use settings::{Choice, PlannerUse, PolicyModel};
 
+use super::ConfigArgs;
 use super::policy::policy_model;
 
 /// How many episodes of what, by whom.
@@ -87,9 +88,9 @@ pub struct EvaluateArgs {
     /// Number of threads; without it, one for each core. The figures are the same
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1024))]
     pub workers: Option<u32>,
-    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view
-    #[arg(long, value_name = "FILE")]
-    pub config: Option<PathBuf>,
+    /// Robot, lidar, odometry, handler and shield; of the camera its place and field of view.
+    #[command(flatten)]
+    pub config: ConfigArgs,
 }
 
 /// The size of an image, such as `640x480`.

@@ -125,7 +125,7 @@ fn arguments(recording: &Path, config: Option<&Path>) -> Result<ReplayArgs, Fail
     let line = ["guidedog".as_ref(), "replay".as_ref(), recording.as_os_str()];
     match Cli::try_parse_from(line).map_err(Failure::of_input)?.verb {
         Verb::Replay(mut args) => {
-            args.pace.config = config.map(Path::to_owned);
+            args.pace.config.file = config.map(Path::to_owned);
             Ok(args)
         }
         _ => Err(Failure::input("the recording is no argument")),

@@ -86,7 +86,7 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
 /// The configuration of the episodes.
 fn settings_of(args: &EvaluateArgs) -> Result<Settings, Failure> {
     let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
-    crate::prepare::load(profile, args.config.as_deref())
+    crate::prepare::load(profile, args.config.operator())
 }
 
 /// The figures of episodes that `head` describes, of which those of `failures` failed.

@@ -1,12 +1,13 @@
 //! The cue recogniser's section.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::path::ConfigPath;
 use crate::recorded::CueOrigin;
 
 /// Where cues come from.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct CueSettings {
     /// Where cues come from.
@@ -20,7 +21,7 @@ pub struct CueSettings {
 }
 
 /// How a voice is heard.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum VoiceSource {
     /// Not at all.
@@ -33,7 +34,7 @@ pub enum VoiceSource {
 }
 
 /// What has to be said before a direction.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Attention {
     /// Nothing.
@@ -44,7 +45,7 @@ pub enum Attention {
 }
 
 /// A key of a Linux input device that is held to speak.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct TalkKey {
     /// The device's file.
@@ -54,7 +55,7 @@ pub struct TalkKey {
 }
 
 /// The handler's voice.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct VoiceSettings {
     /// How it is heard.

@@ -2,6 +2,7 @@
 
 use camera::Head;
 use messages::{DepthHeader, Pose3};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Source;
@@ -10,7 +11,7 @@ use crate::path::ConfigPath;
 use crate::units::{Millis, Positive};
 
 /// What a depth camera's frames come through.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum DepthDevice {
     /// A socket, at which a program that knows the camera hands them over.
@@ -61,7 +62,7 @@ const REALSENSE: DeviceRow<DepthSettings> = DeviceRow {
 };
 
 /// The depth camera and its driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DepthSettings {
     /// Where frames come from.
@@ -81,6 +82,7 @@ pub struct DepthSettings {
     /// Noise of the simulated camera: the intensity of a Redwood-type model, 0 to 10; 1 is that of the paper.
     pub redwood: f64,
     /// Where the camera is on the robot.
+    #[schemars(with = "crate::schema::Pose3")]
     pub robot_from_camera: Pose3,
     /// Whether motion needs it.
     pub needed: bool,
@@ -155,7 +157,7 @@ impl DepthSettings {
 }
 
 /// The frame socket.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DepthSocket {
     /// Its path.
@@ -169,7 +171,7 @@ impl Default for DepthSocket {
 }
 
 /// A GStreamer pipeline.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DepthGstreamer {
     /// As `gst-launch-1.0` takes it, without its sink: it has to give `video/x-raw,format=GRAY16_LE`.
@@ -188,7 +190,7 @@ impl Default for DepthGstreamer {
 }
 
 /// A RealSense camera, by its maker's library librealsense.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Librealsense {
     /// The library; where none is told, the loader looks for `librealsense2.so`.
@@ -203,7 +205,7 @@ pub struct Librealsense {
 }
 
 /// A lens, for frames of `depth.width` x `depth.height`; without distortion, as depth frames are.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct DepthIntrinsics {
     /// Focal length along the columns, pixels.

@@ -1,5 +1,6 @@
 //! The emergency stop's section.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::devices::{DeviceRow, Reach, check_baud};
@@ -9,7 +10,7 @@ use crate::path::ConfigPath;
 pub(crate) const EVDEV_KEYS: u16 = 0x300;
 
 /// What the emergency stop is.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum EstopSource {
     /// There is none.
@@ -61,7 +62,7 @@ const SERIAL: DeviceRow<Estop> = DeviceRow {
 };
 
 /// The emergency stop.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Estop {
     /// What it is.
@@ -73,7 +74,7 @@ pub struct Estop {
 }
 
 /// A Linux input device, by cable: a radio's silence would look like a button that nobody presses.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstopInput {
     /// Its file.
@@ -107,7 +108,7 @@ impl EstopInput {
 
 /// A box at a serial line: it sends `r` while it is released and `p` while it is pressed, twenty times a second or
 /// more.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstopSerial {
     /// Its port.

@@ -1,12 +1,13 @@
 //! The handler, and how they follow.
 
 use messages::Pose2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::units::{Positive, Share};
 
 /// Which interaction model predicts the handler.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum HandlerModel {
     /// A fixed offset.
@@ -18,7 +19,7 @@ pub enum HandlerModel {
 }
 
 /// The handler, as fitted (Kim et al. 2023, section 4).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Handler {
     /// How they follow.
@@ -28,6 +29,7 @@ pub struct Handler {
     /// Radius of what the lidar's plane meets of them, metres.
     pub seen_radius_m: Positive,
     /// Default offset: where the handler walks, in the robot frame.
+    #[schemars(with = "crate::schema::Pose2")]
     pub robot_from_handler: Pose2,
     /// In single file the handler's middle is so far behind the robot's, metres.
     pub behind_m: Positive,

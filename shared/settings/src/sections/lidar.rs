@@ -1,6 +1,7 @@
 //! The lidar's section.
 
 use messages::Pose2;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Settings, Source};
@@ -10,7 +11,7 @@ use crate::path::ConfigPath;
 use crate::units::{Positive, Share};
 
 /// Which lidar gives scans.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LidarDevice {
     /// An RPLIDAR at a serial line.
@@ -46,7 +47,7 @@ fn place_rplidar(settings: &mut Settings, places: &EmulatedPlaces) {
 }
 
 /// The lidar and its driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct LidarSettings {
     /// Where scans come from.
@@ -71,6 +72,7 @@ pub struct LidarSettings {
     /// Height of the lidar's plane above the floor, metres.
     pub height_m: Positive,
     /// Where the lidar is on the robot.
+    #[schemars(with = "crate::schema::Pose2")]
     pub robot_from_lidar: Pose2,
     /// How far the plane of a second lidar looks down, degrees. The first one's is level.
     #[serde(skip_serializing_if = "is_default")]
@@ -104,7 +106,7 @@ impl Default for LidarSettings {
 }
 
 /// An RPLIDAR at a serial line.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RplidarSettings {
     /// Its port.

@@ -2,6 +2,7 @@
 
 use std::net::{Ipv4Addr, SocketAddrV4};
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 use unitree::Profile;
 
@@ -14,7 +15,7 @@ use crate::units::{Millis, Positive};
 const DDS_DOMAIN_MAX: u16 = 232;
 
 /// The way to the robot.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum LinkKind {
     /// The simulated robot; it keeps the last command when the line goes quiet.
@@ -190,7 +191,7 @@ const NULL: LinkRow = LinkRow {
 };
 
 /// Largest velocities.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Limits {
     /// Over ground, metres per second.
@@ -215,7 +216,7 @@ impl Default for Limits {
 }
 
 /// The last gate.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Locomotion {
     /// The way to the robot.
@@ -239,7 +240,7 @@ pub struct Locomotion {
 }
 
 /// A DDS network.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct DdsSettings {
     /// The domain.
@@ -259,7 +260,7 @@ impl DdsSettings {
 }
 
 /// Topics of a ROS 2 robot.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Ros2Settings {
     /// Where it takes `geometry_msgs/Twist`.
@@ -289,10 +290,11 @@ impl Default for Ros2Settings {
 }
 
 /// A Unitree robot over UDP.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct UnitreeSettings {
     /// Which robot, by which version of its protocol.
+    #[schemars(with = "String")]
     pub profile: Profile,
     /// Where it listens; where nothing is told, as it leaves the factory.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -2,6 +2,7 @@
 
 use messages::TopicId;
 use messages::topic::{AgeLimit, TOPICS};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::Settings;
@@ -11,7 +12,7 @@ use crate::units::Millis;
 macro_rules! max_age {
     ($($(#[doc = $doc:literal])+ $key:ident,)+) => {
         /// How old an input may be for motion.
-        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
         #[serde(deny_unknown_fields, default)]
         pub struct MaxAge {
             $($(#[doc = $doc])+ $key: Millis,)+

@@ -3,6 +3,7 @@
 use guidance::Disc;
 use matching::{CorrectedConfig, LegNoise, MatcherConfig};
 use messages::Pose3;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::{Librealsense, Source};
@@ -10,7 +11,7 @@ use crate::devices::{DeviceRow, Reach};
 use crate::units::Positive;
 
 /// Which device gives poses.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum OdometryDevice {
     /// The robot itself, over its link.
@@ -52,7 +53,7 @@ const T265: DeviceRow<OdometrySettings> = DeviceRow {
 };
 
 /// How roll, pitch and height of the body are known.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum AttitudeSource {
     /// The source of the poses tells them.
@@ -74,7 +75,7 @@ impl AttitudeSource {
 }
 
 /// The odometry driver.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct OdometrySettings {
     /// Where poses come from.
@@ -98,6 +99,7 @@ pub struct OdometrySettings {
     /// The tracking camera.
     pub t265: Librealsense,
     /// Where the tracking camera is on the robot, and how it looks.
+    #[schemars(with = "crate::schema::Pose3")]
     pub robot_from_camera: Pose3,
 }
 
@@ -120,7 +122,7 @@ impl Default for OdometrySettings {
 }
 
 /// Odometry corrected by lidar scan matching.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MatchingSettings {
     /// Whether it is; without it, where the robot's own odometry is read.

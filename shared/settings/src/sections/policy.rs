@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use guidance::ActionTable;
+use schemars::JsonSchema;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::path::{ConfigPath, name_or_file};
@@ -80,7 +81,7 @@ impl PolicyModel {
 }
 
 /// Which action table.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ActionTableName {
     /// The eight actions that the paper names.
@@ -104,7 +105,7 @@ impl ActionTableName {
 }
 
 /// What the built-in planner does with what a network proposes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PlannerUse {
     /// Nothing: the network decides.
@@ -117,7 +118,7 @@ pub enum PlannerUse {
 }
 
 /// The policy.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct PolicySettings {
     /// What decides.
@@ -148,7 +149,7 @@ impl Default for PolicySettings {
 }
 
 /// What a policy has to show to be swapped in for another.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct SwapSettings {
     /// Good decisions in a row, in shadow.

@@ -1,13 +1,14 @@
 //! The robot's section: its body, and how it answers a command.
 
 use guidance::accord;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::devices::is_default;
 use crate::units::{Millis, Positive};
 
 /// The robot's body.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Robot {
     /// Radius of the disc that stands for the robot, metres.
@@ -27,7 +28,7 @@ pub struct Robot {
 }
 
 /// Where the numbers of [`Response`] come from.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Origin {
     /// They were measured on this robot.
@@ -52,7 +53,7 @@ impl Origin {
 }
 
 /// How a healthy robot answers a command. A larger error stops it (`odometry_contradicts`).
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Response {
     /// Where these numbers come from: a real robot walks by measured ones alone ([`crate::check_origin`]).
@@ -75,7 +76,7 @@ pub struct Response {
 }
 
 /// How the body of a legged robot sways: `simulation.noise = "legged"` simulates it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Gait {
     /// Period of a stride.

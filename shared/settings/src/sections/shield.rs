@@ -1,12 +1,13 @@
 //! The shield's section.
 
 use guidance::{Draw, Footing, MemoryConfig};
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::units::{Millis, Positive, Share};
 
 /// How an action is chosen among the safe ones.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Choice {
     /// The most probable one; where that is to stop, one by their probabilities.
@@ -30,7 +31,7 @@ impl Choice {
 }
 
 /// The action shield.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct ShieldSettings {
     /// How an action is chosen among the safe ones.
@@ -54,7 +55,7 @@ pub struct ShieldSettings {
 }
 
 /// How far the shield keeps from an edge of the floor.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct FloorSettings {
     /// Between the hull and an edge that the robot goes towards, metres.
@@ -69,7 +70,7 @@ pub struct FloorSettings {
 }
 
 /// How high a step may be, metres.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default, expecting = "a table { down, up }, metres")]
 pub struct StepMaxSettings {
     /// One that leads down.
@@ -91,7 +92,7 @@ impl Default for FloorSettings {
 }
 
 /// The shield's obstacle memory.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct MemorySettings {
     /// Off: one scan and one frame decide alone, as in the paper.

@@ -1,0 +1,112 @@
+//! Where each value of the settings comes from.
+
+use std::collections::BTreeMap;
+use std::fmt;
+
+use toml::de::{DeTable, DeValue};
+
+/// Where a value comes from.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct KeyOrigin {
+    /// The file, or the words of the command line.
+    pub layer: String,
+    /// The line of the file.
+    pub line: Option<usize>,
+    /// Whether the operator has set it: not a file that is built in.
+    pub is_operators: bool,
+}
+
+impl fmt::Display for KeyOrigin {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.layer)?;
+        self.line.map_or(Ok(()), |line| write!(f, ":{line}"))
+    }
+}
+
+/// Where the values of the settings come from, by their keys, such as `lidar.rate_hz`.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Origins(BTreeMap<String, KeyOrigin>);
+
+impl Origins {
+    /// Where the value of that key comes from; none where no layer names it: it is a default of the program.
+    #[must_use]
+    pub fn of(&self, key: &str) -> Option<&KeyOrigin> {
+        self.0.get(key)
+    }
+
+    /// All that a file sets lies over what was there.
+    pub(crate) fn lay_over(&mut self, layer: &str, text: &str, is_operators: bool) {
+        // What cannot be read is told by whoever reads the values.
+        let Ok(table) = DeTable::parse(text) else { return };
+        for (key, at) in keys(table.get_ref()) {
+            let line = text.get(..at).map(|before| 1 + before.matches('\n').count());
+            self.0.insert(key, KeyOrigin { layer: layer.to_owned(), line, is_operators });
+        }
+    }
+
+    /// A single value that the command line sets.
+    pub(crate) fn set(&mut self, layer: &str, key: &str) {
+        let below = format!("{key}.");
+        self.0.retain(|other, _| !other.starts_with(&below));
+        self.0.insert(key.to_owned(), KeyOrigin { layer: layer.to_owned(), line: None, is_operators: true });
+    }
+
+    /// Of the keys that `reason` names, the first that the operator has set: who is to mend it looks there.
+    pub(crate) fn blamed(&self, reason: &str) -> Option<&KeyOrigin> {
+        let words = reason.split(|c: char| !(c.is_ascii_alphanumeric() || "._[]".contains(c)));
+        words.map(|word| word.trim_matches('.')).filter(|word| !word.is_empty()).find_map(|word| {
+            let key = word.trim_start_matches('[').trim_end_matches(']');
+            let section = format!("{key}.");
+            let is_section = word.starts_with('[') || !key.contains('.');
+            let below = || {
+                self.0.iter().find(|(other, origin)| is_section && origin.is_operators && other.starts_with(&section))
+            };
+            let exact = self.0.get(key).filter(|origin| origin.is_operators);
+            exact.or_else(|| below().map(|(_, origin)| origin))
+        })
+    }
+}
+
+/// The keys of all values that are no tables, each with its place in the text.
+fn keys(table: &DeTable<'_>) -> Vec<(String, usize)> {
+    let mut all = Vec::new();
+    for (key, value) in table {
+        match value.get_ref() {
+            DeValue::Table(below) => {
+                all.extend(keys(below).into_iter().map(|(name, at)| (format!("{}.{name}", key.get_ref()), at)));
+            }
+            _ => all.push((key.get_ref().to_string(), key.span().start)),
+        }
+    }
+    all
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Origins;
+
+    #[test]
+    fn the_uppermost_layer_that_names_a_key_is_its_origin() {
+        let mut origins = Origins::default();
+        origins.lay_over("shipped.toml", "[lidar]\nbeams = 3\nrate_hz = 5.0\n", false);
+        origins.lay_over("mine.toml", "# mine\nlidar.rate_hz = 8.0\n[locomotion.unitree]\n\nprofile = \"x\"\n", true);
+        let told = |key: &str| origins.of(key).map(ToString::to_string);
+        assert_eq!(told("lidar.beams").as_deref(), Some("shipped.toml:2"));
+        assert_eq!(told("lidar.rate_hz").as_deref(), Some("mine.toml:2"));
+        assert_eq!(told("locomotion.unitree.profile").as_deref(), Some("mine.toml:5"));
+        assert_eq!(told("lidar"), None);
+        origins.set("--set lidar.beams=4", "lidar.beams");
+        assert_eq!(origins.of("lidar.beams").map(ToString::to_string).as_deref(), Some("--set lidar.beams=4"));
+    }
+
+    #[test]
+    fn of_the_keys_that_a_reason_names_the_operators_is_blamed() {
+        let mut origins = Origins::default();
+        origins.lay_over("shipped.toml", "[lidar]\nbeams = 3\n[handler]\nalpha = 1.0\n", false);
+        origins.lay_over("mine.toml", "[max_age]\nscan = \"1s\"\n[depth]\nwidth = 0\n", true);
+        let blamed = |reason: &str| origins.blamed(reason).map(ToString::to_string);
+        assert_eq!(blamed("lidar.beams is too much for max_age.scan.").as_deref(), Some("mine.toml:2"));
+        assert_eq!(blamed("depth 0x64 is not within 1x1").as_deref(), Some("mine.toml:4"));
+        assert_eq!(blamed("[handler]: too far"), None);
+    }
+}
