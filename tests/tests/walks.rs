@@ -155,6 +155,9 @@ fn what_standing_still_costs_is_measured_of_every_service() {
     let (report, code) = place.json(&["bench", "idle", "--seconds", "2", "--json"]);
     let services = report["services"].as_array().unwrap_or_else(|| panic!("{report:#}"));
     assert_eq!((code, services.len()), (0, 10), "{report:#}");
-    assert!(services.iter().all(|service| service["rss_kib"].as_f64() > Some(0.0)), "{report:#}");
+    for figure in ["rss_kib", "wake_ups_per_s"] {
+        assert!(services.iter().all(|service| service[figure].as_f64() > Some(0.0)), "{figure}: {report:#}");
+    }
+    assert!(report["sleeper_cpu_percent"].as_f64().is_some_and(|percent| percent > 0.0), "{report:#}");
     place.assert_empty();
 }

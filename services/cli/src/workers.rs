@@ -58,7 +58,7 @@ impl Work {
 }
 
 /// A progress bar; it shows where standard error is a terminal.
-fn progress(count: u64, pieces: &str) -> ProgressBar {
+pub fn progress(count: u64, pieces: &str) -> ProgressBar {
     let bar = ProgressBar::new(count);
     let style = ProgressStyle::with_template(&format!("{{bar:40}} {{pos}}/{{len}} {pieces}, {{eta}} left"));
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));

@@ -215,6 +215,7 @@ impl Supervisor {
             last_truth: None,
             last_locomotion: None,
             next_tick_ns: 0,
+            ticks: false,
             oversleep: Oversleep::new(TICK_NS),
             mode_due_ns: 0,
             steps: StepWatch::new(step_limit_ns(settings, clock), monotonic_ns()),

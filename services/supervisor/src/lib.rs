@@ -106,6 +106,8 @@ pub struct Supervisor {
     last_truth: Option<WorldTruth>,
     last_locomotion: Option<LocomotionState>,
     next_tick_ns: u64,
+    /// The wall tick has come: in real time beats are read and judged with it.
+    ticks: bool,
     oversleep: Oversleep,
     mode_due_ns: u64,
     steps: StepWatch,
@@ -258,7 +260,7 @@ impl Supervisor {
         Ok(())
     }
 
-    fn read_topics(&mut self, io: &Io) -> Result<(), TransportError> {
+    fn read_beats(&mut self, io: &Io) -> Result<(), TransportError> {
         let now = Self::now(io);
         for beats in &mut self.health {
             while let Some(health) = beats.take()? {
@@ -266,6 +268,12 @@ impl Supervisor {
                 self.machine.handle(Event::Beat(&health), now);
             }
         }
+        self.figures.own_ports(now.run_ns, io.port_counters());
+        Ok(())
+    }
+
+    fn read_topics(&mut self, io: &Io) -> Result<(), TransportError> {
+        let now = Self::now(io);
         while let Some(stop) = self.estop.take()? {
             self.machine.handle(Event::Estop(&stop), now);
         }
@@ -449,8 +457,8 @@ impl Service for Supervisor {
         self.woken_ns = now;
         self.steps.begin(self.machine.roster().1);
         self.read_topics(io)?;
-        self.figures.own_ports(now, io.port_counters());
-        if now >= self.next_tick_ns {
+        if now >= self.next_tick_ns || std::mem::take(&mut self.ticks) {
+            self.read_beats(io)?;
             if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
                 let ms = slept_ns / 1_000_000;
                 self.figures.note(now, format!("supervisor_stalled: its loop slept for {ms} ms; counts start again"));
@@ -468,7 +476,8 @@ impl Service for Supervisor {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        Some(self.next_tick_ns)
+        // In real time the wall tick comes as often: two timers would wake the loop twice.
+        None
     }
 
     fn on_fd(&mut self, io: &mut Io, token: u64) -> Result<(), TransportError> {
@@ -497,6 +506,7 @@ impl Service for Supervisor {
 
     fn on_wall_tick(&mut self, io: &mut Io) -> Result<(), TransportError> {
         let now = Self::now(io);
+        self.ticks = !io.domain.clock.is_stepped();
         self.watch_steps(io, now)?;
         self.systemd.tick(self.machine.has_begun(), self.ending.has_begun());
         self.machine.tick_starts(now);

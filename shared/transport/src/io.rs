@@ -241,7 +241,11 @@ impl Io {
         self.shared.counters.borrow()
     }
 
-    pub(crate) fn drain_listeners(&self) {
+    /// Takes the events of the topics, where one of these tokens is theirs.
+    pub(crate) fn drain_listeners(&self, tokens: &[u64]) {
+        if !tokens.iter().any(|token| matches!(*token, TOKEN_TOPIC | TOKEN_CLOCK)) {
+            return;
+        }
         for listener in &self.listeners {
             // An event says only "look"; what it was about is read from the topics.
             let _ = listener.try_wait(|_| {});

@@ -26,10 +26,21 @@ impl Usage {
         if let Some((resident, private)) = parse_statm(&statm, rustix::param::page_size() as u64) {
             (self.resident_bytes, self.private_bytes) = (resident, private);
         }
-        if let Ok(entries) = std::fs::read_dir("/proc/self/fd") {
-            self.open_files = entries.count() as u32;
+        if let Some(count) = open_files() {
+            self.open_files = count;
         }
     }
+}
+
+/// How many files are open. The kernel tells it as the size of the folder since Linux 6.2; before, they are counted,
+/// which takes a tenth of a millisecond and more.
+fn open_files() -> Option<u32> {
+    const FOLDER: &str = "/proc/self/fd";
+    let told = std::fs::metadata(FOLDER).ok()?.len();
+    if told > 0 {
+        return u32::try_from(told).ok();
+    }
+    std::fs::read_dir(FOLDER).ok().map(|entries| entries.count() as u32)
 }
 
 /// Bytes resident, and those of them that are neither a file's nor shared.

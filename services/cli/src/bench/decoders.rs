@@ -7,6 +7,7 @@ use serde_json::{Value, json};
 
 use crate::exit::Failure;
 use crate::out::{self, table};
+use crate::workers::progress;
 
 /// Frames of a format in one measurement.
 const FRAMES: usize = 20_000;
@@ -93,7 +94,7 @@ fn sample(number: usize) -> Sample {
 /// Where what was encoded is not decoded whole, or the report cannot be written.
 pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = Format::ALL.map(Row::new);
-    for _ in 0..times {
+    for _ in progress(times.into(), "rounds").wrap_iter(0..times) {
         for row in &mut rows {
             row.measure()?;
         }

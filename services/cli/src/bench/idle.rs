@@ -1,6 +1,7 @@
 //! `bench idle`: what the whole stack costs while the robot stands, by service.
 
 use std::io::Write;
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use control::{Client, ServicePhase, ServiceStatus, Status};
@@ -13,6 +14,7 @@ use crate::find::{free_name, socket};
 use crate::launch::{Launch, Running};
 use crate::out::{self, elements, number, table, text};
 use crate::prepare;
+use crate::workers::progress;
 
 /// All services are ready within this time.
 const READY_WITHIN: Duration = Duration::from_secs(30);
@@ -25,6 +27,8 @@ const SUPERVISION: [&str; 2] = ["supervisor", "brake"];
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Usage {
     cpu_s: f64,
+    /// How often it has waited for something.
+    wake_ups: u64,
     rss_kib: u64,
     shmem_kib: u64,
 }
@@ -55,10 +59,15 @@ fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
     running.sleep(SETTLE)?;
     let started = Instant::now();
     let before: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
-    running.sleep(span)?;
+    let sleeper = Sleeper::start(span);
+    let seconds = span.as_secs();
+    for _ in progress(seconds, "seconds").wrap_iter(0..seconds) {
+        running.sleep(Duration::from_secs(1))?;
+    }
     let after: Vec<Option<Usage>> = processes.iter().map(|(_, pid)| usage(*pid)).collect();
     let seconds = started.elapsed().as_secs_f64();
     let percent = |cpu_s: f64| (cpu_s / seconds * 10_000.0).round() / 100.0;
+    let round = |figure: f64| (figure * 100.0).round() / 100.0;
     let mut rows = Vec::new();
     let (mut total, mut supervision) = (0.0, 0.0);
     for (((name, pid), before), after) in processes.iter().zip(before).zip(after) {
@@ -69,14 +78,15 @@ fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
         total += cpu;
         supervision += if SUPERVISION.contains(&name.as_str()) { cpu } else { 0.0 };
         rows.push(json!({
-            "name": name, "pid": pid, "cpu_percent": cpu, "rss_kib": after.rss_kib, "rss_shmem_kib": after.shmem_kib,
+            "name": name, "pid": pid, "cpu_percent": cpu, "rss_kib": after.rss_kib,
+            "wake_ups_per_s": round((after.wake_ups - before.wake_ups) as f64 / seconds), "rss_shmem_kib": after.shmem_kib,
         }));
     }
     let mode = client_status(&mut client)?.mode;
-    let round = |percent: f64| (percent * 100.0).round() / 100.0;
     Ok(json!({
         "seconds": seconds, "services": rows, "cpu_percent": round(total),
         "supervision_cpu_percent": round(supervision), "supervision": SUPERVISION, "mode": mode,
+        "sleeper_cpu_percent": sleeper.cpu_s().map(percent), "sleeper_wake_ups_per_s": Sleeper::PER_S,
     }))
 }
 
@@ -116,7 +126,38 @@ fn processes(status: &Status) -> Vec<(String, u32)> {
 
 fn usage(pid: u32) -> Option<Usage> {
     let read = |file: &str| std::fs::read_to_string(format!("/proc/{pid}/{file}")).ok();
-    parse_usage(&read("stat")?, &read("status")?, rustix::param::clock_ticks_per_second())
+    let usage = parse_usage(&read("stat")?, &read("status")?, rustix::param::clock_ticks_per_second())?;
+    let threads = std::fs::read_dir(format!("/proc/{pid}/task")).ok()?.flatten();
+    let waits = |thread: std::fs::DirEntry| waits_of(&std::fs::read_to_string(thread.path().join("status")).ok()?);
+    Some(Usage { wake_ups: threads.filter_map(waits).sum(), ..usage })
+}
+
+/// How often a thread has waited, by its `status`.
+fn waits_of(status: &str) -> Option<u64> {
+    status.lines().find_map(|line| line.strip_prefix("voluntary_ctxt_switches:"))?.trim().parse().ok()
+}
+
+/// A thread that does nothing but wake up as often as the supervisor must: what that alone costs on this machine.
+struct Sleeper(JoinHandle<f64>);
+
+impl Sleeper {
+    const PER_S: u32 = 50;
+
+    fn start(span: Duration) -> Self {
+        Self(std::thread::spawn(move || {
+            let until = Instant::now() + span;
+            while Instant::now() < until {
+                std::thread::sleep(Duration::from_secs(1) / Self::PER_S);
+            }
+            let used = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+            used.tv_sec as f64 + used.tv_nsec as f64 * 1e-9
+        }))
+    }
+
+    /// What it used; nothing where it panicked.
+    fn cpu_s(self) -> Option<f64> {
+        self.0.join().ok()
+    }
 }
 
 /// Fields 14 and 15 of `stat` are user and system time; its second, in brackets, may hold anything.
@@ -127,7 +168,8 @@ fn parse_usage(stat: &str, status: &str, ticks_per_second: u64) -> Option<Usage>
         let line = status.lines().find_map(|line| line.strip_prefix(key)?.strip_prefix(':'))?;
         line.split_whitespace().next()?.parse().ok()
     };
-    Some(Usage { cpu_s: ticks as f64 / ticks_per_second as f64, rss_kib: kib("VmRSS")?, shmem_kib: kib("RssShmem")? })
+    let cpu_s = ticks as f64 / ticks_per_second as f64;
+    Some(Usage { cpu_s, wake_ups: 0, rss_kib: kib("VmRSS")?, shmem_kib: kib("RssShmem")? })
 }
 
 fn lines(report: &Value) -> Vec<String> {
@@ -136,6 +178,7 @@ fn lines(report: &Value) -> Vec<String> {
         vec![
             text(service, "/name").to_owned(),
             format!("{:.2} %", number(service, "/cpu_percent")),
+            format!("{:.0}", number(service, "/wake_ups_per_s")),
             mib("/rss_kib"),
             mib("/rss_shmem_kib"),
         ]
@@ -148,7 +191,13 @@ fn lines(report: &Value) -> Vec<String> {
         SUPERVISION.join(" + "),
         number(report, "/supervision_cpu_percent")
     );
-    [vec![head], table(&["service", "CPU", "resident", "of it shared"], &rows), vec![all]].concat()
+    let alone = format!(
+        "a thread that only wakes up {} times a second: {:.2} %",
+        Sleeper::PER_S,
+        number(report, "/sleeper_cpu_percent")
+    );
+    [vec![head], table(&["service", "CPU", "wake-ups a second", "resident", "of it shared"], &rows), vec![all, alone]]
+        .concat()
 }
 
 #[cfg(test)]
@@ -159,7 +208,10 @@ mod tests {
     fn usage_is_read_past_a_name_with_brackets() {
         let stat = "7 (a) b) S 1 7 7 0 -1 4194560 100 0 0 0 150 50 0 0 20 0 1 0 100 1000 200";
         let status = "Name:\ta) b\nVmRSS:\t    2048 kB\nRssShmem:\t 512 kB\n";
-        assert_eq!(parse_usage(stat, status, 100), Some(Usage { cpu_s: 2.0, rss_kib: 2048, shmem_kib: 512 }));
+        assert_eq!(
+            parse_usage(stat, status, 100),
+            Some(Usage { cpu_s: 2.0, wake_ups: 0, rss_kib: 2048, shmem_kib: 512 })
+        );
         assert_eq!(parse_usage("7", status, 100), None);
     }
 }

@@ -15,6 +15,7 @@ use unitree::DEAD_MAN_NS;
 use super::Percentiles;
 use crate::exit::Failure;
 use crate::out::{self, number, table, text};
+use crate::workers::progress;
 
 /// As locomotion wishes.
 const WISH_EVERY: Duration = Duration::from_millis(20);
@@ -31,12 +32,11 @@ const SETTLE: usize = 50;
 /// Where no socket can be had, nothing comes, or the report cannot be written.
 pub fn bench(seconds: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = Vec::new();
-    for (machine, busy) in [("quiet", false), ("busy", true)] {
-        for hurry in [true, false] {
-            let idlers = Busy::all_cpus(busy);
-            rows.push(measure(machine, hurry, Duration::from_secs(seconds.into()))?);
-            drop(idlers);
-        }
+    let cases = [("quiet", true), ("quiet", false), ("busy", true), ("busy", false)];
+    for (machine, hurry) in progress(cases.len() as u64, "rows").wrap_iter(cases.into_iter()) {
+        let idlers = Busy::all_cpus(machine == "busy");
+        rows.push(measure(machine, hurry, Duration::from_secs(seconds.into()))?);
+        drop(idlers);
     }
     let report = json!({ "period_us": UNITREE_PERIOD_NS / 1000, "rows": rows });
     out::tell(as_json, &report, || told(&rows))

@@ -14,6 +14,7 @@ use crate::find::free_name;
 use crate::launch::{Launch, Signals};
 use crate::out::{self, say};
 use crate::prepare_replay;
+use crate::workers::progress;
 
 /// What came of the replays so far.
 #[derive(Debug, Default)]
@@ -98,7 +99,7 @@ pub fn bench(recording: &Path, repeat: u32, config: Option<&Path>, as_json: bool
     prepared.settings.run_record.keep_runs = 0;
     let signals = Signals::of_this_process()?;
     let mut tally = Tally::default();
-    for done in 1..=repeat {
+    for done in progress(repeat.into(), "replays").wrap_iter(1..=repeat) {
         let begun = Instant::now();
         let launch = Launch { settings: &prepared.settings, name: free_name("replay"), speed: Some(0.0) };
         let outcome = launch.spawn()?.wait(|| {})?;

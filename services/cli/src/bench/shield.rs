@@ -19,6 +19,7 @@ use serde_json::{Value, json};
 use super::Percentiles;
 use crate::exit::Failure;
 use crate::out::{self, table};
+use crate::workers::progress;
 
 const ROBOT_RADIUS_M: f64 = 0.30;
 const HANDLER_RADIUS_M: f64 = 0.25;
@@ -37,10 +38,10 @@ const OURS_FOR_THEIRS: u32 = 20;
 /// Where the report cannot be written.
 pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
     let mut rows = Vec::new();
-    for actions in [ActionTable::eight(), ActionTable::ten()] {
-        for beams in [360, 1440, 3600] {
-            rows.push(row(&actions, beams, times)?);
-        }
+    let tables = [ActionTable::eight(), ActionTable::ten()];
+    let cases: Vec<_> = tables.iter().flat_map(|actions| [360, 1440, 3600].map(|beams| (actions, beams))).collect();
+    for (actions, beams) in progress(cases.len() as u64, "rows").wrap_iter(cases.into_iter()) {
+        rows.push(row(actions, beams, times)?);
     }
     let floor = floor::row(times)?;
     let report = json!({ "rows": rows, "floor": floor, "nav2_published_us": NAV2_US });

@@ -19,6 +19,7 @@ use crate::find::free_name;
 use crate::launch::Launch;
 use crate::out::{self, number};
 use crate::prepare;
+use crate::workers::progress;
 
 /// A killed service is back, and the robot ready, within this.
 const BACK_WITHIN: Duration = Duration::from_secs(20);
@@ -105,7 +106,7 @@ fn kill_many(kills: u32, warm_up: u32) -> Result<Value, Failure> {
     let mut dice = Dice::new(1);
     let mut pids = BTreeSet::new();
     let mut before = Taken::default();
-    for i in 0..warm_up + kills {
+    for i in progress((warm_up + kills).into(), "kills").wrap_iter(0..warm_up + kills) {
         if i == warm_up {
             before = taken(&mut rig)?;
         }

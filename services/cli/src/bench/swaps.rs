@@ -13,6 +13,7 @@ use super::Percentiles;
 use super::faults::rig::Rig;
 use crate::exit::{EXIT_NOT_REACHED, EXIT_OK, Failure};
 use crate::out;
+use crate::workers::progress;
 
 /// The supervisor is asked this often how a swap goes.
 const ASK_EVERY: Duration = Duration::from_millis(10);
@@ -66,7 +67,7 @@ pub fn bench(swaps: u32, as_json: bool) -> Result<u8, Failure> {
 
 fn swap_again_and_again(rig: &mut Rig, swaps: u32, models: &[PathBuf], outcome: &mut Outcome) -> Result<(), Failure> {
     let mut runs = 0;
-    for i in 0..swaps {
+    for i in progress(swaps.into(), "swaps").wrap_iter(0..swaps) {
         if rig.is_near_the_end() {
             outcome.take_report(rig.end().as_ref());
             runs = rig.runs;

@@ -6,8 +6,11 @@
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
-use std::process::{Child, ChildStdout, Command, Stdio};
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver as Lines, RecvTimeoutError, channel};
+use std::time::Duration;
 
+use indicatif::ProgressBar;
 use messages::DepthFrame;
 use serde_json::{Value, json};
 use transport::{
@@ -19,6 +22,7 @@ use super::plain::PlainPublisher;
 use super::receiver::END_NS;
 use crate::exit::Failure;
 use crate::out::{self, table};
+use crate::workers::progress;
 
 /// Sizes in elements of 2 bytes: a small message, a scan, two depth frames.
 const SIZES: [usize; 4] = [32, 4096, 640 * 480, 1280 * 720];
@@ -26,6 +30,8 @@ const SIZES: [usize; 4] = [32, 4096, 640 * 480, 1280 * 720];
 const RATES: [(f64, f64); 2] = [(30.0, 2.0 / 3.0), (250.0, 1.0 / 3.0)];
 /// Messages of each kind at the start of a row that do not count.
 const WARM_UP: u64 = 10;
+/// A receiver is ready, and tells its figures, within this time.
+const ANSWER_WITHIN: Duration = Duration::from_secs(30);
 /// The receivers take the last message within this time.
 const LINGER_NS: u64 = 300_000_000;
 
@@ -84,6 +90,7 @@ fn run(dir: &RunDir, rows: Vec<Row>) -> Result<(Vec<Row>, Taken, Taken), Failure
         Ok(Sender {
             ours: io.frame_publisher(largest)?,
             plain,
+            bar: progress(rows.len() as u64, "rows"),
             rows,
             row: 0,
             slot: 0,
@@ -116,6 +123,7 @@ struct Sender {
     /// And the receivers have had time to take it.
     done: bool,
     failure: Option<Failure>,
+    bar: ProgressBar,
 }
 
 impl Sender {
@@ -154,6 +162,7 @@ impl Sender {
         self.slot += 1;
         if self.slot == 2 * row.messages {
             (self.row, self.slot) = (self.row + 1, 0);
+            self.bar.inc(1);
         }
         self.next_ns += (0.5e9 / row.rate_hz) as u64;
         Ok(())
@@ -186,12 +195,14 @@ impl Service for Sender {
 
 /// A receiving process; it is killed where it is let go early.
 struct Receiver {
+    /// Which of the two.
+    program: &'static str,
     child: Child,
-    stdout: BufReader<ChildStdout>,
+    stdout: Lines<String>,
 }
 
 impl Receiver {
-    fn start(program: &str, dir: &Path) -> Result<Self, Failure> {
+    fn start(program: &'static str, dir: &Path) -> Result<Self, Failure> {
         let own = std::env::current_exe().map_err(Failure::of_run)?;
         let mut child = Command::new(own)
             .arg("bench-receiver")
@@ -202,25 +213,39 @@ impl Receiver {
             .spawn()
             .map_err(Failure::of_run)?;
         let stdout = child.stdout.take().ok_or_else(|| Failure::run("a receiver has no stdout"))?;
-        let mut receiver = Self { child, stdout: BufReader::new(stdout) };
-        let line = receiver.line()?;
-        if line.trim() != "ready" {
+        let (sender, lines) = channel();
+        // It ends with the receiver, or once nobody listens.
+        std::thread::spawn(move || {
+            BufReader::new(stdout).lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
+        });
+        let receiver = Self { program, child, stdout: lines };
+        if receiver.line("that it is ready")? != "ready" {
             return Err(Failure::run(format!("the {program} receiver could not start")));
         }
         Ok(receiver)
     }
 
-    fn line(&mut self) -> Result<String, Failure> {
-        let mut line = String::new();
-        self.stdout.read_line(&mut line).map_err(Failure::of_run)?;
-        Ok(line)
+    /// What it says next, where `what` is awaited.
+    fn line(&self, what: &str) -> Result<String, Failure> {
+        let program = self.program;
+        self.stdout.recv_timeout(ANSWER_WITHIN).map_err(|error| {
+            Failure::run(match error {
+                RecvTimeoutError::Timeout => {
+                    let limit_s = ANSWER_WITHIN.as_secs();
+                    format!("the {program} receiver has not said {what} for {limit_s} s; nobody waits any longer")
+                }
+                RecvTimeoutError::Disconnected => format!("the {program} receiver ended before it said {what}"),
+            })
+        })
     }
 
     /// What it took: (seq, nanoseconds on the way).
     fn taken(&mut self) -> Result<Taken, Failure> {
-        let line = self.line()?;
+        let line = self.line("what it took")?;
         self.child.wait().map_err(Failure::of_run)?;
-        serde_json::from_str(&line).map_err(|_| Failure::run("a receiver ended without its figures"))
+        let program = self.program;
+        serde_json::from_str(&line)
+            .map_err(|error| Failure::run(format!("the {program} receiver's figures cannot be read: {error}")))
     }
 }
 

@@ -11,6 +11,7 @@ use world::{DepthConfig, World};
 
 use crate::exit::Failure;
 use crate::out::{self, table};
+use crate::workers::progress;
 
 /// Episodes side by side, and decisions of each in one measurement: all parts of an episode, and beginning the next.
 const EPISODES: usize = 64;
@@ -132,7 +133,7 @@ pub fn bench(times: u32, as_json: bool) -> Result<(), Failure> {
         Row::of_go2("and the step back", Config::go2().table)?,
     ];
     // The machine's moods are shared by all rows.
-    for _ in 0..times {
+    for _ in progress(times.into(), "rounds").wrap_iter(0..times) {
         rows.iter_mut().for_each(Row::measure);
     }
     let rows: Vec<Value> = rows.iter_mut().map(Row::json).collect();
