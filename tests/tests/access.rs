@@ -122,7 +122,7 @@ fn the_group_reads_and_strangers_are_kept_out() {
         let output = member(args);
         assert_eq!(output.status.code(), Some(8), "{args:?}: {}", said(&output));
     }
-    // The place of runs is closed to strangers, and they are told so.
+    // The place of runs is closed to strangers: they get exit code 8.
     for args in [&["status", "--run", "group"][..], &["stop", "--run", "group"], &["why"], &["stop", "--all"]] {
         let output = as_user(&place, STRANGER, STRANGER, args);
         let told = said(&output);

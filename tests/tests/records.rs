@@ -172,7 +172,8 @@ fn the_journal_is_plain_or_json_and_has_priorities_for_systemd() {
         assert!(events.iter().any(|line| line["event"] == event && line["level"] == level), "no {event}: {json:#?}");
     }
     let journal = lines(&[], true);
-    assert!(journal.iter().all(|line| line.starts_with("<6>")), "{journal:#?}");
+    assert!(journal.iter().all(|line| line.starts_with('<') && line[2..].starts_with('>')), "{journal:#?}");
+    assert!(journal.iter().any(|line| line.starts_with("<6>") && line.ends_with("fault: boot")), "{journal:#?}");
 }
 
 #[test]

@@ -54,7 +54,7 @@ pub enum Verb {
     /// A simulated guided walk of the whole stack, with a summary at its end
     #[command(after_help = WALK_EXAMPLES)]
     Walk(WalkArgs),
-    /// Mode, services and streams of a live run; how an ended one went
+    /// Mode, services and streams of a live run, or the record of an ended one
     Status(RunArg),
     /// Why the robot stands, and the last stops with their evidence; of an ended run also why it ended
     Why(WhyArgs),

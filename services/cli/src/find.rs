@@ -46,10 +46,12 @@ fn with_client<T>(
 
 /// What is found where runs live. A run that has no socket yet counts where it is named.
 fn find(run: Option<&str>) -> Result<FoundRuns, Failure> {
-    transport::check_runs_root().map_err(Failure::of_input)?;
     let mut found = transport::find_runs();
     found.live.retain(|live| run == Some(&live.name) || RunDir::open(&live.dir).control_socket().exists());
-    Ok(found)
+    match &found.refused {
+        Some(why) if found.live.is_empty() => Err(Failure::input(why.clone())),
+        _ => Ok(found),
+    }
 }
 
 /// The runs that a verb is for.
@@ -70,9 +72,10 @@ pub fn all(run: Option<&str>) -> Result<Runs, Failure> {
     if run.is_some() || found.live.is_empty() {
         return choose(&found, run).map(|run| Runs { live: vec![run], closed: Vec::new() });
     }
-    let FoundRuns { live, closed_places, closed_runs } = found;
+    let FoundRuns { live, closed_places, closed_runs, refused } = found;
     let closed_dirs = closed_places.into_iter().chain(closed_runs).map(|dir| (dir.clone(), closed(&dir)));
-    Ok(Runs { live, closed: closed_dirs.collect() })
+    let refused = refused.map(|why| (runs_root(), Failure::input(why)));
+    Ok(Runs { live, closed: closed_dirs.chain(refused).collect() })
 }
 
 /// Asks the supervisor of this run.
@@ -149,7 +152,7 @@ pub fn socket(name: &str) -> PathBuf {
 
 /// The run that is meant.
 fn choose(found: &FoundRuns, named: Option<&str>) -> Result<LiveRun, Failure> {
-    let FoundRuns { live, closed_places, closed_runs } = found;
+    let FoundRuns { live, closed_places, closed_runs, .. } = found;
     let names = || live.iter().map(|run| run.name.as_str()).collect::<Vec<_>>().join(", ");
     let list = || if live.is_empty() { "none is".to_owned() } else { format!("these are: {}", names()) };
     if let Some(name) = named {

@@ -5,13 +5,13 @@ use serde_json::{Value, json};
 use transport::find_runs;
 
 use crate::args::RunArg;
-use crate::exit::{EXIT_NO_RUN, Failure};
+use crate::exit::{EXIT_NO_RUN, EXIT_NOT_PERMITTED, Failure};
 use crate::operate::{notes, stops};
 use crate::out::{self, table};
 
-/// So many stops are told, the newest.
+/// Number of stops that are shown, the newest.
 const STOPS_TOLD: usize = 20;
-/// So many notes are told, the newest.
+/// Number of notes that are shown, the newest.
 const NOTES_TOLD: usize = 10;
 
 /// `guidedog runs`
@@ -27,12 +27,12 @@ pub fn runs(as_json: bool) -> Result<(), Failure> {
         .map(|live| live.name)
         .filter(|name| !past.iter().any(|run| run.is_live() && run.about.name == *name))
         .collect();
-    let told: Vec<Value> = unrecorded
-        .iter()
-        .map(|name| json!({ "name": name, "live": true }))
-        .chain(past.iter().map(|run| about(run, run.stops().unwrap_or_default().len())))
-        .collect();
-    out::tell(as_json, &json!({ "runs": told }), || {
+    if as_json {
+        let live = unrecorded.iter().map(|name| json!({ "name": name, "live": true }));
+        let told: Vec<Value> = live.chain(past.iter().map(|run| about(run, run.stop_count().ok()))).collect();
+        return out::json(&json!({ "runs": told }));
+    }
+    out::report({
         let without = |name: &String| [name, "-", "-", "-", "live, without a record"].map(str::to_owned).to_vec();
         let rows: Vec<Vec<String>> = unrecorded.iter().map(without).chain(past.iter().map(row)).collect();
         if rows.is_empty() {
@@ -45,12 +45,12 @@ pub fn runs(as_json: bool) -> Result<(), Failure> {
 
 fn row(run: &PastRun) -> Vec<String> {
     // A journal that cannot be read tells of no stops; `why` tells what is wrong with it.
-    let stops = run.stops().map_or_else(|_| "-".to_owned(), |stops| stops.len().to_string());
+    let stops = run.stop_count().map_or_else(|_| "-".to_owned(), |count| count.to_string());
     let state = run.ended().map_or_else(|| "live".to_owned(), |why| format!("ended: {why}"));
     vec![run.about.name.clone(), run.about.started.clone(), format!("{:.0} s", run.lasted_s()), stops, state]
 }
 
-fn about(run: &PastRun, stops: usize) -> Value {
+fn about(run: &PastRun, stops: Option<u64>) -> Value {
     json!({
         "name": run.about.name, "id": run.id, "folder": run.folder, "version": run.about.version,
         "started": run.about.started, "lasted_s": run.lasted_s(), "stops": stops, "live": run.is_live(),
@@ -58,12 +58,13 @@ fn about(run: &PastRun, stops: usize) -> Value {
     })
 }
 
-/// What is known of the ended run that is named, where asking a live one failed because there is none of that name.
+/// Shows the record of the named run if no live run has that name.
 ///
 /// # Errors
 /// The failure, where no record tells of that run; with the newest run's name where none is named.
 pub fn or_ended(failure: Failure, run: &RunArg, as_json: bool) -> Result<(), Failure> {
-    if failure.code != EXIT_NO_RUN {
+    // Where a place of runs is closed, the run may have been this user's own all the same.
+    if failure.code != EXIT_NO_RUN && (failure.code != EXIT_NOT_PERMITTED || run.run.is_none()) {
         return Err(failure);
     }
     let Some(name) = &run.run else {
@@ -80,10 +81,10 @@ pub fn or_ended(failure: Failure, run: &RunArg, as_json: bool) -> Result<(), Fai
 fn tell(run: &PastRun, as_json: bool) -> Result<(), Failure> {
     let failed = |error: std::io::Error| Failure::run(format!("{}: {error}", run.folder.display()));
     let (mut all, notes_of_run) = (run.stops().map_err(failed)?, run.notes().map_err(failed)?);
-    let count = all.len();
+    let count = run.stop_count().map_err(failed)?;
     all.reverse();
     all.truncate(STOPS_TOLD);
-    let mut report = about(run, count);
+    let mut report = about(run, Some(count));
     (report["stops"], report["stop_count"], report["notes"]) = (json!(all), json!(count), json!(notes_of_run));
     if let records::End::Reported(whole) = &run.end {
         report["report"] = json!(whole);
@@ -107,11 +108,10 @@ fn tell(run: &PastRun, as_json: bool) -> Result<(), Failure> {
 ///
 /// # Errors
 /// Where there is none, or several runs are live.
-pub fn chosen(run: &RunArg) -> Result<PastRun, Failure> {
-    if let Some(name) = &run.run {
-        return records::find(name).ok_or_else(|| {
-            Failure::no_run(format!("no record of a run {name}; `guidedog runs` lists those that there are"))
-        });
+pub fn chosen(run: Option<&str>) -> Result<PastRun, Failure> {
+    if let Some(name) = run {
+        return records::find(name)
+            .ok_or_else(|| Failure::no_run(format!("no record of a run {name}; `guidedog runs` lists all runs")));
     }
     let all = records::all();
     let live: Vec<&PastRun> = all.iter().filter(|run| run.is_live()).collect();

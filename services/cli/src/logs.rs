@@ -27,15 +27,14 @@ const JOURNAL: &str = "supervisor";
 pub fn logs(args: &LogsArgs, as_json: bool) -> Result<(), Failure> {
     if let Some(service) = &args.service
         && !ServiceId::ALL.iter().any(|known| known.name() == service)
-        && service != JOURNAL
     {
-        let names: Vec<&str> = ServiceId::ALL.iter().map(|service| service.name()).chain([JOURNAL]).collect();
+        let names: Vec<&str> = ServiceId::ALL.iter().map(|service| service.name()).collect();
         return Err(Failure::input(format!("{service} is no service; there are {}", names.join(", "))));
     }
     if as_json && args.follow {
-        return Err(Failure::input("--follow goes on and on, and --json prints one object: one of them"));
+        return Err(Failure::input("--follow and --json exclude each other"));
     }
-    let run = history::chosen(&args.run)?;
+    let run = history::chosen(args.run.as_deref())?;
     let mut reader = Reader { run, service: args.service.clone(), read: BTreeMap::new(), last: None };
     if as_json {
         return out::json(&reader.json()?);
@@ -66,14 +65,14 @@ struct Reader {
 
 impl Reader {
     fn is_live(&self) -> bool {
-        records::find(&self.run.id).is_some_and(|run| run.is_live())
+        self.run.is_still_live()
     }
 
     /// The files: what each is called, and where it lies.
     fn files(&self) -> Result<Vec<(String, PathBuf)>, Failure> {
         let failed = |error| Failure::run(format!("{}: {error}", self.run.folder.display()));
-        let journal = self.run.journal().map(|path| (JOURNAL.to_owned(), path));
-        let all = journal.into_iter().chain(self.run.logs().map_err(failed)?);
+        let journal = self.run.journal().into_iter().map(|path| (JOURNAL.to_owned(), path));
+        let all = journal.chain(self.run.logs().map_err(failed)?);
         let meant = |name: &str| self.service.as_ref().is_none_or(|service| name.split('.').next() == Some(service));
         Ok(all.filter(|(name, _)| meant(name)).collect())
     }

@@ -108,13 +108,18 @@ fn only_place(walk: &mut settings::Walk) -> Result<(), Failure> {
 /// # Errors
 /// Where it is there already, or cannot be made.
 pub fn record_path(pace: &PaceArgs) -> Result<Option<PathBuf>, Failure> {
-    pace.record.as_deref().map(new_recording).transpose()
+    let Some(path) = &pace.record else { return Ok(None) };
+    let path = new_recording(path)?;
+    // The recorder creates the file again: this only finds out now whether it can.
+    let probe = || std::fs::File::create_new(&path).and_then(|_| std::fs::remove_file(&path));
+    probe().map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
+    Ok(Some(path))
 }
 
 /// The path of a recording that is to be written, absolute.
 ///
 /// # Errors
-/// Where it is there already, or its folder is not, or cannot be written.
+/// Where it is there already, or its folder is not.
 pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
     let path = absolute(path)?;
     if path.extension().is_none_or(|extension| extension != "mcap") {
@@ -127,12 +132,7 @@ pub fn new_recording(path: &Path) -> Result<PathBuf, Failure> {
         return Err(Failure::input(format!("{} already exists", file.display())));
     }
     match path.parent() {
-        Some(folder) if folder.is_dir() => {
-            // The recorder creates the file again: this only finds out now whether it can.
-            let probe = || std::fs::File::create_new(&path).and_then(|_| std::fs::remove_file(&path));
-            probe().map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
-            Ok(path)
-        }
+        Some(folder) if folder.is_dir() => Ok(path),
         folder => Err(Failure::input(format!("{} is no folder", folder.unwrap_or(Path::new("/")).display()))),
     }
 }

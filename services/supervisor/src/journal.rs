@@ -1,8 +1,8 @@
 //! The journal of a run: what happened, as `tracing` events. They go into the record of the run and, of `guidedog up`,
 //! to standard error.
 //!
-//! The supervisor waits neither for a disk nor for a terminal: it hands each line to a thread that writes it. Where the
-//! thread does not keep up, lines are dropped and counted. A journal of systemd is written to by standard error for the
+//! The supervisor hands each line to a thread that writes it, and waits for no disk or terminal. Where the thread does
+//! not keep up, lines are dropped and counted. A journal of systemd is written to by standard error for the
 //! same reason: `tracing-journald` would wait for journald in the supervisor's loop.
 
 mod keeper;

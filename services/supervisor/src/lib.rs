@@ -457,7 +457,8 @@ impl Service for Supervisor {
         self.woken_ns = now;
         self.steps.begin(self.machine.roster().1);
         self.read_topics(io)?;
-        if now >= self.next_tick_ns || std::mem::take(&mut self.ticks) {
+        let is_stepped = io.domain.clock.is_stepped();
+        if if is_stepped { now >= self.next_tick_ns } else { std::mem::take(&mut self.ticks) } {
             self.read_beats(io)?;
             if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
                 let ms = slept_ns / 1_000_000;
@@ -476,7 +477,7 @@ impl Service for Supervisor {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        // In real time the wall tick comes as often: two timers would wake the loop twice.
+        // In real time the wall tick comes as often: two timers would wake the loop twice. In stepped time, steps wake it.
         None
     }
 

@@ -72,18 +72,22 @@ pub fn recover(from: &Path, to: &Path) -> Result<Recovered, RecoverError> {
     write_or_remove(from, to, None)
 }
 
-/// Writes the last `span_ns` of a recording, which may be torn, to `to`, without its depth frames. `scratch` is a path
-/// for a copy of it, which is removed.
+/// Writes the last `span_ns` of a recording, which may be torn, to `to`, without its depth frames.
 ///
 /// # Errors
-/// As [`recover`], of `to` or of `scratch`.
-pub fn write_last(from: &Path, to: &Path, span_ns: u64, scratch: &Path) -> Result<Recovered, RecoverError> {
-    let whole = recover(from, scratch)?;
-    let end_ns = whole.info.start_ns + whole.info.duration_ns;
-    let last = write_or_remove(scratch, to, Some(end_ns.saturating_sub(span_ns)));
-    // What counts is what was written.
-    let _ = std::fs::remove_file(scratch);
-    last
+/// As [`recover`].
+pub fn write_last(from: &Path, to: &Path, span_ns: u64) -> Result<Recovered, RecoverError> {
+    write_or_remove(from, to, Some(last_ns(from)?.saturating_sub(span_ns)))
+}
+
+/// Run time of the last record that can be read; 0 where there is none.
+fn last_ns(path: &Path) -> Result<u64, ReadError> {
+    let (mut torn, mut found) = (Torn::open(path)?, Found::default());
+    let mut last_ns = 0;
+    while let Step::Records(records) = torn.next(&mut found)? {
+        last_ns = records.iter().map(Kept::time_ns).fold(last_ns, u64::max);
+    }
+    Ok(last_ns)
 }
 
 /// Of a `to` that could not be written to its end nothing is left.

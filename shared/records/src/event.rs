@@ -103,8 +103,9 @@ impl Write for EventFile {
         Ok(line.len())
     }
 
+    /// Also has the disk keep it: what led to a power cut is in the journal.
     fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
+        self.file.sync_data()
     }
 }
 

@@ -1,6 +1,6 @@
-//! Run records: what a run leaves behind, also when its supervisor was killed or the machine lost its power.
+//! Run records: what a run leaves behind, also when its supervisor was killed. The journal also survives a power cut.
 //!
-//! `<state>/runs/<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line for each
+//! `<state>/runs/<number>-<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line for each
 //! [`Event`]), `logs/` (the logs of the services, which write there from their start), `report.json` (written at an
 //! orderly end) and `lock`. The supervisor holds the lock while the run is live. So a record without a lock holder and
 //! without a report is that of a run whose supervisor died.

@@ -3,17 +3,19 @@
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::time::SystemTime;
+use std::time::{Duration, SystemTime};
 
 use control::{Note, Report, Stop};
 use rustix::fs::FlockOperation;
 
-use crate::{ABOUT, About, EVENTS, Event, LOCK, LOGS, REPORT, SETTINGS, boot_id, event, place, utc, wall_time};
+use crate::{
+    ABOUT, About, EVENTS, Event, LOCK, LOGS, OLD_EVENTS, REPORT, SETTINGS, boot_id, event, place, utc, wall_time,
+};
 
 /// The record of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PastRun {
-    /// Name of the record: start and name of the run.
+    /// Name of the record: its number, start and name of the run.
     pub id: String,
     /// Where it lies.
     pub folder: PathBuf,
@@ -39,12 +41,10 @@ pub enum End {
     },
 }
 
-/// All records that this user may read, the newest first.
+/// All records that this user may read: this user's, the newest first, then those of the system's service.
 #[must_use]
 pub fn all() -> Vec<PastRun> {
-    let mut runs: Vec<PastRun> = place::roots().iter().flat_map(|root| in_root(root)).collect();
-    runs.sort_by(|a, b| b.id.cmp(&a.id));
-    runs
+    place::roots().iter().flat_map(|root| in_root(root)).collect()
 }
 
 /// The newest record of a run of that name, or with that id.
@@ -57,8 +57,13 @@ pub fn find(name: &str) -> Option<PastRun> {
 pub(crate) fn in_root(root: &Path) -> Vec<PastRun> {
     let entries = fs::read_dir(root.join("runs")).into_iter().flatten().flatten();
     let mut runs: Vec<PastRun> = entries.filter_map(|entry| PastRun::open(entry.path())).collect();
-    runs.sort_by(|a, b| b.id.cmp(&a.id));
+    runs.sort_by_key(|run| std::cmp::Reverse(number_of(&run.id)));
     runs
+}
+
+/// The number that the name of a record begins with. Records are numbered, for a robot's clock may be wrong.
+pub(crate) fn number_of(id: &str) -> u64 {
+    id.split('-').next().and_then(|number| number.parse().ok()).unwrap_or(0)
 }
 
 impl PastRun {
@@ -98,7 +103,10 @@ impl PastRun {
                 None => "as asked".to_owned(),
             }),
             End::Died { last_heard, rebooted } => {
-                let what = if *rebooted { "the machine went down" } else { "supervisor killed" };
+                let last_word = |events: Vec<Event>| events.into_iter().rev().find(|event| event.event == "end");
+                let killed =
+                    if *rebooted { "supervisor killed, or the machine went down" } else { "supervisor killed" };
+                let what = self.events().ok().and_then(last_word).map_or(killed.to_owned(), |end| end.message);
                 Some(format!("{what}, last heard {}", utc(*last_heard)))
             }
         }
@@ -160,10 +168,27 @@ impl PastRun {
         logs_in(&self.folder.join(LOGS))
     }
 
-    /// The journal, as lines of JSON; none where nothing was written yet.
+    /// How many stops the run had.
+    ///
+    /// # Errors
+    /// Where the events cannot be read.
+    pub fn stop_count(&self) -> io::Result<u64> {
+        match &self.end {
+            End::Reported(report) => Ok(report.stops.len() as u64 + report.stops_not_kept),
+            End::Live | End::Died { .. } => Ok(self.stops()?.len() as u64),
+        }
+    }
+
+    /// The files of the journal, lines of JSON, the older one first.
     #[must_use]
-    pub fn journal(&self) -> Option<PathBuf> {
-        Some(self.folder.join(EVENTS)).filter(|path| path.is_file())
+    pub fn journal(&self) -> Vec<PathBuf> {
+        [OLD_EVENTS, EVENTS].map(|name| self.folder.join(name)).into_iter().filter(|path| path.is_file()).collect()
+    }
+
+    /// Whether a run that was live when this was read still is.
+    #[must_use]
+    pub fn is_still_live(&self) -> bool {
+        is_locked(&self.folder)
     }
 
     /// The settings of the run, whole.
@@ -186,8 +211,21 @@ impl PastRun {
 fn logs_in(folder: &Path) -> io::Result<Vec<(String, PathBuf)>> {
     let name = |path: PathBuf| Some((path.file_name()?.to_str()?.strip_suffix(".log")?.to_owned(), path));
     let mut logs: Vec<_> = fs::read_dir(folder)?.flatten().filter_map(|entry| name(entry.path())).collect();
-    logs.sort();
+    // The tenth life comes behind the second.
+    let key = |name: &str| name.split_once('.').map(|(service, life)| (service.to_owned(), life.parse::<u32>().ok()));
+    logs.sort_by_cached_key(|(name, _)| key(name));
     Ok(logs)
+}
+
+/// Whether a folder was to be a record, and whoever made it has ended: for a minute it may just be in the making.
+pub(crate) fn is_unfinished(folder: &Path) -> bool {
+    const MAKING: Duration = Duration::from_secs(60);
+    let age =
+        fs::metadata(folder).and_then(|found| found.modified()).ok().and_then(|at| wall_time().duration_since(at).ok());
+    !folder.join(ABOUT).exists()
+        && folder.join(LOCK).exists()
+        && !is_locked(folder)
+        && age.is_some_and(|age| age > MAKING)
 }
 
 fn is_locked(folder: &Path) -> bool {

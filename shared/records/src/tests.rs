@@ -55,16 +55,16 @@ fn the_newest_records_are_kept_and_live_ones_always() {
         drop(begin(root.path(), second));
     }
     let ids: Vec<String> = past::in_root(root.path()).into_iter().map(|run| run.id).collect();
-    let kept = |second: u32| format!("20261129T1000{second:02}Z-demo");
+    let kept = |second: u32| format!("{:06}-20261129T1000{second:02}Z-demo", second + 1);
     // The live one is beyond the number and stays.
     assert_eq!(ids, [kept(5), kept(4), kept(3), kept(0)]);
-    // Two runs that start within a second have a record each.
-    drop(begin(root.path(), 5));
-    assert_eq!(past::in_root(root.path())[0].id, format!("{}.2", kept(5)));
-    // One that is too large goes, and those before it.
+    // A clock that goes back changes no order.
+    drop(begin(root.path(), 0));
+    assert_eq!(past::in_root(root.path())[0].id, "000007-20261129T100000Z-demo");
+    // The newest that ended stays however large it is, and takes the room of those before it.
     std::fs::write(past::in_root(root.path())[0].folder.join("logs/lidar.1.log"), vec![0; 2 << 20]).expect("written");
-    drop(begin(root.path(), 6));
+    drop(begin(root.path(), 7));
     let ids: Vec<String> = past::in_root(root.path()).into_iter().map(|run| run.id).collect();
-    assert_eq!(ids, [kept(6), kept(0)]);
+    assert_eq!(ids, [kept(7), "000007-20261129T100000Z-demo".to_owned(), kept(0)]);
     drop(live);
 }

@@ -32,7 +32,10 @@ pub fn check(settings: &Settings) -> Result<(), String> {
         return Err("depth.field_of_view_deg is 170 or over".to_owned());
     }
     if depth.width == 0 || depth.width > 1280 || depth.height == 0 || depth.height > 720 {
-        return Err(format!("depth {}x{} is not within 1x1..1280x720", depth.width, depth.height));
+        return Err(format!(
+            "depth.width x depth.height = {}x{} is not within 1x1..1280x720",
+            depth.width, depth.height
+        ));
     }
     let [near, far] = depth.range_m;
     if !(near > 0.0 && near < far && far <= 65.0) {

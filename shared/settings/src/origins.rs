@@ -51,18 +51,19 @@ impl Origins {
         self.0.insert(key.to_owned(), KeyOrigin { layer: layer.to_owned(), line: None, is_operators: true });
     }
 
-    /// Of the keys that `reason` names, the first that the operator has set: who is to mend it looks there.
+    /// Of the keys that `reason` names, the first that the operator has set, else the first one of a `[section]` that it
+    /// names: who is to mend it looks there.
     pub(crate) fn blamed(&self, reason: &str) -> Option<&KeyOrigin> {
-        let words = reason.split(|c: char| !(c.is_ascii_alphanumeric() || "._[]".contains(c)));
-        words.map(|word| word.trim_matches('.')).filter(|word| !word.is_empty()).find_map(|word| {
-            let key = word.trim_start_matches('[').trim_end_matches(']');
-            let section = format!("{key}.");
-            let is_section = word.starts_with('[') || !key.contains('.');
-            let below = || {
-                self.0.iter().find(|(other, origin)| is_section && origin.is_operators && other.starts_with(&section))
-            };
-            let exact = self.0.get(key).filter(|origin| origin.is_operators);
-            exact.or_else(|| below().map(|(_, origin)| origin))
+        let is_part = |c: char| c.is_ascii_alphanumeric() || "._[]".contains(c);
+        let words = || reason.split(|c: char| !is_part(c)).map(|word| word.trim_matches('.'));
+        let operators = |key: &str| self.0.get(key).filter(|origin| origin.is_operators);
+        words().find_map(operators).or_else(|| {
+            let sections = words().filter_map(|word| word.strip_prefix('[')?.strip_suffix(']'));
+            sections.into_iter().find_map(|section| {
+                let below = format!("{section}.");
+                let set = self.0.iter().find(|(key, origin)| origin.is_operators && key.starts_with(&below));
+                set.map(|(_, origin)| origin)
+            })
         })
     }
 }
@@ -106,7 +107,9 @@ mod tests {
         origins.lay_over("mine.toml", "[max_age]\nscan = \"1s\"\n[depth]\nwidth = 0\n", true);
         let blamed = |reason: &str| origins.blamed(reason).map(ToString::to_string);
         assert_eq!(blamed("lidar.beams is too much for max_age.scan.").as_deref(), Some("mine.toml:2"));
-        assert_eq!(blamed("depth 0x64 is not within 1x1").as_deref(), Some("mine.toml:4"));
+        assert_eq!(blamed("depth.width x depth.height = 0x64 is not within 1x1").as_deref(), Some("mine.toml:4"));
+        assert_eq!(blamed("[depth]: no lens has that").as_deref(), Some("mine.toml:4"));
+        assert_eq!(blamed("lidar.beams is too much for the depth").as_deref(), None);
         assert_eq!(blamed("[handler]: too far"), None);
     }
 }

@@ -53,9 +53,9 @@ pub struct RecordSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct RunRecordSettings {
-    /// So many runs are kept, the newest; 0: none.
+    /// Number of runs that are kept, the newest; 0: none.
     pub keep_runs: u32,
-    /// So many MiB are kept in all; older runs make room when a new one starts.
+    /// MiB that are kept in all; older runs make room when a new one starts. The newest stays in any case.
     pub keep_mib: u32,
 }
 

@@ -241,13 +241,11 @@ impl Io {
         self.shared.counters.borrow()
     }
 
-    /// Takes the events of the topics, where one of these tokens is theirs.
-    pub(crate) fn drain_listeners(&self, tokens: &[u64]) {
-        if !tokens.iter().any(|token| matches!(*token, TOKEN_TOPIC | TOKEN_CLOCK)) {
-            return;
-        }
+    pub(crate) fn drain_listeners(&self) {
         for listener in &self.listeners {
             // An event says only "look"; what it was about is read from the topics.
+            // All of them at every wake-up: a notifier sends no datagram for an event that is noted already, so an event
+            // whose datagram was taken without it would be the last one.
             let _ = listener.try_wait(|_| {});
         }
     }

@@ -27,7 +27,7 @@ const SERVICE_ROOT: &str = "/run/guidedog";
 /// What a run's lock says.
 const MARK: &str = "a run of guidedog\n";
 /// Everything that a run leaves in its directory. A directory with anything else in it is not ours to remove.
-const OURS: [&str; 19] = [
+const OURS: [&str; 20] = [
     "lock",
     "recording.json",
     "run.json",
@@ -46,6 +46,7 @@ const OURS: [&str; 19] = [
     "handler.new",
     "voice.begun",
     "logs",
+    "logs.link",
     "iox",
     "plain",
 ];
@@ -237,9 +238,14 @@ impl RunDir {
     /// # Errors
     /// Where the link cannot be made.
     pub fn keep_logs_in(&self, folder: &Path) -> Result<(), TransportError> {
-        let logs = self.path.join("logs");
-        let linked = fs::remove_dir(&logs).and_then(|()| std::os::unix::fs::symlink(folder, &logs));
-        linked.map_err(|error| fail(&logs, error))
+        let (logs, link) = (self.path.join("logs"), self.path.join("logs.link"));
+        std::os::unix::fs::symlink(folder, &link).map_err(|error| fail(&link, error))?;
+        let replaced = fs::remove_dir(&logs).and_then(|()| fs::rename(&link, &logs));
+        replaced.map_err(|error| {
+            // Services write their logs here all the same.
+            let _ = DirBuilder::new().mode(0o750).create(&logs);
+            fail(&logs, error)
+        })
     }
 
     /// Removes the directory and the run's shared memory. Only the holder of the lock does.
@@ -508,6 +514,8 @@ pub struct FoundRuns {
     pub closed_places: Vec<PathBuf>,
     /// Directories of runs that this user may not look into.
     pub closed_runs: Vec<PathBuf>,
+    /// Why what is found in the user's own place is not believed.
+    pub refused: Option<String>,
 }
 
 /// Looks for runs in `$GUIDEDOG_RUNS` alone, else in the user's own place and in `/run/guidedog`, the service's.
@@ -515,6 +523,12 @@ pub struct FoundRuns {
 pub fn find_runs() -> FoundRuns {
     let mut found = FoundRuns::default();
     for root in roots() {
+        if root == runs_root()
+            && let Err(error) = check_runs_root()
+        {
+            found.refused = Some(error.to_string());
+            continue;
+        }
         match fs::read_dir(&root) {
             Ok(entries) => entries.flatten().for_each(|entry| found.take(entry.path())),
             Err(error) if error.kind() == ErrorKind::PermissionDenied => found.closed_places.push(root),

@@ -11,7 +11,7 @@ use std::sync::{Mutex, PoisonError};
 use rustix::fs::{Mode, OFlags};
 
 /// Folders up to this length are named as they are: the longest name below one is iceoryx2's, with 62 bytes.
-const LONGEST_BYTES: usize = 45;
+const LONGEST_BYTES: usize = 44;
 
 /// Folders that this process has opened for their short names.
 static OPEN: Mutex<BTreeMap<PathBuf, OwnedFd>> = Mutex::new(BTreeMap::new());
@@ -27,6 +27,7 @@ pub fn short_folder(folder: &Path) -> PathBuf {
     if open.get(folder).is_none_or(|fd| !is_same(fd, folder)) {
         let flags = OFlags::PATH | OFlags::DIRECTORY | OFlags::CLOEXEC;
         let Ok(fd) = rustix::fs::open(folder, flags, Mode::empty()) else { return folder.to_owned() };
+        open.retain(|folder, fd| is_same(fd, folder));
         open.insert(folder.to_owned(), fd);
     }
     open.get(folder).map_or_else(|| folder.to_owned(), |fd| PathBuf::from(format!("/proc/self/fd/{}", fd.as_raw_fd())))

@@ -81,7 +81,7 @@ impl WaitLoop {
                 timeout = earlier(timeout, self.next_wall_tick_ns.saturating_sub(monotonic_ns()));
             }
             io.wait(timeout, &mut self.tokens)?;
-            io.drain_listeners(&self.tokens);
+            io.drain_listeners();
             if self.serve_lines(io, service)? == Flow::End {
                 return Ok(());
             }
@@ -115,7 +115,7 @@ impl WaitLoop {
                 None
             };
             io.wait(timeout, &mut self.tokens)?;
-            io.drain_listeners(&self.tokens);
+            io.drain_listeners();
             if self.serve_lines(io, service)? == Flow::End || service.is_done() {
                 return Ok(());
             }
@@ -187,7 +187,7 @@ impl WaitLoop {
             let timeout = if idle { None } else { Some(ready.saturating_sub(monotonic_ns())) };
             if timeout != Some(0) {
                 io.wait(timeout.or(Some(WALL_TICK_NS * 5)), &mut self.tokens)?;
-                io.drain_listeners(&self.tokens);
+                io.drain_listeners();
             } else {
                 self.tokens.clear();
                 self.tokens.push(TOKEN_CONTROL);

@@ -17,7 +17,7 @@ pub struct ConfigArgs {
     /// Configuration file, laid over the defaults; its relative paths start at its own folder
     #[arg(long = "config", value_name = "FILE")]
     pub file: Option<PathBuf>,
-    /// A single value over those of the file, such as lidar.rate_hz=8; may be given again
+    /// A single value over those of the file, such as lidar.rate_hz=8; repeatable
     #[arg(long, value_name = "KEY=VALUE")]
     pub set: Vec<String>,
 }

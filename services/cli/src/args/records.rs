@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use super::{RunArg, WorldArgs};
+use super::WorldArgs;
 
 /// Help of `guidedog logs`.
 pub const LOGS_HELP: &str = "\
@@ -65,9 +65,9 @@ pub struct LogsArgs {
     /// Go on with what is written, until the run ends
     #[arg(short, long)]
     pub follow: bool,
-    /// Which run.
-    #[command(flatten)]
-    pub run: RunArg,
+    /// Name of the run; without it, the only live one, else the newest
+    #[arg(long, value_name = "NAME")]
+    pub run: Option<String>,
 }
 
 /// `guidedog bundle`.
@@ -76,7 +76,7 @@ pub struct BundleArgs {
     /// The file to write (.tar.gz)
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
-    /// Which run.
-    #[command(flatten)]
-    pub run: RunArg,
+    /// Name of the run; without it, the only live one, else the newest
+    #[arg(long, value_name = "NAME")]
+    pub run: Option<String>,
 }

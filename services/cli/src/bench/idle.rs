@@ -78,8 +78,9 @@ fn measure(running: &mut Running, span: Duration) -> Result<Value, Failure> {
         total += cpu;
         supervision += if SUPERVISION.contains(&name.as_str()) { cpu } else { 0.0 };
         rows.push(json!({
-            "name": name, "pid": pid, "cpu_percent": cpu, "rss_kib": after.rss_kib,
-            "wake_ups_per_s": round((after.wake_ups - before.wake_ups) as f64 / seconds), "rss_shmem_kib": after.shmem_kib,
+            "name": name, "pid": pid, "cpu_percent": cpu,
+            "wake_ups_per_s": round(after.wake_ups.saturating_sub(before.wake_ups) as f64 / seconds),
+            "rss_kib": after.rss_kib, "rss_shmem_kib": after.shmem_kib,
         }));
     }
     let mode = client_status(&mut client)?.mode;

@@ -232,7 +232,7 @@ impl Receiver {
             Failure::run(match error {
                 RecvTimeoutError::Timeout => {
                     let limit_s = ANSWER_WITHIN.as_secs();
-                    format!("the {program} receiver has not said {what} for {limit_s} s; nobody waits any longer")
+                    format!("the {program} receiver did not say {what} within {limit_s} s")
                 }
                 RecvTimeoutError::Disconnected => format!("the {program} receiver ended before it said {what}"),
             })

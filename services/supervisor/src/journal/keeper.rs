@@ -56,7 +56,16 @@ fn begin(name: &str, settings: &str, keep: RunRecordSettings, dir: &RunDir) -> R
     let keep = Keep { runs: keep.keep_runs as usize, bytes: u64::from(keep.keep_mib) << 20 };
     let about = About::now(name, env!("CARGO_PKG_VERSION"));
     let record = Record::begin(&root, &about, settings, keep).map_err(|error| error.to_string())?;
-    let events = record.events().map_err(|error| error.to_string())?;
-    dir.keep_logs_in(&record.logs()).map_err(|error| error.to_string())?;
-    Ok((record, events))
+    let events = record.events().map_err(|error| error.to_string());
+    let linked = events.and_then(|events| {
+        dir.keep_logs_in(&record.logs()).map_err(|error| error.to_string())?;
+        Ok(events)
+    });
+    match linked {
+        Ok(events) => Ok((record, events)),
+        Err(why) => {
+            record.discard();
+            Err(why)
+        }
+    }
 }

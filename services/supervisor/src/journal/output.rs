@@ -15,6 +15,9 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::{Layer, Registry};
 
+/// So many lines wait for a disk or a terminal that does not keep up.
+const LINES_WAITING: usize = 4096;
+
 /// The form of a line on standard error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
@@ -62,7 +65,7 @@ impl LogTo {
     }
 }
 
-/// The threads that write the journal. Dropped, it waits until they have written it, for a second at most.
+/// The threads that write the journal. Dropped, it waits until they have written it, for some seconds at most.
 pub struct Output {
     /// Held for their end.
     threads: Vec<WorkerGuard>,
@@ -97,7 +100,11 @@ impl Output {
     }
 
     fn thread(&mut self, name: &str, writer: impl std::io::Write + Send + 'static) -> NonBlocking {
-        let (writer, guard) = NonBlockingBuilder::default().lossy(true).thread_name(name).finish(writer);
+        let (writer, guard) = NonBlockingBuilder::default()
+            .lossy(true)
+            .buffered_lines_limit(LINES_WAITING)
+            .thread_name(name)
+            .finish(writer);
         self.threads.push(guard);
         self.dropped.push(writer.error_counter());
         writer
