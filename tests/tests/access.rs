@@ -87,6 +87,7 @@ fn as_user(place: &Place, uid: u32, gid: u32, args: &[&str]) -> Output {
     }
     let mut command = Command::new(program);
     command.args(args).current_dir("/").env("GUIDEDOG_RUNS", place.path().join("r")).uid(uid).gid(gid);
+    command.env("GUIDEDOG_STATE", place.path().join("state"));
     command.stdin(Stdio::null()).output().expect("it starts")
 }
 
@@ -130,13 +131,21 @@ fn the_group_reads_and_strangers_are_kept_out() {
         let runs = place.path().join("r").display().to_string();
         assert!(told.contains(&format!("{runs} belongs to user root and group {GROUP}")), "{told}");
     }
+    // The records of its runs are closed as well.
+    for args in [&["runs"][..], &["logs"], &["bundle", "--run", "group"]] {
+        let output = as_user(&place, STRANGER, STRANGER, args);
+        assert_eq!(output.status.code(), Some(8), "{args:?}: {}", said(&output));
+        assert!(said(&output).contains("/state belongs to user root"), "{}", said(&output));
+    }
     // Where the place is open and the run's folder is not, the run's folder is named.
     fs::set_permissions(place.path().join("r"), fs::Permissions::from_mode(0o2755)).expect("ours");
     let output = as_user(&place, STRANGER, STRANGER, &["stop", "--run", "group"]);
     assert_eq!(output.status.code(), Some(8), "{}", said(&output));
     assert!(said(&output).contains("/r/group belongs to user root and group"), "{}", said(&output));
+    // No such run is alive; whether one has ended is in the records, which are closed.
     let output = as_user(&place, STRANGER, STRANGER, &["status", "--run", "another"]);
-    assert_eq!(output.status.code(), Some(4), "{}", said(&output));
+    assert_eq!(output.status.code(), Some(8), "{}", said(&output));
+    assert!(said(&output).contains("/state belongs to user root"), "{}", said(&output));
     // Nothing has changed: a stop would have locked it.
     run.wait_walking();
     assert_eq!(run.end().1, 0);

@@ -72,13 +72,13 @@ fn a_run_that_ended_in_order_has_its_report() {
     let (of_run, code) = run.end();
     assert_eq!(code, 0);
     let (status, _) = place.json(&["status", "--run", "demo", "--json"]);
-    assert_eq!((&status["ended"], &status["report"]["digest"]), (&Value::from("as asked"), &of_run["digest"]));
+    assert_eq!((&status["ended"], &status["report"]["digest"]), (&Value::from("in order"), &of_run["digest"]));
     assert_eq!(status["report"]["stops"], of_run["stops"]);
     // What is followed ends with the run, and has all of it.
     let followed = follow.wait_with_output().expect("it ends");
     let followed = String::from_utf8(followed.stdout).expect("text");
     assert!(
-        followed.contains("fault: service_died: lidar") && followed.contains("the run ended as asked"),
+        followed.contains("fault: service_died: lidar") && followed.contains("the run ended in order"),
         "{followed}"
     );
     place.assert_empty();
@@ -113,6 +113,39 @@ fn a_run_that_cannot_leave_a_record_says_so_and_goes_on() {
     signal(run.pid(), "INT");
     let told = run.finish_told();
     assert!(told.contains("this run leaves no record: ") && told.contains("/state/runs: "), "{told}");
+}
+
+#[test]
+fn a_record_that_is_none_harms_no_other() {
+    let place = Place::new();
+    let route = place.along_corridor(1.5);
+    let (walk, _) = place.json(&["walk", "--json", "--speed", "0", "--name", "demo", "--scenario", &route]);
+    let runs = place.path().join("state/runs");
+    let record = fs::read_dir(&runs).expect("it is there").flatten().next().expect("a record").path();
+    for (folder, file) in [("000900-pipe", "record.json"), ("000901-events", "events.jsonl")] {
+        fs::create_dir(runs.join(folder)).expect("made");
+        let other = fs::read_to_string(record.join("record.json")).expect("text").replace("demo", "other");
+        fs::write(runs.join(folder).join("record.json"), other).expect("written");
+        let _ = fs::remove_file(runs.join(folder).join(file));
+        let made = Command::new("mkfifo").arg(runs.join(folder).join(file)).status().expect("mkfifo starts");
+        assert!(made.success());
+    }
+    fs::write(runs.join("000901-events/report.json"), "{").expect("written");
+    std::os::unix::fs::symlink("/etc/passwd", record.join("logs/lidar.2.log")).expect("made");
+    for args in [&["runs"][..], &["logs", "--run", "demo"], &["why", "--run", "demo"]] {
+        let told = report(&place, args);
+        assert!(!told.contains("root:"), "{told}");
+    }
+    let (why, _) =
+        place.json(&["why", "--run", record.file_name().and_then(|name| name.to_str()).expect("text"), "--json"]);
+    assert_eq!(why["report"]["digest"], walk["digest"]);
+    // What is no folder is told.
+    fs::remove_dir_all(&runs).expect("ours");
+    fs::write(&runs, "no folder").expect("written");
+    for args in [&["runs"][..], &["logs"], &["bundle"]] {
+        let output = place.guidedog(args);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {output:?}");
+    }
 }
 
 #[test]
@@ -165,7 +198,7 @@ fn the_journal_is_plain_or_json_and_has_priorities_for_systemd() {
     };
     let plain = lines(&[], false);
     assert!(plain.iter().any(|line| line.starts_with("20") && line.ends_with("INFO  fault: boot")), "{plain:#?}");
-    assert!(plain.last().is_some_and(|line| line.ends_with("INFO  the run ended as asked")), "{plain:#?}");
+    assert!(plain.last().is_some_and(|line| line.ends_with("INFO  the run ended in order")), "{plain:#?}");
     let json = lines(&["--log", "json", "--log-level", "debug"], false);
     let events: Vec<Value> = json.iter().map(|line| serde_json::from_str(line).expect("an object")).collect();
     for (event, level) in [("mode", "INFO"), ("start", "DEBUG"), ("stop", "DEBUG"), ("end", "INFO")] {

@@ -47,8 +47,8 @@ pub fn bundle(args: &BundleArgs, as_json: bool) -> Result<(), Failure> {
     written.map_err(unwritable)?;
     let bytes = std::fs::metadata(&path).map_err(unwritable)?.len();
     let report = json!({
-        "bundle": path, "run": run.about.name, "id": run.id, "bytes": bytes, "recording": recording.is_some(),
-        "missing": missing,
+        "bundle": path.display().to_string(), "run": run.about.name, "id": run.id, "bytes": bytes,
+        "recording": recording.is_some(), "missing": missing,
     });
     out::tell(as_json, &report, || {
         let first = format!("{}: {} KiB, run {}", path.display(), bytes.div_ceil(1024), run.id);
@@ -108,7 +108,8 @@ fn pack(to: &Path, run: &PastRun, told: &[(&str, &Value)], recording: Option<&Pa
 
 /// Packs a file as long as it is now: that of a live run grows on, and that of an old life may go. No link is followed.
 fn append(tar: &mut Tar, path: &Path, name: &Path) -> std::io::Result<()> {
-    let flags = OFlags::NOFOLLOW.bits().cast_signed();
+    // Nor does a pipe make it wait.
+    let flags = (OFlags::NOFOLLOW | OFlags::NONBLOCK).bits().cast_signed();
     let Ok(file) = OpenOptions::new().read(true).custom_flags(flags).open(path) else { return Ok(()) };
     let found = file.metadata()?;
     if !found.is_file() {

@@ -126,7 +126,9 @@ fn unanswered(name: &str, dir: &Path, error: &io::Error) -> Failure {
 }
 
 /// This user may not look into a directory of runs.
-fn closed(dir: &Path) -> Failure {
+pub fn closed(dir: &Path) -> Failure {
+    // What lies above may be closed already: that is the folder to open.
+    let dir = dir.ancestors().find(|dir| std::fs::metadata(dir).is_ok()).unwrap_or(dir);
     let whose = std::fs::metadata(dir).map_or_else(
         |_| "others".to_owned(),
         |found| {

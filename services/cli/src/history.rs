@@ -6,8 +6,9 @@ use transport::find_runs;
 
 use crate::args::RunArg;
 use crate::exit::{EXIT_NO_RUN, EXIT_NOT_PERMITTED, Failure};
+use crate::find;
 use crate::operate::{notes, stops};
-use crate::out::{self, table};
+use crate::out::{self, plain, table};
 
 /// Number of stops that are shown, the newest.
 const STOPS_TOLD: usize = 20;
@@ -19,14 +20,22 @@ const NOTES_TOLD: usize = 10;
 /// # Errors
 /// Where nothing can be written.
 pub fn runs(as_json: bool) -> Result<(), Failure> {
+    let found = find_runs();
+    if let Some(why) = found.refused {
+        return Err(Failure::input(why));
+    }
     let past = records::all();
     // A run that keeps no record is found where runs live.
-    let unrecorded: Vec<String> = find_runs()
+    let unrecorded: Vec<String> = found
         .live
         .into_iter()
         .map(|live| live.name)
         .filter(|name| !past.iter().any(|run| run.is_live() && run.about.name == *name))
         .collect();
+    if unrecorded.is_empty() && past.is_empty() {
+        records::check().map_err(Failure::of_input)?;
+        may_look()?;
+    }
     if as_json {
         let live = unrecorded.iter().map(|name| json!({ "name": name, "live": true }));
         let told: Vec<Value> = live.chain(past.iter().map(|run| about(run, run.stop_count().ok()))).collect();
@@ -47,12 +56,17 @@ fn row(run: &PastRun) -> Vec<String> {
     // A journal that cannot be read tells of no stops; `why` tells what is wrong with it.
     let stops = run.stop_count().map_or_else(|_| "-".to_owned(), |count| count.to_string());
     let state = run.ended().map_or_else(|| "live".to_owned(), |why| format!("ended: {why}"));
-    vec![run.about.name.clone(), run.about.started.clone(), format!("{:.0} s", run.lasted_s()), stops, state]
+    vec![plain(&run.about.name), plain(&run.about.started), format!("{:.0} s", run.lasted_s()), stops, state]
+}
+
+/// Whether there is no record that this user may not read.
+fn may_look() -> Result<(), Failure> {
+    records::closed().first().map_or(Ok(()), |folder| Err(find::closed(folder)))
 }
 
 fn about(run: &PastRun, stops: Option<u64>) -> Value {
     json!({
-        "name": run.about.name, "id": run.id, "folder": run.folder, "version": run.about.version,
+        "name": run.about.name, "id": run.id, "folder": run.folder.display().to_string(), "version": run.about.version,
         "started": run.about.started, "lasted_s": run.lasted_s(), "stops": stops, "live": run.is_live(),
         "ended": run.ended(),
     })
@@ -68,12 +82,14 @@ pub fn or_ended(failure: Failure, run: &RunArg, as_json: bool) -> Result<(), Fai
         return Err(failure);
     }
     let Some(name) = &run.run else {
-        let newest = records::all().into_iter().find(|run| !run.is_live());
+        // Where several are live, which one is meant is the question.
+        let newest = records::all().into_iter().find(|_| failure.message.starts_with("no run is alive"));
         let hint = newest.map(|run| format!("; the last one has ended: `guidedog why --run {}`", run.about.name));
         return Err(Failure { message: failure.message + &hint.unwrap_or_default(), ..failure });
     };
     match records::find(name).filter(|run| !run.is_live()) {
         Some(run) => tell(&run, as_json),
+        None if failure.code == EXIT_NO_RUN => may_look().and(Err(failure)),
         None => Err(failure),
     }
 }
@@ -109,9 +125,10 @@ fn tell(run: &PastRun, as_json: bool) -> Result<(), Failure> {
 /// # Errors
 /// Where there is none, or several runs are live.
 pub fn chosen(run: Option<&str>) -> Result<PastRun, Failure> {
+    records::check().map_err(Failure::of_input)?;
     if let Some(name) = run {
-        return records::find(name)
-            .ok_or_else(|| Failure::no_run(format!("no record of a run {name}; `guidedog runs` lists all runs")));
+        let none = || Failure::no_run(format!("no record of a run {name}; `guidedog runs` lists all runs"));
+        return records::find(name).ok_or_else(|| may_look().err().unwrap_or_else(none));
     }
     let all = records::all();
     let live: Vec<&PastRun> = all.iter().filter(|run| run.is_live()).collect();
@@ -120,5 +137,6 @@ pub fn chosen(run: Option<&str>) -> Result<PastRun, Failure> {
         return Err(Failure::no_run(format!("several runs are alive: {}; name one with --run", names.join(", "))));
     }
     let only = live.first().copied().or(all.first()).cloned();
-    only.ok_or_else(|| Failure::no_run("there is no record of any run; `guidedog walk` makes one"))
+    let none = || Failure::no_run("there is no record of any run; `guidedog walk` makes one");
+    only.ok_or_else(|| may_look().err().unwrap_or_else(none))
 }

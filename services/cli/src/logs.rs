@@ -88,7 +88,8 @@ impl Reader {
             if self.service.as_deref() != Some(JOURNAL) && self.last.as_ref() != Some(&name) {
                 lines.push(format!("==> {name} <=="));
             }
-            lines.extend(text.lines().map(|line| if name == JOURNAL { event_line(line) } else { line.to_owned() }));
+            let told = |line: &str| if name == JOURNAL { event_line(line) } else { Some(line.to_owned()) };
+            lines.extend(text.lines().filter_map(told).map(|line| out::plain(&line)));
             out::report(lines)?;
             self.last = Some(name);
         }
@@ -127,7 +128,7 @@ impl Reader {
     }
 }
 
-/// One line of the journal for people; as it is where it is none, as a line that was cut off.
-fn event_line(line: &str) -> String {
-    serde_json::from_str::<Event>(line).map_or_else(|_| line.to_owned(), |event| event.line())
+/// One line of the journal for people; nothing where it says nothing, or was cut off by a crash.
+fn event_line(line: &str) -> Option<String> {
+    serde_json::from_str::<Event>(line).ok()?.line()
 }

@@ -60,6 +60,11 @@ pub fn written(result: std::io::Result<()>) -> Result<(), Failure> {
     }
 }
 
+/// A text of another program without what would steer a terminal.
+pub fn plain(text: &str) -> String {
+    text.replace(|c: char| c.is_control() && c != '\t', " ")
+}
+
 /// The text at a path of keys, or nothing.
 pub fn text<'a>(value: &'a Value, path: &str) -> &'a str {
     value.pointer(path).and_then(Value::as_str).unwrap_or_default()

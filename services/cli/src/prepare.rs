@@ -1,5 +1,6 @@
 //! Settings of a run, checked as a whole before anything is started: what is wrong is told here, with file and line.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -17,6 +18,8 @@ use crate::out::say;
 
 /// Where nothing else is said.
 pub const DEFAULT_SCENARIO: &str = "corridor";
+/// A recording can begin where so much can be written.
+const PROBE_BYTES: usize = 1 << 16;
 /// Time limit of a walk that has a goal and no limit of its own.
 const LIMIT_WITH_GOAL: &str = "600s";
 /// Time limit of a walk that has neither.
@@ -110,8 +113,11 @@ fn only_place(walk: &mut settings::Walk) -> Result<(), Failure> {
 pub fn record_path(pace: &PaceArgs) -> Result<Option<PathBuf>, Failure> {
     let Some(path) = &pace.record else { return Ok(None) };
     let path = new_recording(path)?;
-    // The recorder creates the file again: this only finds out now whether it can.
-    let probe = || std::fs::File::create_new(&path).and_then(|_| std::fs::remove_file(&path));
+    // The recorder creates the file again: this only finds out now whether it can, and whether the disk is full.
+    let probe = || {
+        let written = std::fs::File::create_new(&path)?.write_all(&[0; PROBE_BYTES]);
+        std::fs::remove_file(&path).and(written)
+    };
     probe().map_err(|error| Failure::input(format!("{}: {error}", path.display())))?;
     Ok(Some(path))
 }

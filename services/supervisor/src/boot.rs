@@ -126,7 +126,7 @@ fn run(arguments: &Arguments, settings: &Settings, dir: &RunDir) -> Result<Repor
     })?;
     let signals = signals()?;
     let keeper = Keeper::begin(arguments.log, &arguments.name, &text, settings.run_record, dir);
-    let outcome = supervise(arguments, settings, signals, dir);
+    let outcome = supervise(arguments, settings, signals, dir, keeper.without.clone());
     keeper.end(&arguments.name, &outcome);
     outcome
 }
@@ -137,10 +137,15 @@ fn supervise(
     settings: &Settings,
     signals: OwnedFd,
     dir: &RunDir,
+    note: Option<String>,
 ) -> Result<Report, TransportError> {
     let domain = Domain::open(RunDir::open(dir.path()), "supervisor.1")?;
     let holder = domain.create_all()?;
-    let mut supervisor = run_supervisor(domain, |io| Supervisor::open(settings, arguments.clock, signals, io))?;
+    let mut supervisor = run_supervisor(domain, |io| {
+        let mut supervisor = Supervisor::open(settings, arguments.clock, signals, io)?;
+        note.into_iter().for_each(|note| supervisor.figures.note(0, note));
+        Ok(supervisor)
+    })?;
     supervisor.figures.world_at_least(supervisor.last_truth.as_ref());
     let report = supervisor.report(&arguments.name, arguments.clock);
     drop(supervisor);

@@ -29,7 +29,12 @@ pub struct Journal {
     open: Vec<usize>,
     /// The last swap.
     swap: Option<(u64, SwapState)>,
+    /// Run time of the next sign of life.
+    alive_ns: u64,
 }
+
+/// A sign of life is told so often: by the last one it is known when a killed supervisor ended.
+const ALIVE_NS: u64 = 5_000_000_000;
 
 impl Journal {
     /// Tells what has changed in the machine since the last call.
@@ -37,6 +42,10 @@ impl Journal {
         self.mode(machine, run_ns);
         self.stops(&machine.stops);
         self.swaps(machine.policies().last_records(), run_ns);
+        if run_ns >= self.alive_ns {
+            self.alive_ns = run_ns + ALIVE_NS;
+            debug!(event = records::ALIVE, run_s = s_from_ns(run_ns), "alive");
+        }
     }
 
     fn mode(&mut self, machine: &Machine, run_ns: u64) {
@@ -146,6 +155,6 @@ pub fn ended(report: &control::Report) {
     match &report.failure {
         Some(why) => tracing::error!(event = "end", run_s, "the run ended: {}", brief(why)),
         None if report.reached() => info!(event = "end", run_s, "the run ended: reached its goal"),
-        None => info!(event = "end", run_s, "the run ended as asked"),
+        None => info!(event = "end", run_s, "the run ended in order"),
     }
 }

@@ -477,7 +477,8 @@ impl Service for Supervisor {
     }
 
     fn next_timer_ns(&self) -> Option<u64> {
-        // In real time the wall tick comes as often: two timers would wake the loop twice. In stepped time, steps wake it.
+        // In real time the wall tick comes as often: two timers would wake the loop twice. In stepped time, steps wake
+        // it.
         None
     }
 

@@ -8,10 +8,14 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::{Map, Value};
 
+use crate::past::is_file;
 use crate::{EVENTS, OLD_EVENTS};
 
 /// The file of events begins anew after so many bytes; the one before it is kept.
 const FILE_BYTES: u64 = 8 << 20;
+
+/// The event that says only that the supervisor lives.
+pub const ALIVE: &str = "alive";
 
 /// One event, as `tracing` writes it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -46,11 +50,11 @@ impl Event {
         self.more.get(name).and_then(Value::as_f64)
     }
 
-    /// The event as one line for people.
+    /// The event as one line for people; nothing for a sign of life.
     #[must_use]
-    pub fn line(&self) -> String {
-        let Self { timestamp, level, message, run_s, .. } = self;
-        format!("{timestamp} {run_s:9.2} s {level:>5}  {message}")
+    pub fn line(&self) -> Option<String> {
+        let Self { timestamp, level, message, run_s, event, .. } = self;
+        (event != ALIVE).then(|| format!("{timestamp} {run_s:9.2} s {level:>5}  {message}"))
     }
 }
 
@@ -61,11 +65,11 @@ impl Event {
 pub(crate) fn read(folder: &Path) -> io::Result<Vec<Event>> {
     let mut events = Vec::new();
     for name in [OLD_EVENTS, EVENTS] {
-        let file = match File::open(folder.join(name)) {
-            Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
-            Err(error) => return Err(error),
-        };
+        let path = folder.join(name);
+        if !is_file(&path) {
+            continue;
+        }
+        let file = File::open(path)?;
         for line in BufReader::new(file).split(b'\n') {
             events.extend(serde_json::from_slice::<Event>(&line?));
         }

@@ -1,9 +1,9 @@
 //! Run records: what a run leaves behind, also when its supervisor was killed. The journal also survives a power cut.
 //!
-//! `<state>/runs/<number>-<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line for each
-//! [`Event`]), `logs/` (the logs of the services, which write there from their start), `report.json` (written at an
-//! orderly end) and `lock`. The supervisor holds the lock while the run is live. So a record without a lock holder and
-//! without a report is that of a run whose supervisor died.
+//! `<state>/runs/<number>-<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line
+//! for each [`Event`]), `logs/` (the logs of the services, which write there from their start), `report.json` (written
+//! at an orderly end) and `lock`. The supervisor holds the lock while the run is live. So a record without a lock holder
+//! and without a report is that of a run whose supervisor died.
 //!
 //! Architecture invariant: this crate knows neither shared memory nor settings. Only the supervisor writes; everybody
 //! who may read the files can look.
@@ -13,8 +13,8 @@ mod past;
 mod place;
 mod writer;
 
-pub use event::{Event, EventFile};
-pub use past::{End, PastRun, all, find};
+pub use event::{ALIVE, Event, EventFile};
+pub use past::{End, PastRun, all, check, closed, find};
 pub use place::own_root;
 pub use writer::{Keep, Record};
 

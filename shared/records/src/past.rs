@@ -9,7 +9,8 @@ use control::{Note, Report, Stop};
 use rustix::fs::FlockOperation;
 
 use crate::{
-    ABOUT, About, EVENTS, Event, LOCK, LOGS, OLD_EVENTS, REPORT, SETTINGS, boot_id, event, place, utc, wall_time,
+    ABOUT, About, EVENTS, Event, LOCK, LOGS, OLD_EVENTS, REPORT, RecordError, SETTINGS, at, boot_id, event, place, utc,
+    wall_time,
 };
 
 /// The record of a run.
@@ -70,12 +71,12 @@ impl PastRun {
     /// The record in `folder`; none where there is no record.
     fn open(folder: PathBuf) -> Option<Self> {
         let id = folder.file_name()?.to_string_lossy().into_owned();
-        let about: About = serde_json::from_slice(&fs::read(folder.join(ABOUT)).ok()?).ok()?;
+        let about: About = serde_json::from_slice(&read_whole(&folder.join(ABOUT)).ok()?).ok()?;
         // The lock is looked at first: a run that ends in between is then live, and not taken for a dead one.
         let end = if is_locked(&folder) {
             End::Live
         } else if let Some(report) =
-            fs::read(folder.join(REPORT)).ok().and_then(|text| serde_json::from_slice(&text).ok())
+            read_whole(&folder.join(REPORT)).ok().and_then(|text| serde_json::from_slice(&text).ok())
         {
             End::Reported(Box::new(report))
         } else {
@@ -100,7 +101,7 @@ impl PastRun {
             End::Reported(report) => Some(match &report.failure {
                 Some(why) => why.clone(),
                 None if report.reached() => "reached its goal".to_owned(),
-                None => "as asked".to_owned(),
+                None => "in order".to_owned(),
             }),
             End::Died { last_heard, rebooted } => {
                 let last_word = |events: Vec<Event>| events.into_iter().rev().find(|event| event.event == "end");
@@ -182,7 +183,7 @@ impl PastRun {
     /// The files of the journal, lines of JSON, the older one first.
     #[must_use]
     pub fn journal(&self) -> Vec<PathBuf> {
-        [OLD_EVENTS, EVENTS].map(|name| self.folder.join(name)).into_iter().filter(|path| path.is_file()).collect()
+        [OLD_EVENTS, EVENTS].map(|name| self.folder.join(name)).into_iter().filter(|path| is_file(path)).collect()
     }
 
     /// Whether a run that was live when this was read still is.
@@ -210,11 +211,56 @@ impl PastRun {
 /// The logs in a folder, in the order of their names.
 fn logs_in(folder: &Path) -> io::Result<Vec<(String, PathBuf)>> {
     let name = |path: PathBuf| Some((path.file_name()?.to_str()?.strip_suffix(".log")?.to_owned(), path));
-    let mut logs: Vec<_> = fs::read_dir(folder)?.flatten().filter_map(|entry| name(entry.path())).collect();
+    // A link could lead to what this user may read and whoever made it may not.
+    let files = fs::read_dir(folder)?.flatten().filter(|entry| entry.file_type().is_ok_and(|kind| kind.is_file()));
+    let mut logs: Vec<_> = files.filter_map(|entry| name(entry.path())).collect();
     // The tenth life comes behind the second.
     let key = |name: &str| name.split_once('.').map(|(service, life)| (service.to_owned(), life.parse::<u32>().ok()));
     logs.sort_by_cached_key(|(name, _)| key(name));
     Ok(logs)
+}
+
+/// Whether it is a file, and no link to one.
+pub(crate) fn is_file(path: &Path) -> bool {
+    fs::symlink_metadata(path).is_ok_and(|found| found.is_file())
+}
+
+/// A file of a record, unless it is none or larger than any.
+fn read_whole(path: &Path) -> io::Result<Vec<u8>> {
+    const MOST_BYTES: u64 = 64 << 20;
+    let found = fs::symlink_metadata(path)?;
+    if !found.is_file() || found.len() > MOST_BYTES {
+        return Err(io::ErrorKind::InvalidData.into());
+    }
+    fs::read(path)
+}
+
+/// Folders of records that this user may not read: of all runs, or of one.
+#[must_use]
+pub fn closed() -> Vec<PathBuf> {
+    let is_closed =
+        |folder: &Path| matches!(fs::read_dir(folder), Err(error) if error.kind() == io::ErrorKind::PermissionDenied);
+    let below = |runs: PathBuf| {
+        let entries: Vec<_> = fs::read_dir(&runs).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+        std::iter::once(runs).chain(entries)
+    };
+    place::roots().into_iter().flat_map(|root| below(root.join("runs"))).filter(|folder| is_closed(folder)).collect()
+}
+
+/// Whether the folders of records can be used, where they are there.
+///
+/// # Errors
+/// Names the one that cannot.
+pub fn check() -> Result<(), RecordError> {
+    for runs in place::roots().into_iter().map(|root| root.join("runs")) {
+        match fs::read_dir(&runs) {
+            Err(error) if !matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::PermissionDenied) => {
+                return Err(at(&runs)(error));
+            }
+            _ => {}
+        }
+    }
+    Ok(())
 }
 
 /// Whether a folder was to be a record, and whoever made it has ended: for a minute it may just be in the making.
@@ -222,7 +268,7 @@ pub(crate) fn is_unfinished(folder: &Path) -> bool {
     const MAKING: Duration = Duration::from_secs(60);
     let age =
         fs::metadata(folder).and_then(|found| found.modified()).ok().and_then(|at| wall_time().duration_since(at).ok());
-    !folder.join(ABOUT).exists()
+    PastRun::open(folder.to_owned()).is_none()
         && folder.join(LOCK).exists()
         && !is_locked(folder)
         && age.is_some_and(|age| age > MAKING)

@@ -138,9 +138,9 @@ fn load_layers(layers: &[(&str, &str)], operator: &Operator) -> Result<Effective
     }
     for assignment in &operator.set {
         let layer = format!("--set {assignment}");
-        let (key, table) = assigned(&layer, assignment)?;
+        let (text, table) = assigned(&layer, assignment)?;
         lay_over(&mut merged, table);
-        origins.set(&layer, &key);
+        origins.set(&layer, &text);
     }
     // One folder serves all layers: those that are built in have no relative path, and what was recorded is absolute.
     let settings: Settings = starting_at(folder_of(operator.file.as_deref())?, || merged.try_into())
@@ -156,7 +156,7 @@ fn load_layers(layers: &[(&str, &str)], operator: &Operator) -> Result<Effective
     Ok(Effective { settings, origins })
 }
 
-/// The key that is assigned to, and the layer with that value alone. What is no TOML is a text: quotes would have to be
+/// The assignment as TOML, and the layer with that value alone. What is no TOML is a text: quotes would have to be
 /// quoted for the shell.
 fn assigned(layer: &str, assignment: &str) -> Result<(String, toml::Table), SettingsError> {
     let fail = |reason: String| SettingsError::Parse { path: layer.into(), reason };
@@ -164,18 +164,23 @@ fn assigned(layer: &str, assignment: &str) -> Result<(String, toml::Table), Sett
     let (key, value) = (key.trim(), value.trim());
     let is_key = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '.';
     if !key.chars().all(is_key) || !key.contains('.') {
-        return Err(fail(format!("\"{key}\" is no key such as lidar.rate_hz")));
+        return Err(fail(format!("\"{key}\" is no key of a single value, such as lidar.rate_hz")));
+    }
+    if assignment.contains(char::is_control) {
+        return Err(fail("it holds a control character".to_owned()));
     }
     let as_text = || format!("{key} = {}", toml::Value::String(value.to_owned()));
-    let text = Some(format!("{key} = {value}")).filter(|text| text.parse::<toml::Table>().is_ok());
-    let text = text.unwrap_or_else(as_text);
+    // What TOML would take for a comment is a part of the text, as in a path.
+    let is_toml = value.starts_with(['"', '\'', '[', '{']) || !value.contains('#');
+    let is_right = |text: &String| value.starts_with(['"', '\'']) || text.parse::<toml::Table>().is_ok();
+    let text = Some(format!("{key} = {value}")).filter(|text| is_toml && is_right(text)).unwrap_or_else(as_text);
     let told = |error: toml::de::Error| fail(error.message().to_owned());
     let settings: Settings = starting_at(folder_of(None)?, || toml::from_str(&text)).map_err(told)?;
     // As the settings have it: a path is whole by now.
     let whole = toml::Table::try_from(&settings).map_err(|error| fail(error.to_string()))?;
     let mut table: toml::Table = text.parse().map_err(told)?;
     take_values_of(&mut table, &whole);
-    Ok((key.to_owned(), table))
+    Ok((text, table))
 }
 
 /// Takes over the values of those keys that both have.
@@ -321,6 +326,9 @@ mod tests {
             ("lidar.rate_hz=fast", "--set lidar.rate_hz=fast: invalid type"),
             ("lidar.rate_hz", "it is not KEY=VALUE"),
             ("seed=3", "\"seed\" is no key"),
+            ("lidar.rate_hz=8#fast", "invalid type"),
+            ("policy.model=\"a", "--set policy.model=\"a: "),
+            ("lidar.beams=3\n[depth]", "control character"),
             ("odometry.scale_sigma=inf", "--set odometry.scale_sigma=inf: odometry.scale_sigma = inf"),
         ] {
             let error = load(Profile::Walk, operator(&[set])).expect_err(set).to_string();

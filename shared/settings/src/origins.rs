@@ -44,15 +44,15 @@ impl Origins {
         }
     }
 
-    /// A single value that the command line sets.
-    pub(crate) fn set(&mut self, layer: &str, key: &str) {
-        let below = format!("{key}.");
-        self.0.retain(|other, _| !other.starts_with(&below));
-        self.0.insert(key.to_owned(), KeyOrigin { layer: layer.to_owned(), line: None, is_operators: true });
+    /// What the command line sets with this TOML.
+    pub(crate) fn set(&mut self, layer: &str, text: &str) {
+        let mut set = Self::default();
+        set.lay_over(layer, text, true);
+        self.0.extend(set.0.into_iter().map(|(key, origin)| (key, KeyOrigin { line: None, ..origin })));
     }
 
-    /// Of the keys that `reason` names, the first that the operator has set, else the first one of a `[section]` that it
-    /// names: who is to mend it looks there.
+    /// Of the keys that `reason` names, the first that the operator has set, else the first one of a `[section]` that
+    /// it names: who is to mend it looks there.
     pub(crate) fn blamed(&self, reason: &str) -> Option<&KeyOrigin> {
         let is_part = |c: char| c.is_ascii_alphanumeric() || "._[]".contains(c);
         let words = || reason.split(|c: char| !is_part(c)).map(|word| word.trim_matches('.'));
@@ -96,7 +96,7 @@ mod tests {
         assert_eq!(told("lidar.rate_hz").as_deref(), Some("mine.toml:2"));
         assert_eq!(told("locomotion.unitree.profile").as_deref(), Some("mine.toml:5"));
         assert_eq!(told("lidar"), None);
-        origins.set("--set lidar.beams=4", "lidar.beams");
+        origins.set("--set lidar.beams=4", "lidar.beams = 4");
         assert_eq!(origins.of("lidar.beams").map(ToString::to_string).as_deref(), Some("--set lidar.beams=4"));
     }
 

@@ -244,8 +244,8 @@ impl Io {
     pub(crate) fn drain_listeners(&self) {
         for listener in &self.listeners {
             // An event says only "look"; what it was about is read from the topics.
-            // All of them at every wake-up: a notifier sends no datagram for an event that is noted already, so an event
-            // whose datagram was taken without it would be the last one.
+            // All of them at every wake-up: a notifier sends no datagram for an event that is noted already, so an
+            // event whose datagram was taken without it would be the last one.
             let _ = listener.try_wait(|_| {});
         }
     }

@@ -85,6 +85,9 @@ pub fn evaluate(args: &EvaluateArgs, as_json: bool) -> Result<(), Failure> {
 
 /// The configuration of the episodes.
 fn settings_of(args: &EvaluateArgs) -> Result<Settings, Failure> {
+    if args.config.set.iter().any(|set| set.trim_start().starts_with("policy.model")) {
+        return Err(Failure::input("--set policy.model: evaluate takes its policy from --policy"));
+    }
     let profile = if args.noise == NoiseArg::Legged { Profile::Go2 } else { Profile::Walk };
     crate::prepare::load(profile, args.config.operator())
 }

@@ -13,6 +13,8 @@ use super::output::{LogTo, Output};
 pub struct Keeper {
     record: Option<Record>,
     output: Output,
+    /// Why there is no record, where there was to be one.
+    pub without: Option<String>,
 }
 
 impl Keeper {
@@ -24,11 +26,8 @@ impl Keeper {
             Err(why) => (None, Some(why)),
         };
         let (record, events) = kept.unzip();
-        let output = Output::begin(log, events);
-        if let Some(why) = why {
-            tracing::warn!(event = "note", run_s = 0.0, "this run leaves no record: {why}");
-        }
-        Self { record, output }
+        let without = why.map(|why| format!("this run leaves no record: {why}"));
+        Self { record, output: Output::begin(log, events), without }
     }
 
     /// Writes how the run ended, after its last event.

@@ -137,6 +137,9 @@ impl<S: Subscriber + for<'a> LookupSpan<'a>, N: for<'a> FormatFields<'a> + 'stat
         event.record(&mut told);
         let level = *event.metadata().level();
         let Told { run_s, message } = told;
+        if message == records::ALIVE {
+            return Ok(());
+        }
         if self.for_systemd {
             return writeln!(writer, "<{}>{run_s:.2} s  {message}", priority(level));
         }
