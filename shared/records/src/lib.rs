@@ -2,8 +2,8 @@
 //!
 //! `<state>/runs/<number>-<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line
 //! for each [`Event`]), `logs/` (the logs of the services, which write there from their start), `report.json` (written
-//! at an orderly end) and `lock`. The supervisor holds the lock while the run is live. So a record without a lock holder
-//! and without a report is that of a run whose supervisor died.
+//! at an orderly end) and `lock`. The supervisor holds the lock while the run is live. So a record without a lock
+//! holder and without a report is that of a run whose supervisor died.
 //!
 //! Architecture invariant: this crate knows neither shared memory nor settings. Only the supervisor writes; everybody
 //! who may read the files can look.
