@@ -128,7 +128,9 @@ fn unanswered(name: &str, dir: &Path, error: &io::Error) -> Failure {
 /// This user may not look into a directory of runs.
 pub fn closed(dir: &Path) -> Failure {
     // What lies above may be closed already: that is the folder to open.
-    let dir = dir.ancestors().find(|dir| std::fs::metadata(dir).is_ok()).unwrap_or(dir);
+    let is_hidden =
+        |dir: &&Path| std::fs::metadata(dir).is_err_and(|why| why.kind() == io::ErrorKind::PermissionDenied);
+    let dir = dir.ancestors().find(|dir| !is_hidden(dir)).unwrap_or(dir);
     let whose = std::fs::metadata(dir).map_or_else(
         |_| "others".to_owned(),
         |found| {
