@@ -17,6 +17,9 @@ const FILE_BYTES: u64 = 8 << 20;
 /// The event that says only that the supervisor lives.
 pub const ALIVE: &str = "alive";
 
+/// How a line says that it is a warning or an error.
+const LEVELS: [&[u8]; 2] = [br#""level":"WARN""#, br#""level":"ERROR""#];
+
 /// One event, as `tracing` writes it.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct Event {
@@ -83,11 +86,13 @@ pub struct EventFile {
     folder: PathBuf,
     file: File,
     bytes: u64,
+    /// A warning or an error was written.
+    urgent: bool,
 }
 
 impl EventFile {
     pub(crate) fn create(folder: &Path) -> io::Result<Self> {
-        Ok(Self { folder: folder.to_owned(), file: open(folder)?, bytes: 0 })
+        Ok(Self { folder: folder.to_owned(), file: open(folder)?, bytes: 0, urgent: false })
     }
 }
 
@@ -104,12 +109,14 @@ impl Write for EventFile {
         }
         self.file.write_all(line)?;
         self.bytes += line.len() as u64;
+        self.urgent |= LEVELS.iter().any(|level| line.windows(level.len()).any(|part| part == *level));
         Ok(line.len())
     }
 
-    /// Also has the disk keep it: what led to a power cut is in the journal.
+    /// Has the disk keep a warning or an error at once: what led to a power cut is in the journal. Anything else the
+    /// system writes when it sees fit: writing it at once would keep the disk from everybody else.
     fn flush(&mut self) -> io::Result<()> {
-        self.file.sync_data()
+        if std::mem::take(&mut self.urgent) { self.file.sync_data() } else { Ok(()) }
     }
 }
 

@@ -1,4 +1,5 @@
-//! Run records: what a run leaves behind, also when its supervisor was killed. The journal also survives a power cut.
+//! Run records: what a run leaves behind, also when its supervisor was killed. Warnings in its journal also survive a
+//! power cut.
 //!
 //! `<state>/runs/<number>-<start>-<name>/` holds `record.json` ([`About`]), `settings.toml`, `events.jsonl` (one line
 //! for each [`Event`]), `logs/` (the logs of the services, which write there from their start), `report.json` (written
