@@ -84,7 +84,7 @@ fn last_minute(run: &PastRun, work: &Path) -> (Option<PathBuf>, Option<String>) 
 type Tar = tar::Builder<GzEncoder<File>>;
 
 fn pack(to: &Path, run: &PastRun, told: &[(&str, &Value)], recording: Option<&Path>) -> std::io::Result<()> {
-    // It tells where the handler walked: not everybody's business.
+    // The bundle shows where the handler walked: other users may not read it.
     let file = OpenOptions::new().write(true).create_new(true).mode(0o640).open(to)?;
     let mut tar = tar::Builder::new(GzEncoder::new(file, Compression::default()));
     let root = Path::new(&run.id);

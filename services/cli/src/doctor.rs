@@ -120,7 +120,7 @@ fn mib(bytes: u64) -> String {
     format!("{:.1} MiB", bytes as f64 / MIB)
 }
 
-/// Room for everybody alive at once. Restarts want more, until what the dead left is cleaned up.
+/// Shared memory for all services of one run. Restarts need more until the dead processes are cleaned up.
 fn shared_memory(pools: &[Pool]) -> Check {
     let [needed, most] = [total(pools, |pool| pool.live), total(pools, |pool| pool.most)];
     let name = "shared memory";

@@ -123,7 +123,7 @@ fn tell(run: &PastRun, as_json: bool) -> Result<(), Failure> {
 /// The record that is meant: of the run that is named, else of the only live run, else of the newest.
 ///
 /// # Errors
-/// Where there is none, or several runs are live.
+/// If there is no record, or several runs are live.
 pub fn chosen(run: Option<&str>) -> Result<PastRun, Failure> {
     records::check().map_err(Failure::of_input)?;
     if let Some(name) = run {

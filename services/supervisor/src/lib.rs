@@ -458,7 +458,8 @@ impl Service for Supervisor {
         self.steps.begin(self.machine.roster().1);
         self.read_topics(io)?;
         let is_stepped = io.domain.clock.is_stepped();
-        if if is_stepped { now >= self.next_tick_ns } else { std::mem::take(&mut self.ticks) } {
+        let is_due = if is_stepped { now >= self.next_tick_ns } else { std::mem::take(&mut self.ticks) };
+        if is_due {
             self.read_beats(io)?;
             if let Some(slept_ns) = self.oversleep.slept_ns(now).filter(|_| !io.domain.clock.is_stepped()) {
                 let ms = slept_ns / 1_000_000;

@@ -80,7 +80,7 @@ pub fn write_last(from: &Path, to: &Path, span_ns: u64) -> Result<Recovered, Rec
     write_or_remove(from, to, Some(last_ns(from)?.saturating_sub(span_ns)))
 }
 
-/// Run time of the last record that can be read; 0 where there is none.
+/// Run time of the last readable record, nanoseconds; 0 if there is none.
 fn last_ns(path: &Path) -> Result<u64, ReadError> {
     let (mut torn, mut found) = (Torn::open(path)?, Found::default());
     let mut last_ns = 0;

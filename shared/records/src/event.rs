@@ -11,7 +11,7 @@ use serde_json::{Map, Value};
 use crate::past::is_file;
 use crate::{EVENTS, OLD_EVENTS};
 
-/// The file of events begins anew after so many bytes; the one before it is kept.
+/// At this size, bytes, the file of events is renamed and a new one begins.
 const FILE_BYTES: u64 = 8 << 20;
 
 /// The event that says only that the supervisor lives.
@@ -113,8 +113,8 @@ impl Write for EventFile {
         Ok(line.len())
     }
 
-    /// Has the disk keep a warning or an error at once: what led to a power cut is in the journal. Anything else the
-    /// system writes when it sees fit: writing it at once would keep the disk from everybody else.
+    /// Syncs warnings and errors, so that the journal shows what led to a power cut. Other lines are not synced:
+    /// frequent syncs slow the disk for all other programs.
     fn flush(&mut self) -> io::Result<()> {
         if std::mem::take(&mut self.urgent) { self.file.sync_data() } else { Ok(()) }
     }

@@ -214,7 +214,7 @@ impl Receiver {
             .map_err(Failure::of_run)?;
         let stdout = child.stdout.take().ok_or_else(|| Failure::run("a receiver has no stdout"))?;
         let (sender, lines) = channel();
-        // It ends with the receiver, or once nobody listens.
+        // The thread ends with the receiver, or when nobody takes its lines.
         std::thread::spawn(move || {
             BufReader::new(stdout).lines().map_while(Result::ok).try_for_each(|line| sender.send(line))
         });

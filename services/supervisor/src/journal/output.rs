@@ -15,7 +15,7 @@ use tracing_subscriber::layer::SubscriberExt;
 use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::{Layer, Registry};
 
-/// So many lines wait for a disk or a terminal that does not keep up.
+/// Number of lines that may wait for a slow disk or terminal.
 const LINES_WAITING: usize = 4096;
 
 /// The form of a line on standard error.
