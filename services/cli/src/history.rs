@@ -82,8 +82,9 @@ pub fn or_ended(failure: Failure, run: &RunArg, as_json: bool) -> Result<(), Fai
         return Err(failure);
     }
     let Some(name) = &run.run else {
-        // Where several are live, which one is meant is the question.
-        let newest = records::all().into_iter().find(|_| failure.message.starts_with("no run is alive"));
+        let all = records::all();
+        // While runs are live, the question is which of them is meant.
+        let newest = all.first().filter(|_| !all.iter().any(PastRun::is_live));
         let hint = newest.map(|run| format!("; the last one has ended: `guidedog why --run {}`", run.about.name));
         return Err(Failure { message: failure.message + &hint.unwrap_or_default(), ..failure });
     };

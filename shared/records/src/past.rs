@@ -263,15 +263,16 @@ pub fn check() -> Result<(), RecordError> {
     Ok(())
 }
 
-/// Whether a folder was to be a record, and whoever made it has ended: for a minute it may just be in the making.
+/// Whether a supervisor began this record and died before it was complete.
 pub(crate) fn is_unfinished(folder: &Path) -> bool {
     const MAKING: Duration = Duration::from_secs(60);
-    let age =
-        fs::metadata(folder).and_then(|found| found.modified()).ok().and_then(|at| wall_time().duration_since(at).ok());
-    PastRun::open(folder.to_owned()).is_none()
+    let modified = fs::metadata(folder).and_then(|found| found.modified()).ok();
+    let age = modified.and_then(|at| wall_time().duration_since(at).ok());
+    // The lock is looked at last: a look at a new record could keep its supervisor from taking the lock.
+    age.is_some_and(|age| age > MAKING)
+        && PastRun::open(folder.to_owned()).is_none()
         && folder.join(LOCK).exists()
         && !is_locked(folder)
-        && age.is_some_and(|age| age > MAKING)
 }
 
 fn is_locked(folder: &Path) -> bool {

@@ -1,10 +1,11 @@
 use std::io::Write;
 use std::path::Path;
+use std::time::Duration;
 
 use control::Report;
 use serde_json::json;
 
-use crate::{About, End, Keep, Record, past};
+use crate::{About, End, Keep, Record, past, wall_time};
 
 const KEEP: Keep = Keep { runs: 3, bytes: 1 << 20 };
 
@@ -67,4 +68,19 @@ fn the_newest_records_are_kept_and_live_ones_always() {
     let ids: Vec<String> = past::in_root(root.path()).into_iter().map(|run| run.id).collect();
     assert_eq!(ids, [kept(7), "000007-20261129T100000Z-demo".to_owned(), kept(0)]);
     drop(live);
+}
+
+#[test]
+fn what_a_supervisor_left_that_died_too_early_is_removed_and_what_is_in_the_making_stays() {
+    let root = tempfile::tempdir().expect("a folder");
+    let runs = root.path().join("runs");
+    for (name, age_s) in [("000001-old", 120), ("000002-new", 0)] {
+        let folder = runs.join(name);
+        std::fs::create_dir_all(&folder).expect("made");
+        std::fs::write(folder.join("lock"), "").expect("written");
+        let opened = std::fs::File::open(&folder).expect("it is there");
+        opened.set_modified(wall_time() - Duration::from_secs(age_s)).expect("ours");
+    }
+    let _live = begin(root.path(), 0);
+    assert!(!runs.join("000001-old").exists() && runs.join("000002-new").exists());
 }

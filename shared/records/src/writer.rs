@@ -106,7 +106,7 @@ fn create(path: &Path) -> Result<File, RecordError> {
     OpenOptions::new().write(true).create(true).truncate(true).mode(0o640).open(path).map_err(at(path))
 }
 
-/// Makes a folder with the next number. Another run that starts at the same moment may take the number first.
+/// Makes a folder with the next number. Two runs that start at once may get the same number, with different names.
 fn new_folder(runs: &Path, about: &About) -> Result<PathBuf, RecordError> {
     const TRIES: u64 = 100;
     let entries = fs::read_dir(runs).map_err(at(runs))?.flatten();
@@ -116,7 +116,6 @@ fn new_folder(runs: &Path, about: &About) -> Result<PathBuf, RecordError> {
     let mut folder = runs.to_owned();
     for number in last + 1..=last + TRIES {
         folder = runs.join(format!("{number:06}-{started}-{}", about.name));
-        // A number is taken whatever the rest of the name.
         made = DirBuilder::new().mode(0o750).create(&folder);
         if made.as_ref().err().is_none_or(|error| error.kind() != std::io::ErrorKind::AlreadyExists) {
             break;
